@@ -5,9 +5,9 @@ KILLS ?= 100
 CASES ?= 10000
 
 # What a change needs every time: it takes about a minute.
-QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
-    simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
-SLOW := kernels/test_compiled.py trials/test_register.py
+QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
+    simulate/test_spread.py simulate/test_echoes.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
+SLOW := jit/test_compiled.py kernels/test_ahead.py trials/test_register.py
 
 # Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
@@ -40,11 +40,16 @@ test: $(VENV)/.test
 lint: $(VENV)/.test
 	$(LINT)
 
+# Tests of what docs/evidence/robustness.md promises.
+ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_implausible_poses.py detect/test_scorers.py \
+    formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
+    live/test_live_positions.py live/test_senders.py live/test_session.py model/test_plausible.py \
+    store/test_csv_formulas.py store/test_outputs.py store/test_run_races.py store/test_run_store.py \
+    store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
+
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
-	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) \
-	    tests/robustness tests/formats/test_fuzz_exchange.py tests/store/test_outputs.py tests/store/test_store_machines.py \
-	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
+	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
 docs: $(VENV)/.docs
 	$(BIN)/codespell *.md docs src tests benchmarks evidence viewer

@@ -1,5 +1,6 @@
 """How the documentation is built: Sphinx, MyST and sphinx-gallery, without network at build or view time."""
 
+import inspect
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import matplotlib as mpl
 
 import flgpr
+from flgpr.lazy import Verb
 
 mpl.use("Agg")
 
@@ -41,7 +43,7 @@ nitpick_ignore = [
 ]
 nitpick_ignore_regex = [
     ("py:obj", r"flgpr\.(kernels|features|detect|clutter)\.\w+(\.\w+)*"),
-    ("py:obj", r"flgpr\.chain\.(recipe|classifier|stages)\.\w+(\.\w+)*"),
+    ("py:obj", r"flgpr\.chain\.(recipe|recipe_tables|classifier|stages)\.\w+(\.\w+)*"),
 ]
 highlight_language = "none"  # a fence without a language is for the shell, or a drawing
 
@@ -91,6 +93,13 @@ _INHERITED = {
 }
 
 
+def _text_of_package(_, what, name, package, options, lines):
+    """Show the text of a package alone where it can be called: its function has its own entry."""
+    if what == "module" and isinstance(package, Verb):
+        lines[:] = inspect.cleandoc(vars(package)["__doc__"] or "").splitlines()
+
+
 def setup(app):
     """Leave out what scikit-learn and pydantic put into every class."""
     app.connect("autodoc-skip-member", lambda *told: True if told[2] in _INHERITED else None)
+    app.connect("autodoc-process-docstring", _text_of_package, priority=600)  # after numpydoc

@@ -24,8 +24,8 @@ from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "papers", "commands", "test_basemap", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
-    "test_design_page", "test_docs_theory", "test_names",
+    "papers", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit", "test_score_page",
+    "test_design_page", "test_docs_theory", "test_names", "test_figures",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
 HEAVY = (
@@ -53,9 +53,10 @@ HEAVY = (
     "test_bench",
     "test_cuda",
     "test_compiled",
+    "test_ahead",
     "test_docs_theory",
     "test_raw_data",
-    "test_skeleton_and_sweep",
+    "test_layers",
     "test_kills",
     "test_rail",
     "test_cli",

@@ -186,20 +186,6 @@ def test_all_that_is_packaged_is_accepted():
                 check_effort(lane.scene, lane.sensor)
 
 
-def test_the_estimate_grows_with_what_costs():
-    sensor = load_sensor("sri-array")
-    usual = simulation_effort(Scene(), sensor)
-    assert 0 < usual.seconds < 3600
-    assert usual.memory < 2e9
-    for more in (
-        {"surface": {"density": 1e5}}, {"length": 1e5}, {"clutter": {"rocks": 100.0}}, {"stones": {"density": 1e4}},
-        {"draws": [{"kind": "metal", "depth": 0.1, "count": 100_000}]}, {"holes": {"empty": 1e3}},
-        {"track": {"step": (0.001, 0.002)}}, {"track": {"stops": [(0.0, 10**6)]}},
-    ):  # fmt: skip
-        effort = simulation_effort(Scene.model_validate(more), sensor)
-        assert max(effort.seconds / usual.seconds, effort.memory / usual.memory) > 10, more
-
-
 @pytest.mark.parametrize(
     ("entries", "words"),
     [

@@ -7,18 +7,19 @@ import os
 import sys
 
 OBEYED = {"matplotlibrc": "Matplotlib", ".numba_config.yaml": "Numba"}
-"""Files that libraries look for in the working folder, and which library."""
+"""Files that libraries look for in the working folder, and the library."""
 
 
 def main() -> None:
     """Run the command line."""
     _leave_out_working_folder()
-    told = _settings_in_working_folder()
-    if told:
-        print(f"error: {told}", file=sys.stderr)
+    fault = _settings_in_working_folder()
+    if fault:
+        print(f"error: {fault}", file=sys.stderr)
         sys.exit(2)
     if not any(argument.startswith("--scheduler") for argument in sys.argv):
-        # Else xarray loads Dask, where it is installed, as soon as it sees an array, and that takes as long as it does.
+        # Otherwise xarray loads Dask, if it is installed, as soon as it sees an array, which is
+        # slow.
         sys.modules["dask"] = None  # type: ignore[assignment]
     from flgpr.commands.app import app
 
@@ -26,20 +27,20 @@ def main() -> None:
 
 
 def _leave_out_working_folder() -> None:
-    """Take the working folder off the places of modules, where ``python -m`` puts it first.
+    """Remove the working folder from the module search path, where ``python -m`` puts it first.
 
-    A command may be given in a folder that somebody else made, and that could hold a ``numpy.py``.
+    A command may be run in a folder that somebody else made, and that could hold a ``numpy.py``.
     The folder that this package itself was found in stays.
     """
-    own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    if not sys.flags.safe_path and sys.path and sys.path[0] not in ("", own):
+    package_folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    if not sys.flags.safe_path and sys.path and sys.path[0] not in ("", package_folder):
         with contextlib.suppress(OSError):
             if os.path.samefile(sys.path[0], "."):
                 del sys.path[0]
 
 
 def _settings_in_working_folder() -> str:
-    """Say which library would take settings from the working folder; empty if none would.
+    """Return a message on a library that would take settings from the working folder, or "".
 
     Such settings run programs (Matplotlib's ``text.usetex``) and load compiled code from where they
     say (Numba's ``cache_dir``). They also change the bytes of figures.
@@ -47,8 +48,8 @@ def _settings_in_working_folder() -> str:
     for name, library in OBEYED.items():
         if os.path.lexists(name):
             return (
-                f"the working folder must hold no settings of libraries, got {name}, which {library} would obey: "
-                "give the command in another folder"
+                f"the working folder must hold no settings of libraries, got {name}, "
+                f"which {library} would obey: give the command in another folder"
             )
     return ""
 

@@ -21,7 +21,11 @@ _RANGE = 40.0  # dB
 
 @xr.register_dataset_accessor("flgpr")  # type: ignore[no-untyped-call]
 class RunAccessor:
-    """What a run can show of itself: ``imager``, ``plot.geometry()``, ``plot.scan(k)``, ``plot.run_view()``."""
+    """Plots and checks of a run, as ``run.flgpr``.
+
+    They are :meth:`health`, :meth:`describe`, :meth:`imager`, ``plot.geometry()``,
+    ``plot.scan(k)`` and ``plot.run_view()``.
+    """
 
     def __init__(self, run: xr.Dataset) -> None:
         self._run = run
@@ -32,22 +36,21 @@ class RunAccessor:
         return RunPlots(check_run(self._run))
 
     def health(self) -> pd.DataFrame:
-        """Look at every channel; see :func:`flgpr.calibrate.channel_health`."""
+        """Return the health of every channel, see :func:`flgpr.calibrate.channel_health`."""
         return channel_health(self._run)
 
     def describe(self) -> dict[str, Any]:
-        """Describe the run; see ``describe_run``."""
+        """Return a description of the run, as ``flgpr info`` prints it."""
         return describe_run(check_run(self._run))
 
     def imager(self, grid: Grid | None = None, window: str = "hann") -> ScanImager:
-        """Image all complete scans over the whole band, by default 1 to 5 array heights ahead, 1.2 to either side."""
+        """Return the images of all complete scans over the whole band.
+
+        By default they reach from 1 to 5 array heights ahead, and 1.2 to either side.
+        """
         frequency = self._run["frequency"].values
-        return ScanImager(
-            self._run,
-            grid or _grid(self._run),
-            {"all": (float(frequency[0]), float(frequency[-1]))},
-            window,
-        )
+        subbands = {"all": (float(frequency[0]), float(frequency[-1]))}
+        return ScanImager(self._run, grid or _default_grid(self._run), subbands, window)
 
 
 class RunPlots:
@@ -67,19 +70,12 @@ class RunPlots:
             ("tx_position", "^", "tab:red"),
             ("rx_position", "o", "tab:blue"),
         ):
-            places = np.unique(self._run[name].values, axis=0)
-            for end in (0, -1):
-                at = vehicle_to_lane(places, pose[end])
-                label = f"{name[:2]} antennas, first and last scan" if end == 0 else None
-                ax.plot(
-                    at[:, 0],
-                    at[:, 1],
-                    mark,
-                    color=color,
-                    markersize=4,
-                    markerfacecolor="none",
-                    label=label,
-                )
+            antennas = np.unique(self._run[name].values, axis=0)
+            style: dict[str, Any] = {"color": color, "markersize": 4, "markerfacecolor": "none"}
+            for scan in (0, -1):
+                in_lane = vehicle_to_lane(antennas, pose[scan])
+                label = f"{name[:2]} antennas, first and last scan" if scan == 0 else None
+                ax.plot(in_lane[:, 0], in_lane[:, 1], mark, label=label, **style)
         ax.set(xlabel="x cross-track (m)", ylabel="y down-track (m)", aspect="equal")
         ax.set_adjustable("datalim")
         ax.legend(fontsize="small", loc="best")
@@ -112,9 +108,10 @@ class RunPlots:
         spacing: float = 0.1,
         ax: Axes | None = None,
     ) -> Axes:
-        """Draw the run-view of uncleaned images over the whole band, of the first polarization unless told.
+        """Draw the run-view of uncleaned images over the whole band.
 
-        Without a lane it covers what the images of the first and the last scan do; ``spacing`` of the pixels is in m.
+        By default it is that of the first polarization, and covers what the images of the first and
+        the last scan do. The ``spacing`` of the pixels is in m.
         """
         label = self._label(polarization)
         images = self._run.sel(polarization=[label]).flgpr.imager()
@@ -126,6 +123,7 @@ class RunPlots:
         return ax
 
     def _label(self, polarization: str | None) -> str:
+        """Return a polarization of the run, by default the first."""
         known = [str(label) for label in self._run["polarization"].values]
         if polarization is None:
             return known[0]
@@ -136,32 +134,41 @@ class RunPlots:
         return polarization
 
 
-def _grid(run: xr.Dataset) -> Grid:
+def _default_grid(run: xr.Dataset) -> Grid:
+    """Return the grid of 1 to 5 array heights ahead of a run's array."""
     height = max(float(run["pose"].values[:, 2].mean()), 0.5)
     return Grid.spanning((-1.2 * height, 1.2 * height), (height, 5 * height), height / 40)
 
 
 def _covered(run: xr.Dataset, grid: Grid) -> Lane:
-    corners = np.array([[x, y, 0] for x in grid.extent()[:2] for y in grid.extent()[2:]])
-    ends = run["pose"].values[[0, -1]].copy()
-    ends[:, [2, 4, 5]] = 0
-    places = vehicle_to_lane(corners, ends).reshape(-1, 3)
-    return Lane(*(float(v) for k in (0, 1) for v in (places[:, k].min(), places[:, k].max())))
+    """Return the area that the images of the first and the last scan cover."""
+    x_min, x_max, y_min, y_max = grid.extent()
+    corners = [[x_min, y_min, 0], [x_min, y_max, 0], [x_max, y_min, 0], [x_max, y_max, 0]]
+    first_and_last = run["pose"].values[[0, -1]].copy()
+    first_and_last[:, [2, 4, 5]] = 0  # images lie on level ground
+    points = vehicle_to_lane(np.array(corners), first_and_last).reshape(-1, 3)
+    x = points[:, 0]
+    y = points[:, 1]
+    return Lane(float(x.min()), float(x.max()), float(y.min()), float(y.max()))
 
 
 def _axes(size: tuple[float, float]) -> Axes:
+    """Return the axes of a new figure."""
     return Figure(figsize=size, layout="constrained").subplots()
 
 
 def _show(image: xr.DataArray, ax: Axes | None, title: str) -> Axes:
+    """Draw the modulus of an image in dB below its brightest pixel."""
     ax = ax or _axes((4.5, 6))
     level = np.abs(image.values)
     top = float(np.nanmax(level, initial=0.0)) or 1.0
     with np.errstate(divide="ignore"):
         decibel = 20 * np.log10(level / top)
-    x, y = image["x"].values, image["y"].values
-    half = ((x[1] - x[0]) / 2, (y[1] - y[0]) / 2)
-    extent = (x[0] - half[0], x[-1] + half[0], y[0] - half[1], y[-1] + half[1])
+    x = image["x"].values
+    y = image["y"].values
+    half_x = (x[1] - x[0]) / 2
+    half_y = (y[1] - y[0]) / 2
+    extent = (x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y)
     drawn = ax.imshow(
         decibel, origin="lower", extent=extent, vmin=-_RANGE, vmax=0, cmap="viridis", aspect="equal"
     )

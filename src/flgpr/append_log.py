@@ -1,8 +1,8 @@
-"""Files that only grow, line by line: what journals of writers and registers of trials are kept in.
+"""Files that only grow, line by line: journals of writers and registers of trials.
 
-One process at a time holds a log. A line is on the disk, with its folder's entry, before it counts. What a kill or a
-full disk leaves of a line, text without its end, is dropped when the log is held next, so that it cannot spoil the line
-after.
+One process at a time holds a log. A line is on the disk, with its folder's entry, before it counts.
+What a kill or a full disk leaves of a line, text without its end, is dropped when the log is held
+next, so that it cannot spoil the line after.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class AppendLog:
     path : Path
         The file, made if it is missing, with its folder.
     wait : float
-        How long to wait for another process that holds it, s.
+        Time to wait for another process that holds it, s.
 
     Attributes
     ----------
     lines : list of bytes
-        Whole lines without their ends.
+        Complete lines without their ends.
     torn : bytes
-        What stood behind the last of them when the log was opened, and was dropped.
+        Text after the last of them when the log was opened, which was dropped.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class AppendLog:
         self.close()
 
     def append(self, line: bytes) -> None:
-        """Add a line so that it is on the disk; if that fails the log is as it was, and the error goes on."""
+        """Add a line so that it is on the disk; if that fails the log stays as it was."""
         if b"\n" in line:
             raise ValueError("line must not hold the end of a line")
         try:
@@ -84,18 +84,18 @@ class AppendLog:
         self._ends.append(self._file.seek(0, os.SEEK_END))
 
     def keep(self, count: int) -> None:
-        """Forget all lines but the first ``count``."""
+        """Drop all lines but the first ``count``."""
         self._file.truncate(self._ends[count - 1] if count else 0)
         os.fsync(self._file.fileno())
         del self.lines[count:]
         del self._ends[count:]
 
     def close(self) -> None:
-        """Let go of the log."""
+        """Close the log, which another process may then hold."""
         self._file.close()
 
     def _begin(self) -> None:
-        """Read the whole lines, and drop what follows them."""
+        """Read the complete lines, and drop what follows them."""
         text = _read(self._file, self.path)
         *self.lines, self.torn = text.split(b"\n")
         self._ends: list[int] = []
@@ -108,9 +108,9 @@ class AppendLog:
 
 
 def read_log(path: Path, wait: float = 0.0) -> tuple[list[bytes], bytes]:
-    """Read the whole lines of a log, and what stands behind the last one, changing nothing.
+    """Return the complete lines of a log, and the text after the last one, changing nothing.
 
-    It waits up to ``wait`` seconds for a process that is adding to it. A log that is missing has no lines.
+    It waits up to ``wait`` seconds for a process that is adding a line. A missing log has no lines.
     """
     try:
         file = _open(path, os.O_RDONLY)
@@ -123,10 +123,13 @@ def read_log(path: Path, wait: float = 0.0) -> tuple[list[bytes], bytes]:
 
 
 def _hold(path: Path, wait: float) -> BinaryIO:
-    """Open and lock a log; begin again where its folder was taken away or another file took its name meanwhile."""
+    """Open and lock a log.
+
+    It begins again if its folder was removed or another file took its name meanwhile.
+    """
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
-        new = not os.path.lexists(path)
+        is_new = not os.path.lexists(path)
         try:
             file = _open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         except FileNotFoundError:
@@ -138,14 +141,14 @@ def _hold(path: Path, wait: float) -> BinaryIO:
             raise
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                if new:
+                if is_new:
                     sync_directory(path.parent)
                 return file
         file.close()
 
 
 def _open(path: Path, flags: int) -> BinaryIO:
-    """Open a regular file without waiting for anything else that may stand there."""
+    """Open a regular file; what is no file is a ValueError, and never waited for."""
     handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     try:
         state = os.fstat(handle)
@@ -158,6 +161,7 @@ def _open(path: Path, flags: int) -> BinaryIO:
 
 
 def _lock(file: BinaryIO, path: Path, kind: int, wait: float) -> None:
+    """Lock an open file, and try again for ``wait`` seconds if another process holds it."""
     end = time.monotonic() + wait
     while True:
         try:
@@ -172,32 +176,33 @@ def _lock(file: BinaryIO, path: Path, kind: int, wait: float) -> None:
 
 
 def _read(file: BinaryIO, path: Path) -> bytes:
+    """Read a log from its beginning, up to its size at this moment."""
     size = os.fstat(file.fileno()).st_size
     if size > MOST_BYTES:
         raise ValueError(
             f"{path}: must have at most {MOST_BYTES / 2**20:g} MiB, got {size / 2**20:.0f}"
         )
     file.seek(0)
-    parts = []
+    blocks = []
     left = size
     while left > 0:
-        part = file.read(left)
-        if not part:
+        block = file.read(left)
+        if not block:
             break
-        parts.append(part)
-        left -= len(part)
-    return b"".join(parts)
+        blocks.append(block)
+        left -= len(block)
+    return b"".join(blocks)
 
 
 def write_all(file: BinaryIO, data: bytes) -> None:
-    """Write to a file without a buffer, which may take a part at a time when the disk is nearly full."""
+    """Write all data to an unbuffered file, which may take a part only when the disk is full."""
     left = memoryview(data)
     while left:
         left = left[file.write(left) :]
 
 
 def sync_directory(path: Path) -> None:
-    """Flush a directory's entries to disk."""
+    """Flush the entries of a directory to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

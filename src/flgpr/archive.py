@@ -1,4 +1,4 @@
-"""NumPy archives from anywhere: what they declare is checked before anything of them is decoded."""
+"""Untrusted NumPy archives: what they declare is checked before anything is decoded."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _KINDS = "biufcU"
 
 
 class Member(NamedTuple):
-    """What an archive declares of an array."""
+    """An array as its archive declares it."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -34,12 +34,25 @@ class Member(NamedTuple):
 
 
 class Archive(Mapping[str, "NDArray[Any]"]):
-    """The arrays of an ``.npz`` file, checked when it is opened and decoded one by one when they are asked for.
+    """The arrays of an ``.npz`` file, by name.
 
-    Each member must be a ``.npy`` of numbers, booleans or text, stored or deflated, of the size that its header tells.
-    All of them together may take ``most`` bytes, and above 64 MiB 200 times the room that they take in the file. Other
-    members, and arrays of Python objects, are passed over, as ``passed_over`` says by name. A file that breaks a rule
-    is a ValueError.
+    They are checked when the file is opened, and decoded one by one when they are asked for. Each
+    member must be a ``.npy`` of numbers, booleans or text, stored or deflated, of the size that its
+    header states. Other members, and arrays of Python objects, are left out; ``passed_over`` holds
+    the reason by name.
+
+    Parameters
+    ----------
+    file : binary file
+        The open file.
+    most : int
+        Bytes that all arrays together may take. Above 64 MiB they may also take at most 200 times
+        the bytes of the file.
+
+    Raises
+    ------
+    ValueError
+        If the file breaks a rule; for an array when it is decoded.
     """
 
     def __init__(self, file: BinaryIO, most: int = MOST_DECODED) -> None:
@@ -82,6 +95,7 @@ class Archive(Mapping[str, "NDArray[Any]"]):
             raise ValueError(f"{name} is damaged ({error})") from None
 
     def _add(self, entry: zipfile.ZipInfo) -> None:
+        """Check the header of a member and add it to the arrays, or to what is left out."""
         name = entry.filename.removesuffix(".npy")
         if name == entry.filename:
             self.passed_over[name] = "no array"
@@ -93,9 +107,8 @@ class Archive(Mapping[str, "NDArray[Any]"]):
         with self._zip.open(entry) as file:
             shape, dtype, head = npy_header(file)
         if dtype.kind not in _KINDS or not dtype.itemsize:
-            self.passed_over[name] = (
-                "Python objects" if dtype.hasobject else f"values of type {dtype}"
-            )
+            reason = "Python objects" if dtype.hasobject else f"values of type {dtype}"
+            self.passed_over[name] = reason
             return
         if head + array_bytes(shape, dtype) != entry.file_size:
             raise ValueError(
@@ -107,30 +120,27 @@ class Archive(Mapping[str, "NDArray[Any]"]):
 
 
 def npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Read shape and type of an array from the beginning of a ``.npy`` file, and how many bytes that takes."""
+    """Return shape and type of the array of a ``.npy`` file, and the bytes of its header."""
     start = file.read(np.lib.format.MAGIC_LEN)
     version = np.lib.format.read_magic(io.BytesIO(start))
     width = 2 if version == (1, 0) else 4
     counted = file.read(width)
     length = int.from_bytes(counted, "little")
-    if (
-        length > _LONGEST_HEADER
-    ):  # NumPy looks at the length when it has read the header, which may take gigabytes
+    # NumPy checks the length after it has read the header, which may take gigabytes.
+    if length > _LONGEST_HEADER:
         raise ValueError(
             f"the header of an array must take at most {_LONGEST_HEADER} bytes, got {length}"
         )
     text = io.BytesIO(counted + file.read(length))
-    reader = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
-    shape, _, dtype = reader(text)
+    if version == (1, 0):
+        shape, _, dtype = np.lib.format.read_array_header_1_0(text)
+    else:
+        shape, _, dtype = np.lib.format.read_array_header_2_0(text)
     return shape, dtype, len(start) + width + length
 
 
 def array_bytes(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
-    """Count the bytes of an array in numbers that do not overflow."""
+    """Return the bytes of an array, in Python's integers, which do not overflow."""
     total = dtype.itemsize
     for count in shape:
         total *= count
@@ -138,8 +148,9 @@ def array_bytes(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
 
 
 def _check_directory(file: BinaryIO) -> None:
-    """Refuse a directory of more members than arrays have names: ``zipfile`` makes an object for each."""
-    end = zipfile._EndRecData(file)  # type: ignore[attr-defined] # finds the record of either kind as ZipFile will
+    """Refuse a directory of very many members, for each of which ``zipfile`` makes an object."""
+    # The record at the end, of either kind, as ZipFile itself finds it.
+    end = zipfile._EndRecData(file)  # type: ignore[attr-defined]
     if not end:
         raise ValueError("no archive of arrays (it has no end)")
     size = int(end[zipfile._ECD_SIZE])  # type: ignore[attr-defined]

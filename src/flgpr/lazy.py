@@ -1,8 +1,8 @@
-"""Packages that load what they offer when it is asked for.
+"""Packages that load their public names when they are asked for.
 
-The names that a package offers stand in its ``__init__.pyi``, which type checkers read, as ``x as x``.
-:func:`face` reads the same file, so that every name stands in one place. Importing a package costs
-nothing then, and a command pays only for what it uses.
+The public names of a package are listed in its ``__init__.pyi``, which type checkers read, as
+``x as x``. :func:`face` reads the same file, so that every name is listed once. Importing a package
+then takes no time, and a command loads only what it uses.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from typing import Any
 def face(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, by the stub beside its ``__file__``."""
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from its stub.
+
+    ``file`` is the package's ``__file__``; the stub lies beside it.
+    """
     source: dict[str, tuple[str, str]] = {}
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     for node in ast.parse(stub).body:
@@ -30,6 +33,7 @@ def face(
     names = sorted(source)
 
     def load(name: str) -> Any:
+        """Return a public name, importing its module."""
         if name not in source:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module, original = source[name]
@@ -37,11 +41,15 @@ def face(
         setattr(sys.modules[package], name, value)  # the next access does not come here
         return value
 
-    return load, lambda: list(names), names
+    def list_names() -> list[str]:
+        """Return the public names."""
+        return list(names)
+
+    return load, list_names, names
 
 
 class Verb(ModuleType):
-    """A package that has the name of what it does: calling ``flgpr.detect`` runs a detection.
+    """A package that can be called: ``flgpr.detect`` runs a detection.
 
     It shows the signature and the documentation of its function, which is loaded for that.
     """
@@ -51,6 +59,7 @@ class Verb(ModuleType):
         return self._function()(*arguments, **options)
 
     def _function(self) -> Callable[..., Any]:
+        """Load and return the function."""
         module, name = self.__dict__["__verb__"]
         function: Callable[..., Any] = getattr(import_module(module), name)
         return function
@@ -67,7 +76,7 @@ class Verb(ModuleType):
 
 
 class Verbs(ModuleType):
-    """A package some of whose packages are verbs as well, whose functions ``__verbs__`` names."""
+    """A package with callable packages; ``__verbs__`` names their functions."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         verb = self.__dict__["__verbs__"].get(name)

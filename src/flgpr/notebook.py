@@ -1,4 +1,4 @@
-"""The viewer inside a notebook, served by the kernel for as long as it lives; the package has its name ``view``."""
+"""The viewer inside a notebook, ``flgpr.view``, served by the kernel for as long as it lives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _open: dict[tuple[str, ...], View] = {}
 
 
 class View:
-    """A viewer that serves in a thread of its own until :meth:`close`; in a notebook its value is the page."""
+    """A viewer that runs in a thread of its own until :meth:`close`; a notebook shows its page."""
 
     def __init__(self, viewer: Viewer, height: int) -> None:
         self._viewer = viewer
@@ -37,7 +37,7 @@ class View:
         return not self._thread.is_alive()
 
     def close(self) -> None:
-        """End the server; the page that is shown answers no more."""
+        """Stop the server; a page that is shown no longer responds."""
         self._viewer.stop()
         self._thread.join(10)
         atexit.unregister(self.close)
@@ -46,8 +46,8 @@ class View:
         if self.closed:
             return "<p>This view was closed.</p>"
         return (
-            f'<iframe src="{html.escape(self.url)}" width="100%" height="{self._height}" frameborder="0" '
-            'allow="clipboard-write" title="flgpr viewer"></iframe>'
+            f'<iframe src="{html.escape(self.url)}" width="100%" height="{self._height}" '
+            'frameborder="0" allow="clipboard-write" title="flgpr viewer"></iframe>'
         )
 
     def __repr__(self) -> str:
@@ -62,18 +62,43 @@ def view(
     height: int = 800,
     port: int = 0,
 ) -> View:
-    """Show results, two of them side by side, or a run in a notebook: the page of ``flgpr view`` as the cell's value.
+    """Show results or a run in a notebook, as the page of ``flgpr view``.
 
-    ``results`` are result folders or what ``read_result`` gave, or run stores; ``score`` is the score's
-    folder if not the result's, ``anchor`` a TOML that ties the lane to the Earth, ``live`` the folder of a live run to
-    follow; ``height`` is in pixels, and ``port`` 0 takes a free one. The server ends with the kernel, with
-    :meth:`View.close`, or when the same is viewed again. Outside a notebook the address is printed, to be opened in a
-    browser of this machine. Raises what ``flgpr view`` would say: ValueError or FileNotFoundError.
+    The server ends with the kernel, with :meth:`View.close`, or when the same is viewed again.
+    Outside a notebook the address is printed, to be opened in a browser of this machine.
+
+    Parameters
+    ----------
+    *results : str, Path or Result
+        Result folders, results of ``read_result``, or run stores; two are shown side by side.
+    score : str or Path, optional
+        Folder of the score if it is not the result's.
+    anchor : str or Path, optional
+        TOML file that ties the lane to the Earth.
+    live : str or Path, optional
+        Folder of a live run to follow.
+    height : int
+        Height of the page in the notebook, pixels.
+    port : int
+        Port of the server; 0 takes a free one.
+
+    Returns
+    -------
+    View
+        The viewer, which a notebook shows.
+
+    Raises
+    ------
+    ValueError
+        If the height or an input is not valid.
+    FileNotFoundError
+        If an input does not exist.
     """
     if not height >= 100:
         raise ValueError(f"height must be at least 100 pixels, got {height}")
-    paths = [one.folder if isinstance(one, Result) else Path(one) for one in results]
-    key = tuple(str(Path(one).resolve()) for one in (*paths, *([live] if live is not None else [])))
+    paths = [result.folder if isinstance(result, Result) else Path(result) for result in results]
+    inputs = paths if live is None else [*paths, Path(live)]
+    key = tuple(str(path.resolve()) for path in inputs)
     if port and key in _open:  # its port may be the one that is asked for
         _open.pop(key).close()
     viewer = Viewer(
@@ -88,13 +113,14 @@ def view(
     )
     if key in _open:
         _open.pop(key).close()
-    _open[key] = shown = View(viewer, height)
+    shown = View(viewer, height)
+    _open[key] = shown
     if not _in_notebook():
         print(f"no notebook is here to show it; open {shown.url} in a browser")
     return shown
 
 
 def _in_notebook() -> bool:
-    """Tell whether a kernel runs this; IPython is loaded then, and not loaded to ask."""
+    """Return whether a kernel of a notebook runs this, without loading IPython."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return hasattr(shell, "kernel")

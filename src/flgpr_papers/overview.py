@@ -11,9 +11,8 @@ from typing import Any
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.workers import InProcess, Processes
 from flgpr.store import write_whole
-from flgpr.store.outputs import tell_finished
 from flgpr_papers.kit.findings import OPEN, read_findings
-from flgpr_papers.kit.page import study_html
+from flgpr_papers.kit.page import study_html, telling_if_same
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, check_study_world, world_folder
 
@@ -74,8 +73,14 @@ def reproduce(
         (name, str(world_folder(folder / name, world)), quick, world)
         for name in sorted(PAPERS, reverse=True)
     ]
-    pages: dict[str, Path] = {}
-    with Processes(workers) if workers > 1 else InProcess() as executor:
+    for _, home, _, _ in jobs:
+        _refuse_other_form(Path(home), quick, world)
+    pages = _pages_there(folder, world)
+    overview = folder / overview_name(world)
+    with (
+        telling_if_same(overview),
+        Processes(workers) if workers > 1 else InProcess() as executor,
+    ):
         if workers > 1:
             parts = [(*job, part) for job in jobs for part in parts_of(job[0], quick)]
             parts.sort(key=lambda job: job[-1] is not None)  # whole studies take longest
@@ -86,7 +91,18 @@ def reproduce(
         for one in done:
             pages[one["paper"]] = Path(one["page"]).relative_to(folder)
             write_overview(folder, pages, quick, world)
-    return folder / overview_name(world)
+    return overview
+
+
+def _pages_there(folder: Path, world: str) -> dict[str, Path]:
+    """Find the pages of the studies that were run before, by paper, as the overview links them."""
+    pages = {}
+    for name in PAPERS:
+        home = world_folder(folder / name, world)
+        page = home / study_of(name).PAGE
+        if page.is_file() and (home / "findings.json").is_file():
+            pages[name] = page.relative_to(folder)
+    return pages
 
 
 def overview_name(world: str) -> str:
@@ -127,10 +143,9 @@ def run_study(
     FileExistsError.
     """
     _refuse_other_form(folder, quick, world)
-    before = _bytes_of_page(folder)
-    page: Path = study_of(paper).reproduce(folder, quick, track, world=world)
-    if page.read_bytes() == before:
-        tell_finished(page)
+    study = study_of(paper)
+    with telling_if_same(folder / study.PAGE):
+        page: Path = study.reproduce(folder, quick, track, world=world)
     return page
 
 
@@ -152,11 +167,6 @@ def _refuse_other_form(folder: Path, quick: bool, world: str) -> None:
             f"output must not exist yet, got {folder} with lanes of the world {its_world!r}: "
             f"choose another output"
         )
-
-
-def _bytes_of_page(folder: Path) -> bytes | None:
-    page = folder / "index.html"
-    return page.read_bytes() if page.is_file() else None
 
 
 def study_of(paper: str) -> Any:

@@ -9,6 +9,7 @@ from pathlib import Path
 from flgpr.chain.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import read_findings
+from flgpr_papers.kit.page import telling_if_same
 from flgpr_papers.kit.reasons import Trial, road_trials, trials_csv, write_trials
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, check_study_world, world_folder
@@ -68,7 +69,8 @@ def explain(
         write_trials(home, found)
         every += found
     table = folder / ("reasons.csv" if world == OWN else f"reasons-{world}.csv")
-    write_whole(table, trials_csv(every))
+    with telling_if_same(table):
+        write_whole(table, trials_csv(every))
     return table
 
 

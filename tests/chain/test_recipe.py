@@ -67,8 +67,8 @@ def test_the_paper_scores_frames_of_70_square_metres():
     assert recipe.frame_area() == Lane(-7.0, 7.0, 5.0, 10.0)
     poses = np.zeros((2, 6))
     poses[:, :2] = [[0.3, 0.0], [0.3, 20.0]]
-    assert course_lane(recipe, poses) == Lane(-7.0, 7.0, 5.0, 25.0)
-    assert course_lane(load_recipe("wang2007"), poses) == Lane(-1.2, 1.8, 7.0, 27.0)
+    assert course_lane(recipe, poses, 25.0) == Lane(-7.0, 7.0, 5.0, 25.0)
+    assert course_lane(load_recipe("wang2007"), poses, 27.0) == Lane(-1.2, 1.8, 7.0, 27.0)
 
 
 def test_an_unknown_recipe_lists_the_packaged_ones():

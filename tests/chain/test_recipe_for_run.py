@@ -222,7 +222,7 @@ def test_the_command_line_writes_a_recipe_once_and_detects_with_it(stored, tmp_p
     assert file.read_text() == printed.stdout
     again = call("recipe", "for", run, "-o", file)
     assert again.exit_code == 0
-    assert again.stderr.startswith(f"{file} is there already")
+    assert again.stderr.startswith(f"{file} exists already")
     changed = file.read_text() + "# by hand\n"
     file.write_text(changed)
     assert call("recipe", "for", run, "-o", file).stderr.startswith(

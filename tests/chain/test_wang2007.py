@@ -205,7 +205,7 @@ def test_simulants_weigh_half(found):
 
 def test_a_run_without_a_lane_is_searched_where_it_was_seen(run, recipe):
     lane = lane_of(run, recipe)
-    assert (lane.y_min, lane.y_max) == pytest.approx((2.0, 9.2))
+    assert (lane.y_min, lane.y_max) == pytest.approx((2.0, 10.6))
 
 
 @pytest.mark.parametrize(

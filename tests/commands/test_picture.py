@@ -131,7 +131,7 @@ def test_every_kind_of_file_is_written_and_holds_the_image(stored, tmp_path):
 @pytest.mark.parametrize(
     ("view", "output", "rule"),
     [
-        (View(x=(0, 1)), "a.png", "y must be told beside the others"),
+        (View(x=(0, 1)), "a.png", "y must be given beside the others"),
         (View(x=(0, 1), y=3.0), "a.png", "two of x, y and z must have two limits"),
         (View(x=(1, 0), y=(0, 1)), "a.png", "x must have limits that increase, got 1, 0"),
         (

@@ -59,7 +59,7 @@ def line(tmp_path):
 
 def test_antennas_on_the_ground_ask_for_its_permittivity(line):
     with pytest.raises(
-        ValueError, match="permittivity must be told for antennas that are coupled to the ground"
+        ValueError, match="permittivity must be given for antennas that are coupled to the ground"
     ):
         make_picture(line)
 

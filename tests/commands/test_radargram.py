@@ -11,6 +11,7 @@ from flgpr.commands.app import app
 from flgpr.commands.imports import import_gpr
 from flgpr.commands.radargram import RadargramView, make_radargram
 from flgpr.formats import read_gpr
+from flgpr.formats.gpr_files import READERS
 from flgpr.report.radargram import radargram_figure
 from io_gpr import (
     INTERVAL,
@@ -23,6 +24,7 @@ from io_gpr import (
     write_mala,
     write_segy,
 )
+from io_open import write_ogpr, write_su
 
 COUNTS = section(30)
 WRITERS = {
@@ -32,6 +34,10 @@ WRITERS = {
     "a.iprb": lambda path: write_impulse(path, COUNTS),
     "a.sgy": lambda path: write_segy(path, COUNTS),
     "a.dt": lambda path: write_ids(path, COUNTS),
+    "a.rd7": lambda path: write_mala(path, COUNTS),
+    "a.segy": lambda path: write_segy(path, COUNTS, code=5),
+    "a.su": lambda path: write_su(path, COUNTS),
+    "a.ogpr": lambda path: write_ogpr(path, COUNTS[:, None]),
 }
 
 
@@ -42,6 +48,10 @@ def run(*words):
 def loaded(path):
     with np.load(path) as archive:
         return dict(archive)
+
+
+def test_every_format_that_is_read_is_drawn():
+    assert {name[1:].lower() for name in WRITERS} == set(READERS)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -171,6 +181,25 @@ def test_what_does_not_fit_is_refused(words, rule, tmp_path):
     assert done.exit_code == 2
     assert rule in done.output
     assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "rule"),
+    [
+        ("a.gpr", b"what", "a run or a recording (.dt1, .dzt, .rd3"),
+        ("a.npz", b"PK", "flgpr info describes how arrays are imported"),
+        (
+            "a.mcap",
+            b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"a" * 64 + b"\nsize 12\n",
+            "is a pointer of Git LFS to a file of 12 bytes",
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_drawn_is_told_what_can(name, content, rule, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    done = run("image", tmp_path / name, "-o", tmp_path / "a.png")
+    assert done.exit_code == 2
+    assert rule in done.output
 
 
 def test_another_ending_and_steps_on_a_run_are_refused(tmp_path):

@@ -49,7 +49,7 @@ def test_a_stored_lane_is_the_simulated_one(small, tmp_path, caplog):
         simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr", errors=False)
     with caplog.at_level("INFO", "flgpr.outputs"):
         simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")
-    assert "lane.zarr is there already" in caplog.text
+    assert "lane.zarr exists already" in caplog.text
     simulate_to_store(scene, sensor, 5, tmp_path / "again.zarr", truth=tmp_path / "key.csv")
     assert (tmp_path / "key.csv").read_bytes() == (tmp_path / "lane-truth.csv").read_bytes()
     assert not (tmp_path / "again-truth.csv").exists()

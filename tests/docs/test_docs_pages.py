@@ -42,6 +42,14 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file), f"{target}: no such heading"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_files_that_a_page_includes_exist(page):
+    text = re.sub(r"<!--.*?-->", "", read(page), flags=re.DOTALL)
+    included = re.findall(r"^```\{literalinclude\} (\S+)", text, re.MULTILINE)
+    included += re.findall(r"^:file: (\S+)", text, re.MULTILINE)
+    assert not [name for name in included if not (page.parent / name).is_file()]
+
+
 # The changelog names files where they were when its line was written.
 CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
 
@@ -308,3 +316,16 @@ def test_programs_are_valid_and_import_what_exists(page, body):
             assert all(
                 resolves(alias.name) for alias in node.names if alias.name.startswith("flgpr")
             )
+
+
+def test_make_robustness_runs_every_test_that_the_page_of_promises_names():
+    page = read(ROOT / "docs" / "evidence" / "robustness.md")
+    listed = re.search(r"^ROBUSTNESS := ((?:.*\\\n)*.*)$", read(ROOT / "Makefile"), re.MULTILINE)
+    run = listed[1].replace("\\", "").split()
+    folder = ROOT / "tests" / "robustness"
+    named = set(re.findall(r"`(?:tests/)?((?:\w+/)*test_\w+\.py)`", page))
+    elsewhere = {name for name in named if not (folder / Path(name).name).is_file()}
+    assert len(elsewhere) > 15
+    assert elsewhere <= set(run), "named on the page and not run"
+    assert {path.name for path in folder.glob("test_*.py")} <= {Path(name).name for name in named}
+    assert all((ROOT / "tests" / name).exists() for name in run)

@@ -55,12 +55,10 @@ def test_missing_sweeps_stay_missing(small_run, anchor, tmp_path):
     assert np.isnan(back["signal"].values[1, 0, 1]).all()
 
 
-def test_another_makers_file_is_read_by_its_geometry(small_run, anchor, tmp_path):
-    """The same file without our own parameters: positions, phases and tones must follow from the standard's alone."""
+def write_as_another_maker(ours, path, change=None):
+    """Write a file again without our own parameters; ``change`` takes the vectors of each channel and its number."""
     import sarkit.cphd as skcphd
 
-    small_run["pose"][:, 3] = 0.2
-    ours = write_cphd(small_run, tmp_path / "a.cphd", anchor)
     with ours.open("rb") as file, skcphd.Reader(file) as reader:
         tree = reader.metadata.xmltree
         parts = {
@@ -70,15 +68,28 @@ def test_another_makers_file_is_read_by_its_geometry(small_run, anchor, tmp_path
     added = tree.find("{*}Channel/{*}AddedParameters")
     added.getparent().remove(added)
     with (
-        (tmp_path / "b.cphd").open("wb") as file,
+        path.open("wb") as file,
         skcphd.Writer(file, skcphd.Metadata(xmltree=tree)) as writer,
     ):
-        for name, (signal, pvp) in parts.items():
+        for number, (name, (signal, pvp)) in enumerate(parts.items()):
+            if change is not None:
+                change(pvp, number)
             writer.write_signal(name, signal)
             writer.write_pvp(name, pvp)
+    return path
+
+
+def test_another_makers_file_is_read_by_its_geometry(small_run, anchor, tmp_path):
+    """The same file without our own parameters: positions, phases and tones must follow from the standard's alone."""
+    small_run["pose"][:, 3] = 0.2
+    ours = write_cphd(small_run, tmp_path / "a.cphd", anchor)
+    write_as_another_maker(ours, tmp_path / "b.cphd")
     with pytest.raises(ValueError, match="anchor is needed"):
         read_cphd(tmp_path / "b.cphd")
     back = read_cphd(tmp_path / "b.cphd", anchor)
+    assert back.attrs["import_notes"] == [
+        "the file states no heading, pitch and roll: 0 is taken, as the array lies"
+    ]
     for scan in range(4):
         for side in ("tx_position", "rx_position"):
             want = vehicle_to_lane(small_run[side].values, small_run["pose"].values[scan])
@@ -86,6 +97,23 @@ def test_another_makers_file_is_read_by_its_geometry(small_run, anchor, tmp_path
             np.testing.assert_allclose(got, want, atol=1e-6)
     np.testing.assert_allclose(back["signal"].values, small_run["signal"].values, rtol=2e-6)
     np.testing.assert_allclose(back["frequency"].values, small_run["frequency"].values, rtol=1e-12)
+
+
+def test_what_another_makers_file_states_and_is_not_used_is_counted(small_run, anchor, tmp_path):
+    def change(vectors, number):
+        if number < 2:
+            vectors["TDTropoSRP"][1] = 2e-9
+            vectors["SIGNAL"][:3] = 0
+
+    ours = write_cphd(small_run, tmp_path / "a.cphd", anchor)
+    path = write_as_another_maker(ours, tmp_path / "b.cphd", change)
+    back = read_cphd(path, anchor)
+    total = small_run["valid"].size
+    assert back.attrs["import_notes"][1:] == [
+        f"6 of {total} vectors hold no signal (SIGNAL)",
+        f"the delays of the atmosphere of 2 of {total} vectors (TDTropoSRP and TDIonoSRP) are not taken off",
+    ]
+    assert int((~back["valid"].values).sum()) == 6
 
 
 def test_the_signal_is_referenced_to_the_scene_as_the_standard_has_it(anchor, tmp_path):

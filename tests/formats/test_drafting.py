@@ -134,6 +134,16 @@ def test_antennas_that_send_and_receive_are_one_list_for_both_axes(tmp_path):
     assert "[antenna_position]" in draft
 
 
+def test_as_many_antennas_as_tones_take_no_axis_from_the_tones(tmp_path):
+    np.save(tmp_path / "signal.npy", SIGNAL[:, 0, :, :RX].reshape(SCANS * RX, RX))
+    np.save(tmp_path / "frequency.npy", FREQUENCY[:RX])
+    np.save(tmp_path / "elements.npy", RECEIVERS)
+    draft = explain_files(
+        [tmp_path / f"{name}.npy" for name in ("signal", "frequency", "elements")]
+    )
+    assert 'dims = ["scan?", "frequency"]  # of 320 x 16' in draft.mapping
+
+
 def test_files_of_many_scans_continue_one_another(tmp_path):
     for k in range(2):
         np.save(tmp_path / f"part{k}.npy", np.ones((10, TX, TONES), complex))

@@ -40,6 +40,17 @@ def test_notes_tell_the_channels_and_the_places_that_are_assumed(line):
     )
 
 
+def test_a_common_band_that_the_sampling_cuts_is_told_so(tmp_path):
+    """2600 MHz in samples 0.2 ns apart, which hold up to 2500 MHz."""
+    path = write_dzt(tmp_path / "a.DZT", BOTH, names=("3101", "52600"))
+    notes = channels_run(read_gpr(path)).attrs["import_notes"]
+    words = "antenna's, within what the records and their sampling hold)"
+    assert [note for note in notes if note.startswith("impulse data") and note.endswith(words)]
+    whole = write_dzt(tmp_path / "b.DZT", BOTH, names=("50400", "3101"))
+    notes = channels_run(read_gpr(whole)).attrs["import_notes"]
+    assert [note for note in notes if note.endswith("twice the highest antenna's)")]
+
+
 def test_places_must_be_one_per_channel(line):
     with pytest.raises(
         ValueError, match=r"channel_x must give a finite x, m, for each of 2 channels, got \[0.0\]"

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from flgpr.formats import read_gpr
-from flgpr.formats.gpr_positions import cor_fixes, read_dzx
+from flgpr.formats.gpr_dzx import read_dzx
+from flgpr.formats.gpr_positions import cor_fixes
 from io_gpr import STEP, write_dt1, write_dzt, write_mala
 from io_recordings import ALONG, COUNTS, LATITUDE, LONGITUDE, TRACES, gps_lines, notes_with
 
@@ -40,15 +41,48 @@ def test_every_dialect_of_a_cor(mark, comma, height, tmp_path):
     assert [note for note in notes if "1 of 7 lines of a.cor were not understood" in note]
 
 
+def test_a_cor_whose_cells_are_quoted_loses_no_line(tmp_path):
+    path = tmp_path / "a.cor"
+    row = '"{}","2024-04-04","12:00:00","47.9","N","11.3","E","400.5","M","1"\n'
+    path.write_text(row.format(1) + row.format(5))
+    notes = []
+    assert cor_fixes(path, 9, notes).table.tolist() == [
+        [0.0, 11.3, 47.9, 400.5],
+        [4.0, 11.3, 47.9, 400.5],
+    ]
+    assert notes == []
+
+
+@pytest.mark.parametrize(
+    "place", ["47.9 N 11.3 O 400.5", "47.9 N 11.3O 400.5", "47.9 B 11.3 E 400.5"]
+)
+def test_a_letter_of_another_language_is_no_side_of_the_earth(place, tmp_path):
+    """O is east in German, and west in French, Italian and Spanish."""
+    path = tmp_path / "a.cor"
+    path.write_text(f"1 2024-04-04 12:00:00 {place} M 1\n")
+    notes = []
+    assert len(cor_fixes(path, 9, notes).table) == 0
+    assert notes == ["1 of 1 lines of a.cor were not understood and are left out"]
+
+
+def test_a_height_that_is_missing_from_a_cor_is_told(tmp_path):
+    path = tmp_path / "a.cor"
+    path.write_text("1\t2024-04-04\t12:00:00\t47.9\tN\t11.3\tE\t\tM\t1\n")
+    notes = []
+    assert cor_fixes(path, 9, notes).table.tolist() == [[0.0, 11.3, 47.9, 0.0]]
+    assert notes == ["1 of 1 positions tell no height: 0 m is taken"]
+
+
 def test_angles_of_a_cor_with_signs_letters_and_minutes(tmp_path):
     path = tmp_path / "a.cor"
     path.write_text(
         "1 d t 47:30:36 S 11:15:00 W 1\n2 d t -47.51 11.25 2\n3 d t 47.51S 11.25W 3\n4 d t S47.51 W11.25 4\n"
+        "5 d t 47°30'36\"S 11°15'00.0\"E 5\n6 d t 47°30′36″ S 11°15′ E 6\n"
     )
     found = cor_fixes(path, 9, [])
-    np.testing.assert_allclose(found.table[:, 1], [-11.25, 11.25, -11.25, -11.25])
+    np.testing.assert_allclose(found.table[:, 1], [-11.25, 11.25, -11.25, -11.25, 11.25, 11.25])
     np.testing.assert_allclose(found.table[:, 2], -47.51)
-    np.testing.assert_allclose(found.table[:, 3], [1, 2, 3, 4])
+    np.testing.assert_allclose(found.table[:, 3], [1, 2, 3, 4, 5, 6])
 
 
 def test_a_gp2_is_read_and_the_first_of_many_positions_is_used(tmp_path):

@@ -370,7 +370,7 @@ def test_info_tells_and_the_command_it_names_imports(name, tmp_path, monkeypatch
     run = open_run("a.zarr")
     assert run.sizes["scan"] == 40
     assert run.attrs["source"].endswith(name)
-    assert "is there already" in CliRunner().invoke(app, command).output
+    assert "exists already" in CliRunner().invoke(app, command).output
     assert CliRunner().invoke(app, [*command, "--height", "0.1"]).exit_code == 2
     assert "warning" not in CliRunner().invoke(app, ["info", "a.zarr"]).output
 

@@ -66,7 +66,7 @@ def test_decks_that_are_there_with_their_results_stay(folder, tmp_path, caplog):
     want = digests(copy)
     with caplog.at_level("INFO", "flgpr.outputs"):
         write_gprmax_decks(*lane_and_sensor(), 1, copy, cells_per_wavelength=12)
-    assert "decks is there already" in caplog.text
+    assert "decks exists already" in caplog.text
     with pytest.raises(FileExistsError, match="something else"):
         write_gprmax_decks(*lane_and_sensor(), 2, copy, cells_per_wavelength=12)
     assert digests(copy) == want

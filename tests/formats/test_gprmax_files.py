@@ -151,4 +151,16 @@ def test_faults_are_told(files, tmp_path):
         del file["rxs/rx1/Ex"]
         file["rxs/rx1/Ex"] = np.stack([values, values], axis=1)
 
+    def claim(size):
+        """Say that an array has so many values, none of which the file holds."""
+
+        def change(file):
+            del file["rxs/rx1/Ex"]
+            file.create_dataset("rxs/rx1/Ex", shape=(size,), chunks=(2**20,), dtype="f4")
+            file.attrs["Iterations"] = size
+
+        return change
+
+    changed(claim(2**40), "/rxs/rx1/Ex must hold at most")
+    changed(claim(2**28), "/rxs/rx1/Ex takes 0 bytes of the file and would expand to")
     changed(merge, "this is a merged B-scan: give the scans' own results")

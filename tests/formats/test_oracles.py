@@ -1,7 +1,8 @@
 """Other programs as judges: what they write is read as they meant it, and what they read is read alike.
 
 segyio, scikit-rf and mcap-ros2-support are used where they are installed. What readgssi computes of a DZT stands here
-in our own words (``readgssi/dzt.py``, https://github.com/iannesbitt/readgssi).
+in our own words (``readgssi/dzt.py``, https://github.com/iannesbitt/readgssi), and what ridal computes of an RD3 and of
+a DT1 (``src/io.rs``, https://github.com/erikmannerfelt/ridal), which is built from Rust and seldom installed.
 """
 
 import io
@@ -14,9 +15,17 @@ import pytest
 from bag import drive
 from flgpr.formats import read_gpr
 from flgpr.formats.arrays import open_arrays
-from io_gpr import INTERVAL, STEP, write_dzt, write_segy
+from io_gpr import INTERVAL, STEP, write_dt1, write_dzt, write_mala, write_segy
 from io_open import write_su
-from io_recordings import COUNTS, TRACES, two_headers, with_extra_headers
+from io_recordings import (
+    COUNTS,
+    LATITUDE,
+    LONGITUDE,
+    TRACES,
+    gps_lines,
+    two_headers,
+    with_extra_headers,
+)
 
 RNG = np.random.default_rng(9)
 
@@ -160,6 +169,115 @@ def test_channels_with_headers_of_their_own_have_the_counts_that_readgssi_comput
     for channel in range(2):
         read = read_gpr(path).traces[:, channel, 2:].T
         np.testing.assert_array_equal(read, wanted[channel][2:] - 32768)
+
+
+# --- ridal
+
+
+def ridal_header(path, mark):
+    """Return the entries of a text header as ridal splits its lines, at the first ``mark``."""
+    lines = (line.split(mark, 1) for line in path.read_text().splitlines() if mark in line)
+    return {name.strip(): value.strip() for name, value in lines}
+
+
+def ridal_facts(header, samples, megahertz):
+    """Return what ridal takes from a header: the delays, s, the antenna's frequency, Hz, and separation, m."""
+    return {
+        "delay": np.arange(samples) / (megahertz * 1e6),
+        "separation": float(header["ANTENNA SEPARATION"]),
+        "traces": int(header["NUMBER OF TRACES" if "NUMBER OF TRACES" in header else "LAST TRACE"]),
+    }
+
+
+def ridal_mala(path):
+    """Return the counts (trace, sample) and the facts of an RD3: words of 16 bits, SAMPLES of them a trace."""
+    header = ridal_header(path.with_suffix(".RAD"), ":")
+    samples = int(header["SAMPLES"])
+    words = np.frombuffer(path.read_bytes(), "<i2")
+    width = words.size // samples
+    facts = ridal_facts(header, samples, float(header["FREQUENCY"]))
+    facts["frequency"] = 1e6 * float(header["ANTENNAS"].split("MHz")[0])
+    return words[: width * samples].reshape(width, samples), facts
+
+
+def ridal_cor(path):
+    """Return trace (from 0), longitude, latitude and height of every line of a COR that has its ten columns."""
+    rows = []
+    for line in path.read_text().splitlines():
+        cells = line.split()
+        if len(cells) < 10:
+            continue
+        latitude = float(cells[3]) * (-1 if cells[4] == "S" else 1)
+        longitude = float(cells[5]) * (-1 if cells[6] == "W" else 1)
+        rows.append([int(cells[0]) - 1, longitude, latitude, float(cells[7])])
+    return np.array(rows)
+
+
+def ridal_dt1(path):
+    """Return the counts (trace, sample) and the facts of a DT1: words of 16 bits behind 128 bytes of header."""
+    header = ridal_header(path.with_suffix(".hd"), "=")
+    samples = int(header["NUMBER OF PTS/TRC"])
+    facts = ridal_facts(header, samples, 1000 * samples / float(header["TOTAL TIME WINDOW"]))
+    facts["frequency"] = 1e6 * float(header["NOMINAL FREQUENCY"])
+    record = np.dtype([("header", "V128"), ("samples", "<i2", samples)])
+    return np.frombuffer(path.read_bytes(), record, facts["traces"])["samples"], facts
+
+
+def ridal_gp2(path):
+    """Return trace (from 0), longitude, latitude and height of a GP2, the first line of every trace."""
+    rows = []
+    for line in path.read_text().splitlines():
+        if line.startswith((";", "traces")):
+            continue
+        trace, _, _, _, sentence = line.split(",", 4)
+        if rows and rows[-1][0] == int(trace) - 1:
+            continue
+        cells = sentence.split(",")
+        latitude = float(cells[2][:2]) + float(cells[2][2:]) / 60
+        longitude = float(cells[4][:3]) + float(cells[4][3:]) / 60
+        latitude *= -1 if cells[3] == "S" else 1
+        longitude *= -1 if cells[5] == "W" else 1
+        rows.append([int(trace) - 1, longitude, latitude, float(cells[9])])
+    return np.array(rows)
+
+
+def check_by_ridal(read, counts, facts, fixes):
+    """Compare a line with what ridal computes of it; ridal puts time zero at the first sample."""
+    np.testing.assert_array_equal(read.traces[:, 0], counts)
+    np.testing.assert_allclose(read.delay - read.delay[0], facts["delay"], rtol=1e-9)
+    assert len(read.traces) == facts["traces"]
+    assert read.separation == facts["separation"]
+    assert read.frequencies == (facts["frequency"],)
+    np.testing.assert_allclose(read.fixes, fixes, atol=1e-9)
+
+
+SIDES = [(LATITUDE, LONGITUDE), (-LATITUDE, LONGITUDE - 90)]
+"""North and east, south and west."""
+
+
+@pytest.mark.parametrize(("latitude", "longitude"), SIDES)
+def test_an_rd3_and_its_cor_are_those_that_ridal_computes(latitude, longitude, tmp_path):
+    path = write_mala(tmp_path / "a.rd3", COUNTS)
+    lines = ["trace date time latitude"]
+    for k in range(0, TRACES, 4):
+        place = f"{abs(latitude[k]):.9f}\t{'N' if latitude[k] > 0 else 'S'}\t"
+        place += f"{abs(longitude[k]):.9f}\t{'E' if longitude[k] > 0 else 'W'}"
+        lines.append(f"{k + 1}\t2024-04-04\t9:00:{k:02d}\t{place}\t{400 + k / 8}\tM\t1")
+    path.with_suffix(".cor").write_text("\n".join(lines))
+    fixes = ridal_cor(path.with_suffix(".cor"))
+    assert len(fixes) == 8
+    check_by_ridal(read_gpr(path), *ridal_mala(path), fixes)
+
+
+@pytest.mark.parametrize(("latitude", "longitude"), SIDES)
+def test_a_dt1_and_its_gp2_are_those_that_ridal_computes(latitude, longitude, tmp_path):
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    traces = np.array([0, 5, 5, 9, 20])
+    lines = gps_lines(traces, latitude[traces + [0, 0, 1, 0, 0]], longitude[traces], "gp2")
+    path.with_suffix(".gp2").write_text(lines.replace('"', ""))
+    fixes = ridal_gp2(path.with_suffix(".gp2"))
+    assert fixes[:, 0].tolist() == [0, 5, 9, 20]
+    check_by_ridal(read_gpr(path), *ridal_dt1(path), fixes)
 
 
 # --- scikit-rf

@@ -18,6 +18,7 @@ from flgpr.formats.mapped import import_mapped
 from flgpr.store import open_run
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table
+from io_open import write_su
 
 # --- one bad part never blocks the rest
 
@@ -61,6 +62,19 @@ def test_parts_of_an_hdf5_that_are_no_numbers_are_named(odd_hdf5):
     np.testing.assert_array_equal(opened.read("radar/short"), ["HH", "VV"])
     assert opened.read("radar/pair").dtype == np.complex64
     np.testing.assert_array_equal(opened.read("radar/data"), np.arange(12.0).reshape(3, 4))
+
+
+def test_a_file_without_a_signal_and_one_without_a_mapping_are_told_apart(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["names"] = np.array(["left", "right"], dtype=h5py.string_dtype())
+        file["flags"] = np.array([True, False])
+    with pytest.raises(ValueError, match="no array of this HDF5 file can be a signal"):
+        propose_mapping(tmp_path / "a.h5")
+    (tmp_path / "a.nmea").write_text("$GPGGA,123519.25,,,,,0,,,,M,,M,,*00\n")
+    with pytest.raises(ValueError, match="a NMEA 0183 log is read without a mapping"):
+        propose_mapping(tmp_path / "a.nmea")
+    with pytest.raises(ValueError, match="a Seismic Unix is read without a mapping"):
+        propose_mapping(write_su(tmp_path / "a.su", np.ones((4, 64))))
 
 
 def test_members_of_an_archive_that_are_no_numbers_are_named(tmp_path):
@@ -167,6 +181,16 @@ def test_tables_in_every_encoding(encoding, tmp_path):
 
 
 VNA = "!CSV A.01.01\n!Agilent\nBEGIN CH1_DATA\nFreq(Hz),S21(REAL),S21(IMAG)\n1e9,0.1,0.2\n2e9,0.3,0.4\nEND\n"
+
+
+@pytest.mark.parametrize("mark", [";", ","])
+def test_a_mark_at_the_end_of_every_line_makes_no_column(mark, tmp_path):
+    """Rohde & Schwarz analysers write tables so."""
+    lines = ["freq[Hz];re:Trc1_S21;im:Trc1_S21;", "1e9;0.1;0.2;", "2e9;0.3;0.4;"]
+    (tmp_path / "a.csv").write_text("\n".join(lines).replace(";", mark) + "\n")
+    opened = open_arrays(tmp_path / "a.csv")
+    assert list(opened.arrays) == ["table", "freq[Hz]", "re:Trc1_S21", "im:Trc1_S21"]
+    np.testing.assert_array_equal(opened.read("table"), [[1e9, 0.1, 0.2], [2e9, 0.3, 0.4]])
 
 
 def test_a_network_analysers_table(tmp_path):

@@ -165,23 +165,25 @@ def test_reproduce_names_the_papers_it_knows(tmp_path):
 
 def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, monkeypatch):
     class Study:
+        PAGE = "wang2007.html"
+
         @staticmethod
         def reproduce(folder, quick, _, world):
             folder.mkdir(exist_ok=True, parents=True)
             write_findings(folder, MADE_UP["wang2007"], quick, world=world)
-            (folder / "index.html").write_text("quick" if quick else "full")
-            return folder / "index.html"
+            (folder / "wang2007.html").write_text("quick" if quick else "full")
+            return folder / "wang2007.html"
 
     monkeypatch.setattr(overview, "study_of", lambda _: Study)
     words = ["reproduce", "wang2007", "-o", str(tmp_path / "w")]
-    assert "there already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
+    assert "exists already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
     again = CliRunner().invoke(app, [*words, "--quick"])
     assert again.exit_code == 0
-    assert "index.html is there already" in again.stderr
+    assert "wang2007.html exists already" in again.stderr
     full = CliRunner().invoke(app, words)
     assert full.exit_code == 2
     assert "with the quick form: choose another output" in full.stderr
-    assert (tmp_path / "w" / "index.html").read_text() == "quick"
+    assert (tmp_path / "w" / "wang2007.html").read_text() == "quick"
     as_found = CliRunner().invoke(app, [*words, "--quick", "--world", "as-found"])
     assert as_found.exit_code == 0
     assert (

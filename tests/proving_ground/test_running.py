@@ -422,7 +422,7 @@ def test_the_commands_run_and_tell(field):
     before = digests(out)
     result = CliRunner().invoke(app, run)
     assert result.exit_code == 0, result.output
-    assert "index.html is there already" in result.stderr
+    assert "index.html exists already" in result.stderr
     assert digests(out) == before
     result = CliRunner().invoke(app, ["benchmark", "run", "-o", str(out), "--quick"])
     assert result.exit_code == 2

@@ -73,7 +73,14 @@ def test_the_truth_of_a_score_is_read_back_and_a_foreign_one_refused(tmp_path):
 def test_without_soil_no_shift_is_expected(tmp_path):
     _, scored = score_of(tmp_path / "result")
     truth = scored[0].matched.truth
-    assert np.isnan(expected_shift(truth, {})).all()
+    for described in (
+        {},
+        {"soil": 5},
+        {"soil": [{}]},
+        {"soil": {}},
+        {"soil": {"permittivity": "4"}},
+    ):
+        assert np.isnan(expected_shift(truth, described)).all()
     run = {"soil": {"permittivity": 4.0}, "pose": [[0.0, -8.0, 3.0, 0.0, 0.0, 0.0]]}
     shift = expected_shift(truth, run)
     assert 0 < shift[0] < 0.3

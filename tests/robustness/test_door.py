@@ -29,7 +29,7 @@ from flgpr.chain.model import describe_model, load_model, save_model
 from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, parse_json, read_named
 from flgpr.execution.checkpoint import Checkpoint, begin
-from flgpr.formats import gprmax
+from flgpr.formats import gprmax_decks
 from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
 from flgpr.proving_ground.running import read_costs, read_ground
 from flgpr.results.result import add_files, read_result
@@ -121,7 +121,7 @@ def benchmark_folder(home):
 
 def decks_folder(home):
     (home / "decks").mkdir()
-    told = dict.fromkeys(gprmax._NEEDED, "") | {"format": gprmax.FORMAT}
+    told = dict.fromkeys(gprmax_decks._NEEDED, "") | {"format": gprmax_decks.FORMAT}
     (home / "decks" / "manifest.json").write_text(json.dumps(told))
     return home / "decks"
 
@@ -200,7 +200,7 @@ KINDS = {  # how a folder is made and read, and which of its files are damaged
         ["ground.json"],
     ),
     "costs": (benchmark_folder, read_costs, ["costs.json"]),
-    "gprMax decks": (decks_folder, gprmax.read_manifest_of_decks, ["manifest.json"]),
+    "gprMax decks": (decks_folder, gprmax_decks.read_manifest_of_decks, ["manifest.json"]),
 }
 UNDIGESTED = {"score", "incoming", "benchmark", "costs", "gprMax decks"}
 """Folders whose files have no digest: a byte more makes no difference in them."""
@@ -751,4 +751,4 @@ def test_a_result_of_gprmax_cannot_lead_out(tmp_path):
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (tmp_path / "secret.h5").write_text("secret")
     with pytest.raises(ValueError, match="must be relative and stay inside"):
-        gprmax.GprmaxRun(folder)
+        gprmax_decks.GprmaxRun(folder)

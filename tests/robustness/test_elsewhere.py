@@ -1,6 +1,7 @@
 """Nothing that a file or the working folder holds leads to other files, or to code: recordings, maps, settings."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,13 +9,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import flgpr
+from flgpr.commands.app import app
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file
-from flgpr.formats.gprmax import explain_merged, read_gprmax
+from flgpr.formats.gprmax import read_gprmax
+from flgpr.formats.gprmax_explain import explain_merged
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.geo.anchor import lonlat_of, transform_lonlat
+from flgpr.store import sample_lane, save_run, seal, unseal
 
 SECRET = np.arange(64.0) + 1000
 
@@ -198,7 +203,7 @@ def test_nothing_else_is_looked_for_in_the_working_folder(tmp_path):
         "os.stat = note\n"
         "sys.addaudithook(lambda event, given: looked.add(given[0]) if event == 'open'\n"
         "    and isinstance(given[0], str) and not os.path.isabs(given[0]) else None)\n"
-        "import flgpr.kernels.compiled, flgpr.report.figures, flgpr.geo.anchor\n"
+        "import flgpr.jit.compiled, flgpr.report.figures, flgpr.geo.anchor\n"
         "import flgpr.formats.arrays, flgpr.viewer.server\n"
         "from flgpr.report.kit import figure_png\n"
         "from matplotlib.figure import Figure\n"
@@ -208,3 +213,69 @@ def test_nothing_else_is_looked_for_in_the_working_folder(tmp_path):
     ran = command(tmp_path, program, module=("-P", "-c"))
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.strip() == "[]"
+
+
+@pytest.fixture
+def own_result(demo, tmp_path):
+    """A copy of a result whose manifest may be forged, and is then replayed."""
+    folder = shutil.copytree(demo[0].folder, tmp_path / "result")
+
+    def forge(**changes):
+        manifest = unseal((folder / "manifest.json").read_bytes())
+        content = {name: value for name, value in manifest.items() if name != "sha256"}
+        for name, value in changes.items():
+            (content if name == "section" else content["run"])[name] = value
+        (folder / "manifest.json").write_bytes(seal(content))
+        return CliRunner().invoke(app, ["replay", str(folder), "--quiet"])
+
+    return forge
+
+
+@pytest.mark.parametrize(
+    "path", ["pipe", "/dev/zero", "/etc/passwd", "no-store", "\0", "", 5, None, ["a"]]
+)
+def test_a_result_can_name_nothing_as_its_run_but_a_store(own_result, tmp_path, path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "no-store").mkdir()
+    os.mkfifo(tmp_path / "no-store" / "commit.json")
+    here = path in ("pipe", "no-store")
+    ran = own_result(path=str(tmp_path / path) if here else path)
+    assert ran.exit_code == 2, (ran.output, ran.exception)
+    assert ran.stderr.count("error: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("title", 5),
+        ("scans", [{}]),
+        ("scans", -1),
+        ("masked_scans", 5),
+        ("masked_scans", [{}]),
+        ("motion", 5),
+        ("motion", {"scans": ["a"]}),
+        ("motion", {"notes": 5}),
+        ("polarizations", 5),
+        ("pose", [[{}]]),
+        ("frequency_hz", [1.0]),
+        ("store_sha256", 5),
+        ("others", ["a"]),
+        ("others", {"x": "/etc/passwd"}),
+        ("others", {"x": {"path": "/etc", "store_sha256": "0"}}),
+        ("section", 5),
+        ("section", {"rows": [1], "lane": {}, "threshold": 0}),
+    ],
+)
+def test_what_a_forged_manifest_says_of_runs_and_sections_is_refused(own_result, name, value):
+    ran = own_result(**{name: value})  # as every command that reads the result
+    assert ran.exit_code == 2, (ran.output, ran.exception)
+    assert ran.stderr.count("error: ") == 1
+
+
+def test_a_result_can_name_no_other_run_than_that_it_was_made_of(own_result, tmp_path):
+    run = flgpr.open_run(sample_lane() / "run.zarr").load()
+    other = save_run(run.assign_attrs(title="another"), tmp_path / "other.zarr")
+    ran = own_result(path=str(other))
+    assert ran.exit_code == 2, (ran.output, ran.exception)
+    assert "run must be the one the result was made of" in ran.stderr
+    assert str(other) in ran.stderr

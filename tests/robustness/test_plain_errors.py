@@ -129,6 +129,7 @@ def test_a_name_that_is_too_long_is_refused_and_leaves_nothing(command, inputs, 
 @pytest.mark.parametrize(
     ("number", "rule"),
     [
+        (errno.ENOSPC, "must have room"),
         (errno.EROFS, "must not be read-only"),
         (errno.EACCES, "must be allowed"),
         (errno.EIO, "the disk must work"),
@@ -218,8 +219,8 @@ def messages(tree):
             "warn",
             "Option",
             "Argument",
-            "tell_finished",
-            "other_output",
+            "log_finished",
+            "output_exists_error",
             "ValueError",
         )
         if isinstance(node, ast.Raise) or spoken or name.endswith("Error"):

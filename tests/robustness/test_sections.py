@@ -20,9 +20,10 @@ from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_alarms, score_result
-from flgpr.execution import driver
+from flgpr.execution import lane_sections
 from flgpr.execution.checkpoint import finish
-from flgpr.execution.driver import detect_lane, results_at
+from flgpr.execution.driver import detect_lane
+from flgpr.execution.finished import results_at
 from flgpr.execution.workers import InProcess
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result
@@ -141,7 +142,7 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
                 detect_lane(job, executor, note=note, longest=2.0)
             assert not (tmp_path / "result").exists()
         with monkeypatch.context() as patch:
-            patch.setattr(driver, "finish", stop)
+            patch.setattr(lane_sections, "finish", stop)
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
         assert len(done) == len(set(done)) > 20
@@ -259,12 +260,12 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     ]
     told = CliRunner().invoke(app, [*words, "--section", "4", "--quiet"])
     assert told.exit_code == 2
-    assert "--overwrite makes it anew" in told.stderr
+    assert "--overwrite makes it again" in told.stderr
     assert content(output) == lane.content
     for again in (["--overwrite", "--quiet"], []):
         told = CliRunner().invoke(app, [*words, "--section", "4", *again])
         assert told.exit_code == 0, told.output
-    assert told.stderr.startswith(f"{output} is there already")
+    assert told.stderr.startswith(f"{output} exists already")
     assert len(results_at(output)) == 2
     assert not (output / "manifest.json").exists()
     told = CliRunner().invoke(app, ["score", str(output), "--truth", str(truth), "--json"])

@@ -131,11 +131,11 @@ RECORDING = "a recording that a user named: `existing` refuses pipes, and its ow
 GUARDED = "a library reads it, of a file that `existing` let pass; of damaged ones a child process tries that before"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
-    "proving_ground/ground.py load_ground": ({"read_text"}, OWN),
+    "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
     "proving_ground/running.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
     "proving_ground/table.py same_lanes": ({"read_text"}, OWN),
     "chain/recipe.py recipe_text": ({"read_text"}, OWN),
-    "kernels/compiled.py _text": ({"read_bytes"}, OWN),
+    "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
     "model/faults.py load_preset": ({"read_bytes"}, OWN),
     "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
@@ -152,7 +152,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/outputs.py _hold": ({"open"}, LOCKED),
     "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
-    "kernels/compiled.py _held": ({"open"}, JUST_WRITTEN),
+    "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/blind.py seal_truth": ({"open"}, JUST_WRITTEN),
     "simulate/bodies/signature/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
@@ -169,7 +169,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "geo/basemap.py map_backdrop": ({"open"}, GUARDED),
     "formats/child.py probe_hdf5": ({"File"}, GUARDED),
     "formats/gprmax.py is_gprmax": ({"File"}, GUARDED),
-    "formats/gprmax.py explain_merged": ({"File"}, GUARDED),
+    "formats/gprmax_explain.py explain_merged": ({"File"}, GUARDED),
     "formats/gprmax.py _read": ({"File"}, GUARDED),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),

@@ -8,9 +8,7 @@ from flgpr.simulate import Scene, Simulator, simulate, sites
 from flgpr.simulate.bodies.echoes import Echoes, Ground
 from flgpr.simulate.bodies.rims import cylinder
 from flgpr.simulate.bodies.targets import _cover_factor, add_target
-from flgpr.simulate.ground.field import SurfaceField, jittered
 from flgpr.simulate.ground.roughness import surface_backscatter
-from flgpr.simulate.scene.scene import Surface
 from flgpr.simulate.simulator import array_state, system_response
 from simulate.conftest import BARE, STILL
 
@@ -276,67 +274,7 @@ def test_clutter_images_have_the_level_of_sigma0_and_rayleigh_statistics(quiet, 
     )  # Rayleigh amplitude: exponential intensity
 
 
-def test_every_scatterer_has_a_cell_of_its_own_and_power_is_shared_out_evenly():
-    """Three in a resolution cell give its power less spread than ten strewn at random do: 0.03 against 0.05."""
-    field = SurfaceField(Surface(texture_shape=None), (), 7.0, seed=1)
-    assert field.per_tile == 9
-    tile = np.floor((field.tile(2, 3).xy - [2, 3]) * 3).astype(int)
-    assert len({tuple(cell) for cell in tile}) == 9
-    rng = np.random.default_rng(0)
-    spread = []
-    for cells in ((26, 26), (47, 47)):  # 3 and 10 per cell of 1 in 15 x 15
-        power = []
-        for _ in range(400):
-            place = (
-                15 * (jittered(rng, cells) if cells[0] == 26 else rng.random((47 * 47, 2))) - 7.5
-            )
-            power.append(np.prod(np.sinc(place) ** 2, axis=1).sum() * 225 / len(place))
-        assert np.mean(power) == pytest.approx(1, abs=0.05)
-        spread.append(np.var(power))
-    assert spread[0] < 0.75 * spread[1]
-
-
-@pytest.mark.parametrize(("shape", "want"), [(None, 2.0), (2.0, 3.0), (5.0, 2.4)])
-def test_scatterers_are_k_distributed(shape, want):
-    """E|z|⁴/(E|z|²)² is 2(1 + 1/ν) for texture of shape ν, and 2 without."""
-    surface = Surface(texture_shape=shape, texture_length=0.3, correlation=0.65)
-    field = SurfaceField(surface, (), 40.0, seed=1)
-    z = np.concatenate([field.tile(i, j).amplitude for i in range(30) for j in range(30)])
-    power = np.abs(z[:, 0].astype(complex)) ** 2
-    assert np.mean(power**2) / np.mean(power) ** 2 == pytest.approx(want, rel=0.08)
-    assert power.sum() == pytest.approx(900, rel=0.08)
-    assert np.abs(np.vdot(z[:, 0], z[:, 1])) / np.linalg.norm(z[:, 0]) / np.linalg.norm(
-        z[:, 1]
-    ) == pytest.approx(0.65, abs=0.03)
-
-
 def test_clutter_decorrelates_with_frequency(clutter):
     a = clutter[:4, 0, 0].ravel()
     b = clutter[:4, 0, 1].ravel()
     assert np.abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b) < 0.25
-
-
-def test_a_site_of_ones_own_stands_where_the_scene_says_nothing(tmp_path):
-    own = tmp_path / "track.toml"
-    own.write_text(
-        '[soil]\nmodel = "fixed"\npermittivity = 5.0\n[surface]\nrms_height = 0.007\n',
-        encoding="utf-8",
-    )
-    scene = Scene(site=str(own), surface={"slope": 0.1})
-    assert (scene.soil.permittivity, scene.surface.rms_height, scene.surface.slope) == (
-        5.0,
-        0.007,
-        0.1,
-    )
-    assert Scene.model_validate(scene.model_dump()) == scene
-    for text, message in (
-        ("[soil", "must be TOML"),
-        ("[lane]\nx = 1\n", "tables of a site alone, got lane"),
-    ):
-        own.write_text(text, encoding="utf-8")
-        with pytest.raises(ValueError, match=message):
-            Scene(site=str(own))
-    with pytest.raises(
-        ValueError, match=r"site must be one of arid-sand, .* or a TOML file that is there, got"
-    ):
-        Scene(site=str(tmp_path / "none.toml"))

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy.integrate import quad
 from scipy.special import j1
 from scipy.stats import kstest
 
@@ -107,34 +106,6 @@ def test_stones_are_as_many_and_as_large_as_their_law(quiet):
     assert kstest(radii, lambda r: law(r) ** 1.15).pvalue < 1e-3  # the test can tell
 
 
-def test_a_stone_is_a_dipole_when_small_and_optical_when_large():
-    k = 20.0
-    es = 4.0
-    er = 7.0
-    amplitude, _ = inclusions.stone([0.002, 3.0], er, es, k)
-    dipole = k**2 * es * 0.002**3 * (er - es) / (er + 2 * es)
-    assert amplitude[0] ** 2 == pytest.approx(4 * np.pi * dipole**2, rel=0.01)
-    face = (np.sqrt(er) - np.sqrt(es)) / (np.sqrt(er) + np.sqrt(es))
-    assert amplitude[1] ** 2 == pytest.approx(np.pi * 3.0**2 * face**2, rel=0.01)
-    assert inclusions.stone(0.03, es, es, k)[0] == 0  # a stone like its soil is not there
-    assert inclusions.stone(0.03, 3.0, es, k)[0] < 0
-
-
-def test_spheroids_have_the_polarizability_of_their_limits():
-    along, across = inclusions.spheroid([1.0, 1.0005, 1e-4, 200.0], 6.0, 3.0)
-    np.testing.assert_allclose(along[:2], 1, atol=1e-3)
-    np.testing.assert_allclose(across[:2], 1, atol=1e-3)
-    sphere = (6 + 2 * 3) / 3
-    assert along[2] == pytest.approx(sphere / 6, rel=1e-3)  # a flat disc hides its inside: N = 1
-    assert across[2] == pytest.approx(sphere / 3, rel=1e-3)
-    assert along[3] == pytest.approx(sphere / 3, rel=1e-3)  # a needle: N = 0
-    assert across[3] == pytest.approx(sphere / 4.5, rel=1e-3)  # N = 1/2
-    prolate, _ = inclusions.spheroid(2.0, 6.0, 3.0)
-    assert sphere / prolate - 3 == pytest.approx(
-        0.1736 * 3, rel=1e-3
-    )  # tabulated depolarization factor of 2:1
-
-
 def test_buried_spheres_have_the_ratio_of_transmissions_and_no_cross(quiet):
     places = [(0.0, 7.0), (-3.0, 12.0), (2.0, 26.0)]
     layer, ground = flat_layer(given(places, 0.0), DRY, quiet)
@@ -183,20 +154,6 @@ def test_a_buried_point_is_focused_at_its_apparent_shift(quiet):
     assert shift > 0.2
     assert grid.y[row] == pytest.approx(12.0 + shift, abs=0.02)
     assert grid.x[column] == pytest.approx(0.0, abs=0.02)
-
-
-def test_the_spectrum_of_the_uneven_soil_is_that_of_its_correlation():
-    """Along one axis of isotropic soil the transform is 4π/K·∫ C(r)·r·sin(Kr) dr."""
-    k = 12.0
-    s = 0.9
-    length = 0.03
-    deviation = 0.4
-    soil = 4.0
-    wave = 2 * k * np.sqrt(soil)
-    integral = quad(lambda r: r * np.exp(-r / length), 0, np.inf, weight="sin", wvar=wave)[0]
-    want = k**4 / (4 * np.pi) * deviation**2 * 4 * np.pi / wave * integral
-    got = inclusions.volume_backscatter(k, s, soil, deviation, length, length)
-    assert got == pytest.approx(want, rel=1e-3)
 
 
 @pytest.mark.parametrize("tone", [20, 128, 230])
@@ -332,17 +289,3 @@ def test_switched_off_it_is_the_world_without(few_tones):
         assert not np.array_equal(one.scan(0), bare.scan(0)), name
         assert one.truth.equals(bare.truth), name
         assert one.objects[one.objects["kind"] != "hole"].equals(bare.objects), name
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"stones": {"density": -1}}, "density"),
-        ({"stones": {"radius": (0.05, 0.01)}}, "least < greatest"),
-        ({"holes": {"over": 1.5}}, "over"),
-        ({"roots": {"lenght": 1.0}}, "lenght"),
-    ],
-)
-def test_bad_tables_are_refused(table, message):
-    with pytest.raises(ValueError, match=message):
-        Scene(**table)

@@ -53,14 +53,26 @@ def test_columns_are_known_in_six_languages(head, tmp_path):
 @pytest.mark.parametrize(
     ("text", "encoding", "note"),
     [
-        ("x\ty\tconfidence\n0,25\t3,5\t7\n-0,5\t10,25\t9\n", "utf-8", "columns are parted by tabs"),
-        ("x\ty\tconfidence\n0.25\t3.5\t7\n-0.5\t10.25\t9\n", "utf-8", "columns are parted by tabs"),
+        (
+            "x\ty\tconfidence\n0,25\t3,5\t7\n-0,5\t10,25\t9\n",
+            "utf-8",
+            "columns are separated by tabs",
+        ),
+        (
+            "x\ty\tconfidence\n0.25\t3.5\t7\n-0.5\t10.25\t9\n",
+            "utf-8",
+            "columns are separated by tabs",
+        ),
         (
             "# made by us\n# twice\nx,y,confidence\n0.25,3.5,7\n#-1,2,3\n-0.5,10.25,9\n",
             "utf-8",
             "3 lines that begin",
         ),
-        ("# x,y,confidence\n0.25,3.5,7\n-0.5,10.25,9\n", "utf-8", "the header stands behind a #"),
+        (
+            "# x,y,confidence\n0.25,3.5,7\n-0.5,10.25,9\n",
+            "utf-8",
+            "the header is commented out by a #",
+        ),
         ("sep=;\nx;y;confidence\n0,25;3,5;7\n-0,5;10,25;9\n", "utf-8", None),
         (
             "x;längs;confidence\n0,25;3,5;7\n-0,5;10,25;9\n",

@@ -11,7 +11,7 @@ import pytest
 
 from flgpr.results.result import add_files, are_settled, read_result
 from flgpr.store.files import replace_folder, write_whole
-from flgpr.store.outputs import BusyError, held_folder, same_content, whole_output, write_new
+from flgpr.store.outputs import BusyError, atomic_output, locked_folder, same_content, write_new
 from robust import digests
 from small_results import small_result
 
@@ -25,7 +25,7 @@ def test_a_new_file_stays_if_it_is_the_same_and_is_never_written_over(tmp_path, 
     before = (tmp_path / "a").stat()
     with caplog.at_level("INFO", "flgpr.outputs"):
         write_new(tmp_path / "a", b"one")
-    assert "a is there already" in caplog.text
+    assert "a exists already" in caplog.text
     with pytest.raises(
         FileExistsError, match=r"must not exist yet, got .*a, which holds something else"
     ):
@@ -45,7 +45,7 @@ def test_one_that_appears_meanwhile_is_not_written_over(links, tmp_path, monkeyp
         )
 
     def late():
-        with whole_output(tmp_path / "a") as made:
+        with atomic_output(tmp_path / "a") as made:
             made.write_text("mine")
             (tmp_path / "a").write_text("another's")
 
@@ -59,7 +59,7 @@ def test_one_that_appears_meanwhile_is_not_written_over(links, tmp_path, monkeyp
 
 def test_a_folder_is_whole_or_absent_and_may_hold_more_only_where_that_is_said(tmp_path):
     def make(text="one", **options):
-        with whole_output(tmp_path / "a", **options) as made:
+        with atomic_output(tmp_path / "a", **options) as made:
             made.mkdir()
             (made / "x").write_text(text)
 
@@ -75,7 +75,7 @@ def test_a_folder_is_whole_or_absent_and_may_hold_more_only_where_that_is_said(t
     assert not same_content(tmp_path / "a", tmp_path / "a" / "x")
 
     def fail():
-        with whole_output(tmp_path / "b") as made:
+        with atomic_output(tmp_path / "b") as made:
             made.mkdir()
             raise KeyError
 
@@ -117,14 +117,14 @@ def test_a_copy_that_somebody_named_old_is_kept(tmp_path):
 
 
 def test_another_process_at_the_same_output_is_refused_or_waited_for(tmp_path):
-    with whole_output(tmp_path / "a") as made:
+    with atomic_output(tmp_path / "a") as made:
         made.write_text("first")
         with pytest.raises(BusyError, match="another process is writing here"):
             write_new(tmp_path / "a", "second")
     assert (tmp_path / "a").read_text() == "first"
     (tmp_path / "f").mkdir()
     order = []
-    with held_folder(tmp_path / "f"):
+    with locked_folder(tmp_path / "f"):
         waiting = threading.Thread(target=lambda: hold_and(order.append, tmp_path / "f"))
         waiting.start()
         order.append("first")
@@ -134,7 +134,7 @@ def test_another_process_at_the_same_output_is_refused_or_waited_for(tmp_path):
 
 
 def hold_and(tell, folder):
-    with held_folder(folder, wait=True):
+    with locked_folder(folder, wait=True):
         tell("second")
 
 

@@ -233,7 +233,7 @@ def test_a_store_of_the_same_run_is_left_as_it_is_and_one_of_another_is_refused(
     times = {p: p.stat().st_mtime_ns for p in files_of(path)}
     with caplog.at_level("INFO", "flgpr.outputs"):
         assert save_run(small_run, path, resume=True) == path
-    assert "a.zarr is there already" in caplog.text
+    assert "a.zarr exists already" in caplog.text
     for other, difference in (
         (small_run.assign(signal=2 * small_run["signal"]), r"inputs\.signal"),
         (small_run.assign_attrs(site="field"), r'attrs\.site is "yard", this one\'s "field"'),

@@ -14,7 +14,7 @@ from flgpr.commands.app import app
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_result
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.results.result import read_result

@@ -29,7 +29,7 @@ from flgpr.trials import (
     seal_truth,
 )
 from flgpr.trials.blind import FORMAT, Registration
-from flgpr.trials.ledger import enter, read_book
+from flgpr.trials.ledger import enter, read_checked_register
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(
@@ -222,7 +222,7 @@ def test_a_lost_last_line_shows_beside_a_report_and_beside_a_witness(tmp_path):
     book.write_bytes(b"".join(whole.splitlines(keepends=True)[:2]))
     assert len(read_register(book)) == 2  # the chain itself fits
     with pytest.raises(ValueError, match=r"lacks line 3: it has 2, and .*witness.jsonl saw 3"):
-        read_book(watched)
+        read_checked_register(watched)
     with pytest.raises(ValueError, match=r"lacks line 3: it has 2, and the report tells 3"):
         check_head(read_register(book), told, book, "the report")
     with pytest.raises(ValueError, match="lacks line 3"):
@@ -239,7 +239,7 @@ def test_a_lost_last_line_shows_beside_a_report_and_beside_a_witness(tmp_path):
         register(watched, event="anew")
     register(book, event="anew")
     with pytest.raises(ValueError, match="one that begins otherwise"):
-        read_book(watched)
+        read_checked_register(watched)
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
 
     For training they end where the first stage that has not learnt yet has its examples.
     """
-    # What stages need of the raw data beforehand, such as a field that stands still.
+    # What stages need of the raw data first, such as a field that stands still.
     passes = lane.stage_passes()
 
     # The background: the self-signature with the gain of every scan (Eq. 2), and the gain

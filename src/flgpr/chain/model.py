@@ -16,7 +16,7 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 FORMAT = "flgpr-model"
 VERSION = 1
@@ -80,6 +80,17 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     return names
 
 
+def trained_on(model: Model | None, store_sha256: str) -> bool:
+    """Return whether a model was trained on the run of this digest, by its own notes.
+
+    A model that was made by another program may have no such note; it counts as not trained on it.
+    """
+    if model is None:
+        return False
+    runs = model.notes.get("runs", [])
+    return isinstance(runs, list) and store_sha256 in runs
+
+
 def save_model(
     model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None
 ) -> Path:
@@ -124,7 +135,7 @@ def save_model(
         for name, array in group.items():
             arrays[f"{stage}.{name}"] = array
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with whole_output(folder, replace=True) as partial:
+    with atomic_output(folder, replace=True) as partial:
         partial.mkdir()
         write_bundle(partial / MODEL_FILE, arrays, head, lasting=True)
     return folder

@@ -48,6 +48,8 @@ MOST_WINDOW = 1001
 """Most pixels across a window of the background."""
 HALF_LANE = 1.5
 """Half width of the lane that a run has where none is given, m."""
+LEAST_LOOKS = 2
+"""Scans that must see ground that is searched without a lane: run-views compare two looks."""
 RANKS = ("contrast", "magnitude")
 """Confidences that every recipe can rank alarms by."""
 
@@ -343,39 +345,62 @@ def as_imaged(run: xr.Dataset, recipe: Recipe) -> xr.Dataset:
 
 
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
-    """Return the recipe's lane or, where it has none, the ground that the run's scans cover.
+    """Return the recipe's lane or, where it has none, the ground that the run's scans see.
 
     That is 3 m wide about the vehicle's mean course or, with ``run_view.search`` "view", as wide as
-    the run-view, from the image's nearest row at the first scan to its nearest at the last, so that
-    all of it was looked at from near. Of a run that is taken as one scan it is what the image
-    covers up to ``run_view.y_max``.
+    the run-view, from the image's nearest row at the first scan to the farthest ground that
+    ``LEAST_LOOKS`` scans use. Of a run that is taken as one scan it is what the image covers up to
+    ``run_view.y_max``.
     """
     if recipe.lane is not None:
         return recipe.lane.lane()
     if recipe.image.frames == "all":
-        from flgpr.model import aperture_pose
-
-        pose = aperture_pose(plausible_run(run, recipe.motion))
-        corners = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), pose)
-        x_min, y_min = corners[:, :2].min(axis=0)
-        x_max, y_max = corners[:, :2].max(axis=0)
-        return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
-    return course_lane(recipe, run["pose"].values[judge_run(run, recipe.motion).plausible])
+        return _aperture_ground(run, recipe)
+    poses = run["pose"].values[judge_run(run, recipe.motion).plausible]
+    return course_lane(recipe, poses, farthest_seen(recipe, poses, LEAST_LOOKS))
 
 
-def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> Lane:
+def seen_lane(run: xr.Dataset, recipe: Recipe) -> Lane:
+    """Return the ground that any scan sees, as wide as :func:`lane_of` searches it."""
+    if recipe.image.frames == "all":
+        return _aperture_ground(run, recipe)
+    poses = run["pose"].values[judge_run(run, recipe.motion).plausible]
+    return course_lane(recipe, poses, farthest_seen(recipe, poses, 1))
+
+
+def _aperture_ground(run: xr.Dataset, recipe: Recipe) -> Lane:
+    """Return the ground that the image of a run taken as one scan covers."""
+    from flgpr.model import aperture_pose
+
+    pose = aperture_pose(plausible_run(run, recipe.motion))
+    corners = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), pose)
+    x_min, y_min = corners[:, :2].min(axis=0)
+    x_max, y_max = corners[:, :2].max(axis=0)
+    return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
+
+
+def farthest_seen(recipe: Recipe, poses: FloatArray, looks: int) -> float:
+    """Return the farthest y that so many scans use, m; all of them where there are fewer.
+
+    A scan uses ground up to the image's last row, and no farther ahead than ``run_view.y_max``.
+    """
+    farthest_row = min(recipe.image.y[1], recipe.run_view.y_max)
+    from_far_to_near = np.sort(poses[:, 1])[::-1]
+    last_look = min(looks, len(from_far_to_near)) - 1
+    return float(from_far_to_near[last_look] + farthest_row)
+
+
+def course_lane(recipe: Recipe, poses: FloatArray, end: float) -> Lane:
     """Return the lane about the course of a vehicle.
-
-    It reaches from the image's nearest row at the first pose to that at the last.
 
     Parameters
     ----------
     recipe : Recipe
         The recipe.
     poses : (scan, 6) ndarray
-        Poses in the lane frame.
-    end : float, optional
-        Where it ends instead, m: a vehicle that drives on has no last pose yet.
+        Poses in the lane frame. The lane begins at the image's nearest row of the first.
+    end : float
+        Where it ends, m.
     """
     nearest_row = recipe.image.y[0]
     if recipe.run_view.search == "view":
@@ -384,8 +409,7 @@ def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> 
         middle = float(np.median(poses[:, 0]))
         left, right = middle - HALF_LANE, middle + HALF_LANE
     first = float(poses[:, 1].min() + nearest_row)
-    last = float(poses[:, 1].max() + nearest_row) if end is None else end
-    return Lane(left, right, first, last)
+    return Lane(left, right, first, end)
 
 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:

@@ -94,9 +94,21 @@ def section_note(lane: Lane, section: Section) -> dict[str, Any]:
 
 
 def noted_section(entry: Mapping[str, Any]) -> tuple[Lane, Section]:
-    """Return the whole lane and the section of an entry that :func:`section_note` made."""
-    start, stop = entry["rows"]
-    return Lane(**entry["lane"]), Section(int(start), int(stop), float(entry["threshold"]))
+    """Return the whole lane and the section of an entry that :func:`section_note` made.
+
+    Raises
+    ------
+    ValueError
+        If the entry is none of these, as in a forged manifest.
+    """
+    try:
+        start, stop = entry["rows"]
+        return Lane(**entry["lane"]), Section(int(start), int(stop), float(entry["threshold"]))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError(
+            "section of the manifest must tell lane, rows and threshold as numbers, got "
+            f"{str(entry)[:80]!r}"
+        ) from None
 
 
 def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) -> float:

@@ -14,7 +14,7 @@ from flgpr.geo.anchor import Anchor, read_anchor
 from flgpr.model import Lane
 from flgpr.store import open_run, read_lane, save_run, write_whole
 from flgpr.store.files import existing, faults_of
-from flgpr.store.outputs import whole_output, write_new
+from flgpr.store.outputs import atomic_output, write_new
 from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
@@ -81,7 +81,7 @@ def write_anchor(text: str, path: PathLike) -> Path:
     """
     target = Path(path)
     # The reader checks the fit; only what it accepts gets the name of the output.
-    with whole_output(target) as trial:
+    with atomic_output(target) as trial:
         write_whole(trial, text)
         try:
             read_anchor(trial)

@@ -78,7 +78,7 @@ def demo(
     from flgpr.results.description import describe_run
     from flgpr.results.result import check_free, write_result
     from flgpr.store import open_run, sample_lane
-    from flgpr.store.outputs import OVERWRITE, tell_finished
+    from flgpr.store.outputs import OVERWRITE, log_finished
 
     track = track or silent
     lane_folder = sample_lane()
@@ -94,7 +94,7 @@ def demo(
 
     # The same recipes on the same run: there is nothing to do but to score.
     if not overwrite and _holds_demo(folder, description, text, compared):
-        tell_finished(folder, OVERWRITE)
+        log_finished(folder, OVERWRITE)
     else:
         lane = area_of(run, recipe)
         detections = [detect(run, recipe, lane, track)]
@@ -118,12 +118,12 @@ def _holds_demo(
     from flgpr.results.errors import ResultError
     from flgpr.results.result import read_result
     from flgpr.results.sections import SECTIONS
-    from flgpr.store.outputs import OVERWRITE, other_output
+    from flgpr.store.outputs import OVERWRITE, output_exists_error
 
     if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
         return False
 
-    refusal = other_output(folder, f"{OVERWRITE}, or choose another output")
+    refusal = output_exists_error(folder, f"{OVERWRITE}, or choose another output")
     try:
         result = read_result(folder)
     except ResultError:

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
 
+TRAINED_ON_THIS_RUN = (
+    "the model was trained on this very run: what it finds here says nothing of other ground"
+)
+
 
 def _before(call: Arguments) -> Iterator[str]:
     """Yield which recipe is used where none is named."""
@@ -40,7 +44,7 @@ def _before(call: Arguments) -> Iterator[str]:
 
 def _results(returned: Result | Survey) -> list[Result]:
     """Return the results of all lanes; a lane in sections counts as one result a section."""
-    from flgpr.execution.driver import results_at
+    from flgpr.execution.finished import results_at
     from flgpr.results.result import Result, read_result
 
     if isinstance(returned, Result) and results_at(returned.folder) == [returned.folder]:
@@ -71,6 +75,9 @@ def _lines_of_result(result: Result) -> Iterator[str]:
         left_out = f"{len(masked_scans)} of {run['scans']} scans"
         yield f"{left_out} left out for missing sweeps: {masked_scans}"
     yield from run.get("motion", {}).get("notes", [])
+    yield from run.get("searched", {}).get("notes", [])
+    if run.get("trained_on_this_run"):
+        yield TRAINED_ON_THIS_RUN
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
 
@@ -89,6 +96,8 @@ def _summary(result: Result) -> dict[str, Any]:
         "alarms": len(result.detections[0].alarms),
         "masked_scans": run["masked_scans"],
         "implausible_scans": run.get("motion", {}).get("scans", []),
+        "searched": run.get("searched", {}),
+        "trained_on_this_run": bool(run.get("trained_on_this_run", False)),
         "result": str(result.folder),
     }
 
@@ -186,7 +195,7 @@ def detect(
         others=other_runs,
         report=report,
         at_once=lanes_at_once,
-        how=options,
+        options=options,
         overwrite=overwrite,
     )
     return Survey(Path(output), folders)
@@ -207,11 +216,13 @@ def _detect_lane(
     from flgpr.chain.recipe_fit import area_of
     from flgpr.execution.driver import detect_lane
     from flgpr.execution.job import make_job
-    from flgpr.store import open_run, read_lane
+    from flgpr.execution.lane_choice import choose_lane
+    from flgpr.store import open_run
 
     text = _recipe_text(recipe, locations.run, model, options)
     parsed = parse_recipe(text, str(recipe))
-    lane = None if lane_file is None else read_lane(lane_file)
+    named_recipe = None if recipe is None else parsed
+    lane, lane_source = choose_lane(locations.run, lane_file, named_recipe)
     area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
 
     job = make_job(
@@ -224,6 +235,7 @@ def _detect_lane(
         max_memory=options.max_memory,
         others=locations.other_runs,
         pass_cache=options.pass_cache,
+        lane_source=lane_source,
     )
     with options.executor() as executor:
         detect_lane(job, executor, options.track, options.note, section, overwrite)

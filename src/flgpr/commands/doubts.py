@@ -7,7 +7,7 @@ import pandas as pd
 
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
-from flgpr.store.notes import tell_note
+from flgpr.store.notes import log_note
 
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
@@ -63,7 +63,7 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
 def tell_doubts(table: pd.DataFrame, kind: str, name: str, lanes: LaneLike) -> None:
     """Print the doubts of :func:`table_doubts` about a table from a file of that name."""
     for doubt in table_doubts(table, kind, lanes):
-        tell_note(f"{name}: {doubt}")
+        log_note(f"{name}: {doubt}")
 
 
 def _count_inside(table: pd.DataFrame, lanes: LaneLike, across: str, along: str) -> int:

@@ -24,7 +24,7 @@ from flgpr.results.score import read_scored_truth
 from flgpr.store import open_run, sha256
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value, parse_table
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) 
     target = check_parent_folder(output)
     dataset = open_run(run)
     lane_anchor = needed_anchor(anchor, dataset.attrs.get("georeference"), run)
-    with whole_output(target) as partial:
+    with atomic_output(target) as partial:
         write_cphd(dataset, partial, lane_anchor)
     return target
 
@@ -139,7 +139,7 @@ def export_result(
         target = Path(output)
         return _write_points(chosen.alarms, target, to, lane_anchor, "alarms", identity, time)
     target = check_parent_folder(output)
-    with whole_output(target) as partial:
+    with atomic_output(target) as partial:
         georeferenced.write_geotiff(chosen.view, partial, lane_anchor, identity)
     return target
 
@@ -197,7 +197,7 @@ def export_qgis(
         project = _project(loaded, chosen, lane_anchor, identity, layers)
         (folder / "lane.qgs").write_bytes(project)
         with (
-            whole_output(target) as partial,
+            atomic_output(target) as partial,
             zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as bundle,
         ):
             for path in sorted(folder.iterdir()):
@@ -302,7 +302,7 @@ def _write_points(
         raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
     check_parent_folder(output)
     points = georeferenced.georeference(rows, anchor, kind, identity, time)
-    with whole_output(output) as partial:
+    with atomic_output(output) as partial:
         if to == "geojson":
             about = {
                 "kind": kind,

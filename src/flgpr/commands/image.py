@@ -233,6 +233,7 @@ def image(
         )
         return make_radargram(run, radargram_view, outputs)
 
+    _refuse_other_files(Path(run))
     steps = {"dewow": dewow, "background": background, "gain": gain}
     _refuse_options_of_recordings(steps, (channel, until, step_window))
     if scan is not None and scans is not None:
@@ -272,6 +273,20 @@ def _extent(name: str, limits: Limits | None, value: float | None) -> Limits | f
     if limits is not None and value is not None:
         raise ValueError(f"{name} must be given once, got limits and --at-{name}")
     return limits if value is None else value
+
+
+def _refuse_other_files(path: Path) -> None:
+    """Refuse a file that is no recording, and name what can be drawn; a run is a folder."""
+    if not path.is_file():
+        return
+    from flgpr.formats.gpr_files import READERS
+    from flgpr.store.files import existing
+
+    existing(path)  # refuses a pointer of Git LFS
+    raise ValueError(
+        f"{path}: a run or a recording ({', '.join(READERS)}) can be drawn, "
+        f"got the ending {path.suffix!r}; flgpr info describes how arrays are imported"
+    )
 
 
 def _refuse_options_of_runs(options: dict[str, Any]) -> None:

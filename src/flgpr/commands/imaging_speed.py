@@ -19,8 +19,8 @@ from flgpr.commands.imaging_cases import (
     direct_sums,
     sri_scan,
 )
+from flgpr.commands.roofline import peak_bandwidth, peak_flops
 from flgpr.imaging import ImagingOperator
-from flgpr.kernels.roofline import peak_bandwidth, peak_flops
 
 BATCH = 32
 """Scans in flight on a CUDA device."""

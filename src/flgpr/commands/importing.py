@@ -31,7 +31,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError, is_stored
 
 _TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
@@ -64,17 +64,16 @@ def store_with_tables(
 ) -> list[Path]:
     """Store a run with tables beside it, ``NAME-truth.csv`` and so on; return what was written."""
     written = [store]
-    if is_stored(run, store):
-        tell_finished(store)
-        return written
-    store.parent.mkdir(parents=True, exist_ok=True)
-    for name, table in tables.items():
-        if table is not None:
-            path = store.with_name(f"{store.stem}-{name}.csv")
-            write_table(table, path)
-            write_geojson(table, path.with_suffix(".json"))
-            written.append(path)
-    save_run(run, store, resume=True)
+    # The tables come before the run, whose presence says that all is there.
+    if not is_stored(run, store):
+        store.parent.mkdir(parents=True, exist_ok=True)
+        for name, table in tables.items():
+            if table is not None:
+                path = store.with_name(f"{store.stem}-{name}.csv")
+                write_table(table, path)
+                write_geojson(table, path.with_suffix(".json"))
+                written.append(path)
+    save_run(run, store, resume=True)  # takes away what a killed writer left in a whole store
     return written
 
 
@@ -274,7 +273,7 @@ def import_gprmax_decks(
         # The same run is complete already; any other one is refused.
         if not error.same:
             raise
-        tell_finished(store)
+        log_finished(store)
         return [store]
 
     with begun as writer:

@@ -116,7 +116,7 @@ def import_gprmax(
     from flgpr.commands.importing import import_gprmax_decks
     from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
     from flgpr.store import save_run
-    from flgpr.store.notes import tell_note
+    from flgpr.store.notes import log_note
 
     sources = [Path(path) for path in one_or_more(source)]
     if len(sources) == 1 and sources[0].is_dir():
@@ -134,7 +134,7 @@ def import_gprmax(
     stated = GprmaxSetup(band, transmit, ground, horizontal, vertical, pulse)
     run = import_gprmax_files(sources, stated)
     for import_note in run.attrs["import_notes"]:
-        tell_note(import_note)
+        log_note(import_note)
     return [save_run(run, output, resume=True)]
 
 

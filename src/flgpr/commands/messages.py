@@ -52,7 +52,7 @@ class _ReadingNotes(logging.Handler):
         self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print a message of ``flgpr.store.notes.tell_note``."""
+        """Print a message of ``flgpr.store.notes.log_note``."""
         text = record.getMessage()
         if not self._quiet and text not in self._printed:
             typer.echo(f"note: {text}", err=True)
@@ -67,7 +67,7 @@ class _UnchangedOutputs(logging.Handler):
         self._quiet = quiet
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print a message of :func:`flgpr.store.outputs.tell_finished`."""
+        """Print a message of :func:`flgpr.store.outputs.log_finished`."""
         _unchanged_outputs.add(str(vars(record).get("output")))
         if not self._quiet:
             typer.echo(record.getMessage(), err=True)

@@ -20,7 +20,7 @@ from flgpr.imaging.focus import CHOSEN_PIXELS, focus
 from flgpr.imaging.view_axes import View, chosen_scans
 from flgpr.store import open_run
 from flgpr.store.extras import optional
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 PathLike = str | Path
 _GROUND_AHEAD = View()
@@ -116,7 +116,7 @@ def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:
     """Write a picture as Zarr, PNG or NumPy archive, by the ending."""
     image = picture.image
     ending = path.suffix.lower()
-    with whole_output(path) as partial:
+    with atomic_output(path) as partial:
         if ending == ".zarr":
             image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
         elif ending == ".png":
@@ -137,5 +137,5 @@ def _write_tiff(image: xr.DataArray, path: Path, anchor: Any) -> None:
     optional("rasterio", "gis")
     level = image.isel(z=0).copy(data=np.abs(image.values[:, 0]))
     as_run_view = level.expand_dims(subband=["all"], axis=1)
-    with whole_output(path) as partial:
+    with atomic_output(path) as partial:
         write_geotiff(as_run_view, partial, anchor, str(image.attrs["title"]))

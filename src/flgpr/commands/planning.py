@@ -23,7 +23,7 @@ from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.extras import optional
 from flgpr.store.files import check_new, existing, faults_of
-from flgpr.store.outputs import other_output, tell_finished, write_new
+from flgpr.store.outputs import log_finished, output_exists_error, write_new
 from flgpr.store.tables import parse_table, read_columns, table_text
 from flgpr.trials import content_hash, emplacement_plan, read_register
 from flgpr.trials.ledger import before_opening, enter
@@ -116,7 +116,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
         entry["plan"] = content_hash(files["plan"])
         registered = _line_of_plan(lines, entry, files["plan"])
         if registered is not None:
-            tell_finished(files["plan"], "choose another name for another plan")
+            log_finished(files["plan"], "choose another name for another plan")
             return plan, registered
         require_unopened(lines, too_late)
     else:
@@ -135,7 +135,9 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
     def entry_unless_opened(lines_now: list[Line]) -> Line:
         require_unopened(lines_now, too_late)
         if _line_of_plan(lines_now, entry, files["plan"]) is not None:
-            raise other_output(files["plan"], "another process has just drawn and registered it")
+            raise output_exists_error(
+                files["plan"], "another process has just drawn and registered it"
+            )
         return entry
 
     return plan, enter(register, entry_unless_opened)[-1]
@@ -197,7 +199,7 @@ def _existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.Data
         if list(plan.columns) == list(drawn.columns) and _sorts_of(plan) == _sorts_of(drawn):
             plan.attrs = drawn.attrs | {"seed": None}
             return plan
-    raise other_output(path, "a plan is drawn once, choose another name for another")
+    raise output_exists_error(path, "a plan is drawn once, choose another name for another")
 
 
 def _sorts_of(plan: pd.DataFrame) -> list[list[str]]:
@@ -213,7 +215,7 @@ def _line_of_plan(lines: Sequence[Line], entry: Line, path: Path) -> Line | None
         if line.get("event") != entry["event"] or line.get("plan") != entry["plan"]:
             continue
         if any(line.get(name) != value for name, value in entry.items()):
-            raise other_output(
+            raise output_exists_error(
                 path, "it was registered with other lanes or rules, choose another name"
             )
         return line

@@ -22,7 +22,7 @@ from flgpr.clutter.radargram_steps import (
 from flgpr.formats import GprSection, is_gpr, read_gpr
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 PathLike = str | Path
 FloatArray = NDArray[np.float64]
@@ -185,7 +185,7 @@ def _chosen_traces(count: int, limits: tuple[int, int] | None) -> NDArray[np.int
 
 def _write(drawn: Radargram, path: Path) -> None:
     """Write a radargram as PNG or NumPy archive, by the ending."""
-    with whole_output(path) as partial:
+    with atomic_output(path) as partial:
         if path.suffix.lower() == ".png":
             _write_png(drawn, partial)
         else:

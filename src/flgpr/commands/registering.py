@@ -1,7 +1,7 @@
 """Registers of recipes, plans and openings.
 
 A register demands that a recipe is entered before a truth is opened, and every opening is entered
-there. See :mod:`flgpr.trials.ledger` for the file.
+there. See ``flgpr/trials/ledger.py`` for the file.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import pandas as pd
 from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, listed_files
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_own_table, parse_table
 from flgpr.trials import (
     Registration,
@@ -32,7 +32,14 @@ from flgpr.trials import (
     require_registered,
     require_truth,
 )
-from flgpr.trials.ledger import OPENED, Book, before_opening, enter, parts_of, read_book
+from flgpr.trials.ledger import (
+    OPENED,
+    RegisterLike,
+    before_opening,
+    enter,
+    read_checked_register,
+    register_paths,
+)
 
 PathLike = str | Path
 REGISTER_COLUMN = "book"
@@ -163,7 +170,9 @@ def recipe_hash(recipe: PathLike) -> RecipeHashes:
     return RecipeHashes(content_hash(data), content_hash(text))
 
 
-def enter_recipe(recipe: PathLike, register: Book, model: PathLike | None = None) -> dict[str, Any]:
+def enter_recipe(
+    recipe: PathLike, register: RegisterLike, model: PathLike | None = None
+) -> dict[str, Any]:
     """Enter a recipe, and the model that it is run with, into a register.
 
     Parameters
@@ -187,17 +196,17 @@ def enter_recipe(recipe: PathLike, register: Book, model: PathLike | None = None
     FileNotFoundError
         If the register, the recipe or the model is missing.
     """
-    path = existing(parts_of(register)[0], "register")
+    path = existing(register_paths(register)[0], "register")
     entry = {"event": "recipe", "recipe": recipe_hash(recipe).of_file}
     if model is not None:
         # The model is read, and so checked, before its hash is entered for good.
         existing(Path(model) / MODEL_FILE, "model")
         entry["model"] = content_hash(read_model(model))
 
-    earlier = before_opening(read_book(register))
+    earlier = before_opening(read_checked_register(register))
     same = [line for line in earlier if _is_entry(line, entry)]
     if same:
-        tell_finished(f"recipe {recipe} in {path}", "a register only grows")
+        log_finished(f"recipe {recipe} in {path}", "a register only grows")
         return same[-1]
 
     def entry_unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
@@ -217,28 +226,28 @@ def _is_entry(line: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
     return all(line.get(name) == entry.get(name) for name in ("event", "recipe", "model"))
 
 
-def with_witness(register: PathLike, witness: PathLike | None) -> Book:
+def with_witness(register: PathLike, witness: PathLike | None) -> RegisterLike:
     """Return a register with its witness, if it has one."""
     if witness is None:
         return register
     return WitnessedRegister(Path(register), Path(witness))
 
 
-def read_existing_register(register: Book) -> list[dict[str, Any]]:
+def read_existing_register(register: RegisterLike) -> list[dict[str, Any]]:
     """Read a register, checked line by line and against its witness; it must exist."""
-    existing(parts_of(register)[0], "register")
-    return read_book(register)
+    existing(register_paths(register)[0], "register")
+    return read_checked_register(register)
 
 
 def heads_of_reports(
-    lines: Sequence[dict[str, Any]], register: Book, reports: Sequence[PathLike]
+    lines: Sequence[dict[str, Any]], register: RegisterLike, reports: Sequence[PathLike]
 ) -> dict[PathLike, dict[str, Any]]:
     """Return how many lines of a register each report of a score knows, and the last one's hash.
 
     ``reports`` are ``roc.json`` or ``comparison.json`` of scores, or their folders. A line that a
     report knows and the register lacks is a ValueError.
     """
-    path, _ = parts_of(register)
+    path, _ = register_paths(register)
     kinds = _kinds_of(lines)
     heads = {}
     for report in reports:
@@ -329,7 +338,7 @@ def open_truth(
     entrants: Sequence[Entrant],
     lanes: Mapping[str, Mapping[str, float]],
     rules: Mapping[str, float],
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     reading: TableReading | None = None,
 ) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Open a truth, once its register holds the recipes of all alarm lists that are scored.
@@ -379,7 +388,7 @@ def open_truth(
         return targets, _provenance_of(entrants, [None] * len(entrants), digest)
 
     lines = _lines_of_entrants(entrants, register)
-    path, _ = parts_of(register)
+    path, _ = register_paths(register)
     require_truth(path, digest, lanes, rules, planned=named_register is not None)
     provenance = _provenance_of(entrants, lines, digest)
 
@@ -398,11 +407,11 @@ def _provenance_of(
     return provenance
 
 
-def _lines_of_entrants(entrants: Sequence[Entrant], register: Book) -> list[dict[str, Any]]:
+def _lines_of_entrants(entrants: Sequence[Entrant], register: RegisterLike) -> list[dict[str, Any]]:
     """Return the lines of a register that enter the recipes of alarm lists, in their order."""
     registrations = [_registration_in(entrant, register) for entrant in entrants]
-    path, _ = parts_of(register)
-    read_book(register)  # checks it line by line and against its witness
+    path, _ = register_paths(register)
+    read_checked_register(register)  # checks it line by line and against its witness
     lines = []
     for registration in registrations:
         lines.append(require_registered(path, registration.recipe, registration.model))
@@ -410,7 +419,7 @@ def _lines_of_entrants(entrants: Sequence[Entrant], register: Book) -> list[dict
 
 
 def _enter_opening(
-    register: Book, entrant: Entrant, provenance: Mapping[str, Any]
+    register: RegisterLike, entrant: Entrant, provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Enter the opening of a truth for an alarm list; return the head of the register."""
     opening = {
@@ -422,17 +431,17 @@ def _enter_opening(
     return head_of(enter(register, lambda _: opening))
 
 
-def check_registered(entrants: Sequence[Entrant], register: Book | None) -> None:
+def check_registered(entrants: Sequence[Entrant], register: RegisterLike | None) -> None:
     """Refuse recipes that a register does not hold, before anybody types a passphrase."""
     for entrant in entrants:
         registration = registration_of(entrant, register)
         if registration is not None:
-            read_book(registration.book)
-            path, _ = parts_of(registration.book)
+            read_checked_register(registration.register)
+            path, _ = register_paths(registration.register)
             require_registered(path, registration.recipe, registration.model)
 
 
-def registration_of(entrant: Entrant, register: Book | None) -> Registration | None:
+def registration_of(entrant: Entrant, register: RegisterLike | None) -> Registration | None:
     """Return what a register must hold for an alarm list; None without register and recipe.
 
     A recipe without a register, or a register without the list's recipe, is a ValueError.
@@ -444,11 +453,11 @@ def registration_of(entrant: Entrant, register: Book | None) -> Registration | N
     return None
 
 
-def _registration_in(entrant: Entrant, register: Book) -> Registration:
+def _registration_in(entrant: Entrant, register: RegisterLike) -> Registration:
     """Return what a register must hold for an alarm list, whose recipe must be known."""
     if entrant.recipe is None:
         raise ValueError(
             f"recipe and book must be given together, got no recipe for {entrant.path}"
         )
-    existing(parts_of(register)[0], "register")
+    existing(register_paths(register)[0], "register")
     return Registration(register, entrant.recipe, entrant.model)

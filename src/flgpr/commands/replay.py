@@ -66,19 +66,19 @@ def replay(
     from tempfile import TemporaryDirectory
 
     from flgpr.chain.progress import silent
-    from flgpr.results.description import describe_run
+    from flgpr.results.description import describe_run, described_store
     from flgpr.results.result import read_result
     from flgpr.store import open_run
 
     old = read_result(result)
     recorded = old.manifest["run"]
-    store = recorded["path"] if run is None else run
+    recorded_path, digest = described_store(recorded)
+    store = recorded_path if run is None else run
     dataset = open_run(store)
     description = describe_run(dataset, store, old.recipe.motion)
-    if description["store_sha256"] != recorded["store_sha256"]:
+    if description["store_sha256"] != digest:
         raise ValueError(
-            "run must be the one the result was made of "
-            f"({recorded['store_sha256'][:12]}…), got {run}"
+            f"run must be the one the result was made of ({digest[:12]}…), got {store}"
         )
 
     if "others" in recorded:
@@ -137,15 +137,17 @@ def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
 
 def _other_runs(recorded: dict[str, Any]) -> dict[str, xr.Dataset]:
     """Open the runs that were taken together with that of a result."""
+    from flgpr.results.description import described_store
     from flgpr.store import open_run, read_manifest
 
     runs = {}
-    for name, run in recorded.items():
-        if read_manifest(run["path"])["sha256"] != run["store_sha256"]:
+    for name, description in recorded.items():
+        store, digest = described_store(description)
+        if read_manifest(store)["sha256"] != digest:
             raise ValueError(
-                f"run {name} must be the one the result was made with, got another at {run['path']}"
+                f"run {name} must be the one the result was made with, got another at {store}"
             )
-        runs[name] = open_run(run["path"])
+        runs[name] = open_run(store)
     return runs
 
 

@@ -27,7 +27,7 @@ from flgpr.model import (
 from flgpr.model.motion import judge_run, plausible_run
 from flgpr.results.description import describe_run, plausible_poses
 from flgpr.store import open_run
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 PathLike = str | Path
 _WIDEST = 10.0  # m, largest array that a vehicle carries; assumed
@@ -176,7 +176,7 @@ def _write_plot(
 
     margin = 0.1 * (lane.x_max - lane.x_min)
     figure = geometry_figure(description, lane, looks, margin)
-    with whole_output(Path(path)) as partial:
+    with atomic_output(Path(path)) as partial:
         partial.write_bytes(figure_png(figure))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flgpr.door import read_named
 from flgpr.store import write_whole
-from flgpr.store.outputs import OVERWRITE, held_folder, other_output, tell_finished
+from flgpr.store.outputs import OVERWRITE, locked_folder, log_finished, output_exists_error
 
 Files = Mapping[str, bytes | str]
 """Content of files, bytes or text in UTF-8, by name."""
@@ -20,7 +20,7 @@ def write_score_files(folder: Path, files: Files, overwrite: bool = True) -> Non
     Without ``overwrite`` files that are there with other content are a FileExistsError.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with held_folder(folder, wait=True):
+    with locked_folder(folder, wait=True):
         if not must_write(folder, files, overwrite):
             return
         for name, content in files.items():
@@ -47,9 +47,9 @@ def must_write(folder: Path, files: Files, overwrite: bool, last_file: str = "")
             continue
         expected = content.encode() if isinstance(content, str) else content
         if read_named(path) != expected:
-            raise other_output(path, f"{OVERWRITE}, or choose another output")
+            raise output_exists_error(path, f"{OVERWRITE}, or choose another output")
     if not is_missing:
-        tell_finished(folder, OVERWRITE)
+        log_finished(folder, OVERWRITE)
     return is_missing
 
 

@@ -17,10 +17,11 @@ import pandas as pd
 
 from flgpr.chain.progress import Track, silent
 from flgpr.commands.doubts import tell_doubts
+from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.door import Folder, parse_toml, read_named
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.report import comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
@@ -39,7 +40,7 @@ from flgpr.store import read_table
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, faults_of
 from flgpr.store.tables import read_columns
-from flgpr.trials.ledger import Book
+from flgpr.trials.ledger import RegisterLike
 
 PathLike = str | Path
 _OUTCOME_COLUMNS = [
@@ -107,7 +108,7 @@ def score_result(
     track: Track = silent,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
     truth_reading: TableReading | None = None,
@@ -166,6 +167,10 @@ def score_result(
         truth, [entrant], lane_borders, rules, register, truth_reading
     )
     tell_doubts(targets, "truth", Path(truth).name, result.lane)
+    targets, outside = targets_in_reach(
+        targets, result.lane, result.recipe.score.halo, Path(truth).name
+    )
+    provenance |= outside
 
     of_lane = score_detections(result, targets, far)
     of_frames = []
@@ -235,7 +240,7 @@ def score_alarms(
     output: PathLike,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     title: str = "Detection report",
     overwrite: bool = True,
     reading: TableReading | None = None,
@@ -290,6 +295,8 @@ def score_alarms(
         truth, [entrant], borders(lanes), entered, register, truth_reading
     )
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, score_rules.halo, Path(truth).name)
+    provenance |= outside
 
     provenance |= _reading_notes(table, targets)
     scores = [score_list(table, targets, lanes, score_rules)]
@@ -326,7 +333,7 @@ def compare_alarms(
     lane: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     halo: float | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
@@ -384,12 +391,13 @@ def compare_alarms(
     for entrant, table in zip(entrants, tables, strict=True):
         tell_doubts(table, "alarms", entrant.path.name, lanes)
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, rules.halo, Path(truth).name)
 
     scores = {}
     provenance_by_name = {}
     for name, table, of_list in zip(names, tables, provenance, strict=True):
         scores[name] = score_list(table, targets, lanes, rules)
-        provenance_by_name[name] = of_list | _reading_notes(table, targets)
+        provenance_by_name[name] = of_list | outside | _reading_notes(table, targets)
 
     first_score = scores[names[0]]
     far_points = first_score.operating_points()["far_allowed"].tolist()

@@ -34,11 +34,11 @@ from flgpr.results.score import blind_roc_json
 from flgpr.scoring import Rules, SideBySide, side_by_side
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.files import existing
-from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
+from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 from flgpr.store.tables import parse_table
 from flgpr.trials import BlindScore, content_hash, require_truth
 from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
-from flgpr.trials.ledger import Book, parts_of, read_book
+from flgpr.trials.ledger import RegisterLike, read_checked_register, register_paths
 
 PathLike = str | Path
 
@@ -62,7 +62,7 @@ def seal_truth_file(
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
     show: Literal["curve", "targets"] = "curve",
-    register: Book | None = None,
+    register: RegisterLike | None = None,
 ) -> Path:
     """Encrypt a truth with its lane or lanes and rules for blind scoring.
 
@@ -109,10 +109,10 @@ def seal_truth_file(
     path = Path(output)
     if os.path.lexists(path):
         _require_same_seal(path, passphrase, table, lanes, rules, bound_register)
-        tell_finished(path)
+        log_finished(path)
     else:
-        with whole_output(path) as partial:
-            seal_truth(table, lanes, partial, passphrase, **rules, book=bound_register)
+        with atomic_output(path) as partial:
+            seal_truth(table, lanes, partial, passphrase, **rules, register=bound_register)
 
     if register is not None:
         _enter_sealed(register, path, bound_register)
@@ -120,11 +120,11 @@ def seal_truth_file(
 
 
 def _bound_register(
-    register: Book, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
+    register: RegisterLike, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
 ) -> dict[str, Any]:
     """Return what a sealed file states of its register: the truth's digest and the last line."""
-    path = existing(parts_of(register)[0], "register")
-    lines = read_book(register)
+    path = existing(register_paths(register)[0], "register")
+    lines = read_checked_register(register)
     digest = content_hash(truth)
     require_truth(path, digest, borders(lanes), {"halo": halo}, planned=is_planned)
     if not lines:
@@ -149,13 +149,17 @@ def _require_same_seal(
         # The register may have grown since: its last line may be another one.
         is_same = is_same and sealed_register["truth"] == bound_register["truth"]
     if not is_same:
-        raise other_output(path, "or was sealed with another passphrase: choose another output")
+        raise output_exists_error(
+            path, "or was sealed with another passphrase: choose another output"
+        )
 
 
-def _enter_sealed(register: Book, path: Path, bound_register: Mapping[str, Any] | None) -> None:
+def _enter_sealed(
+    register: RegisterLike, path: Path, bound_register: Mapping[str, Any] | None
+) -> None:
     """Enter a sealed file into a register that does not hold it yet."""
     digest = content_hash(path)
-    if any(line.get("sealed") == digest for line in read_book(register)):
+    if any(line.get("sealed") == digest for line in read_checked_register(register)):
         return
     truth = None if bound_register is None else bound_register["truth"]
     trials.register(register, event="sealed", truth=truth, sealed=digest)
@@ -169,7 +173,7 @@ def score_sealed(
     log: PathLike | None = None,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     witness: PathLike | None = None,
 ) -> BlindScore:
     """Score an alarm list, or that of a result, against a sealed truth; no position is shown.
@@ -232,7 +236,7 @@ def compare_sealed(
     log: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     witness: PathLike | None = None,
 ) -> SideBySide:
     """Compare alarm lists against a sealed truth; each of them is a look.
@@ -285,7 +289,7 @@ def holds_sealed_score(
     sealed: PathLike,
     output: PathLike,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
 ) -> bool:
     """Return, before anybody looks, whether a folder has this very score against a sealed truth.
 
@@ -309,8 +313,8 @@ def holds_sealed_score(
         is_same = False
 
     if not is_same:
-        raise other_output(file, f"{OVERWRITE}, or choose another output")
-    tell_finished(folder, f"{OVERWRITE}, which is another look")
+        raise output_exists_error(file, f"{OVERWRITE}, or choose another output")
+    log_finished(folder, f"{OVERWRITE}, which is another look")
     return True
 
 

@@ -32,7 +32,7 @@ from flgpr.simulate.bodies.signature import (
 )
 from flgpr.simulate.preview import preview_scene
 from flgpr.store import lane_text, write_geojson, write_table, write_whole
-from flgpr.store.outputs import held_folder, other_output, tell_finished, whole_output
+from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
 
 PathLike = str | Path
 
@@ -60,7 +60,7 @@ def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
 
     target = Path(path)
     figure = preview_figure(scene, seed, force)
-    with whole_output(target) as partial:
+    with atomic_output(target) as partial:
         partial.write_bytes(figure_png(figure, dpi=100))
     return target
 
@@ -96,7 +96,7 @@ def write_gprmax_decks(
     decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
     world = draw_world(scene, seed)
     target.parent.mkdir(parents=True, exist_ok=True)
-    with whole_output(target, more=True) as partial:  # results may have been added
+    with atomic_output(target, more=True) as partial:  # results may have been added
         partial.mkdir()
         for name, text in decks.files.items():
             (partial / name).write_text(text, encoding="utf-8")
@@ -164,16 +164,16 @@ def make_signature(
     work_folder = path.with_name(path.name + ".work")
     if os.path.lexists(path):
         if not _is_table_of(loaded_body, path):
-            raise other_output(path)
+            raise output_exists_error(path)
         # An earlier call may have been interrupted between the table and this.
         shutil.rmtree(work_folder, ignore_errors=True)
-        tell_finished(path)
+        log_finished(path)
         return [path]
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with held_folder(work_folder):
+    with locked_folder(work_folder):
         table = _computed_table(loaded_body, work_folder, workers, track)
-        with whole_output(path) as partial:
+        with atomic_output(path) as partial:
             save_table(table, partial)
         shutil.rmtree(work_folder)
     return [path]

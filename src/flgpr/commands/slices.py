@@ -14,7 +14,7 @@ from flgpr.chain.progress import Track, silent
 from flgpr.imaging.focus import focus
 from flgpr.imaging.view_axes import View
 from flgpr.store import open_run
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 PathLike = str | Path
 ENDINGS = (".png", ".npz")
@@ -110,7 +110,7 @@ def _limits(positions: NDArray[np.float64]) -> tuple[float, float]:
 
 def _write(slices: Slices, poses: NDArray[np.float64], path: Path) -> None:
     """Write slices as PNG or NumPy archive, by the ending."""
-    with whole_output(path) as partial:
+    with atomic_output(path) as partial:
         if path.suffix.lower() == ".png":
             from flgpr.report import figure_png  # loads Matplotlib
             from flgpr.report.slices import slices_figure

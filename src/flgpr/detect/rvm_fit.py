@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.metrics.pairwise import pairwise_kernels
 
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels import relevance
 from flgpr.kernels.laplacian_mode import laplacian_mode
-from flgpr.kernels.threads import blas_on_one_thread
 
 FloatArray = NDArray[np.float64]
 Kernel = str | Callable[[FloatArray, FloatArray], Any]

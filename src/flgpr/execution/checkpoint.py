@@ -1,7 +1,7 @@
-"""The work folder: what an interrupted detection has done so far, in files that are whole and proven or absent.
+"""The work folder: what an interrupted detection has done so far.
 
-Nothing is flushed to the disk on purpose: what a crash of the machine tears is found out and made
-again.
+A file is whole and proven by its digest, or it is made again. Nothing is flushed to the disk on
+purpose: what a crash of the machine damages is found and made again.
 """
 
 from __future__ import annotations
@@ -28,15 +28,25 @@ _JOB = "job.json"
 _LOCK = "lock"
 _MERGING = "folding"
 KEEP_EVERY = 2.0
-"""Seconds of work on a block that a stop may cost besides the scan in flight."""
+"""Seconds of work on a block that a stop may cost, beside the scan in progress."""
 
 
 class WorkError(ValueError):
-    """A work folder is in use, or not a work folder at all."""
+    """A work folder that another process uses."""
 
 
 class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
-    """A work folder as a mapping from names to groups of arrays; :func:`begin` begins or goes on with a job."""
+    """A work folder as a mapping from names to groups of arrays.
+
+    :func:`begin` begins or continues a job in it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    most : int
+        Bytes of the largest file that is opened.
+    """
 
     def __init__(self, folder: Path, most: int = MOST_BUNDLE) -> None:
         self.folder = folder
@@ -55,7 +65,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         return path.is_file() and not path.is_symlink()
 
     def __getitem__(self, name: str) -> Bundle:
-        """Open a group; the one asked for last is kept open with what was read of it."""
+        """Open a group; the latest one stays open with what was read of it."""
         latest = self._latest  # read and set in one step: several threads may ask
         if latest is None or latest[0] != name:
             if name not in self:
@@ -72,6 +82,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         self._forget(name)
 
     def _forget(self, name: str) -> None:
+        """Let go of a group that is open, as its file changes."""
         latest = self._latest
         if latest is not None and latest[0] == name:
             self._latest = None
@@ -82,44 +93,60 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             path.unlink()
 
     def merging(self) -> AbstractContextManager[bool]:
-        """Return whether nobody else merges states here; nobody else does while the context lasts."""
+        """Lock the merging of states; yield whether no other process holds the lock."""
         return _locked(self.folder / _MERGING)
 
     def drop_damaged(self) -> list[str]:
-        """Delete what is not whole, and give its names."""
-        bad = []
+        """Delete the groups whose files are damaged, and return their names."""
+        damaged = []
         for name in list(self):
             try:
                 self.bundle(name).check()
             except BundleError:
                 del self[name]
-                bad.append(name)
-        return bad
+                damaged.append(name)
+        return damaged
 
     def take(self, other: Checkpoint, name: str, as_name: str) -> bool:
-        """Take a group of another folder over, under a name of its own, if it is there and whole."""
+        """Copy a group of another folder, if it is there and whole.
+
+        Parameters
+        ----------
+        other : Checkpoint
+            The other folder.
+        name : str
+            The group's name there.
+        as_name : str
+            Its name here.
+
+        Returns
+        -------
+        bool
+            Whether it was copied.
+        """
         try:
             other.bundle(name).check()
         except (OSError, BundleError):
             return False
-        beside = self.path(as_name).with_suffix(f".{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+        unique = f".{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}"
+        partial = self.path(as_name).with_suffix(unique)
         try:
-            beside.hardlink_to(other.path(name))  # nobody writes into a file that is there
+            partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
         except OSError:
-            shutil.copyfile(other.path(name), beside)
-        beside.replace(self.path(as_name))
+            shutil.copyfile(other.path(name), partial)
+        partial.replace(self.path(as_name))
         return True
 
     def bundle(self, name: str) -> Bundle:
-        """Open a group's file; one larger than a process may hold is damaged, however it came there."""
+        """Open a group's file; one larger than a process may hold counts as damaged."""
         return Bundle(self.path(name), most=self.most)
 
     def path(self, name: str) -> Path:
-        """File of a group."""
+        """Return the path of a group's file."""
         return self.folder / f"{name}{SUFFIX}"
 
     def size(self, name: str) -> int:
-        """Bytes of a group, none where another has just folded and deleted it."""
+        """Return the bytes of a group; 0 where another process has just merged and deleted it."""
         try:
             return self.path(name).stat().st_size
         except FileNotFoundError:
@@ -127,7 +154,19 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
 
 
 class BlockCheckpoint:
-    """Goes through the scans of a block and stores its state every few seconds: a stop costs little of a long block."""
+    """Goes through the scans of a block and stores its state every few seconds.
+
+    So a stop costs little of a long block.
+
+    Parameters
+    ----------
+    work : Checkpoint
+        The work folder.
+    block : str
+        Name of the block.
+    every : float, optional
+        Seconds between states; by default ``KEEP_EVERY``.
+    """
 
     def __init__(self, work: Checkpoint, block: str, every: float | None = None) -> None:
         self.work = work
@@ -135,7 +174,10 @@ class BlockCheckpoint:
         self.every = KEEP_EVERY if every is None else every
 
     def __call__(self, block: range, gatherer: Gatherer) -> Iterator[int]:
-        """Yield a block's scans from where it was left; one counts as gathered when the next is asked for."""
+        """Yield the scans of a block that were not gathered before a stop.
+
+        A scan counts as gathered when the next is asked for.
+        """
         begun = block.start
         if self.name in self.work:
             stored = dict(self.work[self.name])
@@ -149,14 +191,14 @@ class BlockCheckpoint:
                 last = time.monotonic()
 
     def drop(self) -> None:
-        """Delete what was stored; the block is done."""
+        """Delete the state that was stored, as the block is done."""
         if self.name in self.work:
             del self.work[self.name]
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[bool]:
-    """Return whether nobody else holds the lock of a file; nobody else does while the context lasts."""
+    """Lock a file while the context lasts; yield whether no other process holds the lock."""
     with open(path, "ab", opener=open_own) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -168,11 +210,30 @@ def _locked(path: Path) -> Iterator[bool]:
 
 @contextmanager
 def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterator[Checkpoint]:
-    """Begin a job in a work folder, or go on with it; no other process can begin while the context lasts.
+    """Begin a job in a work folder, or continue it. No other process can while the context lasts.
 
-    ``job`` holds all that the outcome depends on, as JSON, and ``most`` is the size of the largest
-    file in bytes. What belongs to another job, or is damaged, is deleted; anything that a work
-    folder does not hold is refused.
+    What belongs to another job, or is damaged, is deleted.
+
+    Parameters
+    ----------
+    folder : Path
+        The work folder.
+    job : dict
+        All that the outcome depends on, as JSON holds it.
+    most : int
+        Bytes of the largest file that is opened.
+
+    Yields
+    ------
+    Checkpoint
+        The work folder.
+
+    Raises
+    ------
+    WorkError
+        If another process works there.
+    FileExistsError
+        If the folder holds what no work folder holds.
     """
     folder.mkdir(exist_ok=True)
     with _locked(folder / _LOCK) as alone:
@@ -185,21 +246,22 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
 
 
 def _prepare(folder: Path, job: bytes) -> None:
+    """Delete what belongs to another job, and write what this one is."""
     foreign = [path for path in folder.iterdir() if not _is_ours(path)]
     if foreign:
         raise FileExistsError(f"work folder must hold nothing else, got {foreign[0]}")
     for path in folder.glob(f"*{PARTIAL}"):
         path.unlink()
-    note = folder / _JOB
     with suppress(FileNotFoundError, DoorError):
         if Folder(folder).read(_JOB, MOST_JSON) == job:
             return
     for path in folder.glob(f"*{SUFFIX}"):
         path.unlink()
-    write_whole(note, job)
+    write_whole(folder / _JOB, job)
 
 
 def _is_ours(path: Path) -> bool:
+    """Return whether a path is a regular file of a name that work folders have."""
     regular = path.is_file() and not path.is_symlink()
     return regular and (path.name in (_JOB, _LOCK, _MERGING) or path.suffix in (SUFFIX, PARTIAL))
 

@@ -1,4 +1,4 @@
-"""One lane as pieces of work that any process can do: it needs the run, the work folder, and what the job says."""
+"""One lane as pieces of work that any process can do with the run and the work folder."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ import flgpr
 from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import Model, load_model, read_model
+from flgpr.chain.model import Model, load_model, read_model, trained_on
 from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.searched import searched_ground
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.door import read_named
 from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint
@@ -36,15 +37,17 @@ from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
-from flgpr.store import MAX_MEMORY, canonical_json, open_run, read_manifest, sha256
+from flgpr.store import MAX_MEMORY, BundleError, canonical_json, open_run, read_manifest, sha256
 from flgpr.store.tables import parse_table
 
 FOLD_BYTES = 1 << 28
-"""States of this size are merged as they come: those of a long run would fill the disk."""
+"""States of this size together are merged early, in bytes: those of a long run fill the disk."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 _OPENING = threading.Lock()
 _ONE_AT_A_TIME = threading.Lock()
-_PASS_CACHE_LAYOUT = 2  # changes when the arrays that passes share do
+_PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
+Clocks = tuple[float, float]
+"""Readings of the clocks of the wall and of the process, s."""
 
 
 @dataclass(frozen=True)
@@ -54,24 +57,23 @@ class LaneJob:
     run: str  #: run store
     recipe: str  #: its text
     lane: tuple[float, float, float, float]  #: x_min, x_max, y_min, y_max, m
-    model: str | None  #: folder of a trained model
+    model: str | None  #: folder of a trained model; None without one
     output: str  #: result folder to make
-    report: bool
+    report: bool  #: whether to write ``report.html``
     store_sha256: str  #: digest of the run's manifest
     model_sha256: str  #: that of the model, "" without one
     code: tuple[tuple[str, str], ...]  #: versions of the program and of the libraries
     cpu: str  #: processor of the machine that drives
-    max_memory: int = MAX_MEMORY  #: that reading the run may take, bytes
+    max_memory: int = MAX_MEMORY  #: bytes that reading the run may take
     section: Section | None = None  #: rows of the lane that are worked on; None takes all
-    shared: str = ""  #: the work folder that has the background of all sections
-    others: tuple[
-        tuple[str, str, str], ...
-    ] = ()  #: name, store and digest of every run taken together with it
+    shared: str = ""  #: the work folder with what all sections share; "" of a lane in one piece
+    #: name, store and digest of every run taken together with it
+    others: tuple[tuple[str, str, str], ...] = ()
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
-    explains: bool = True
-    pass_cache: str = (
-        ""  #: folder of passes that jobs of other recipes share, see :func:`cached_pass`
-    )
+    explains: bool = True  #: whether what explains alarms is gathered
+    lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
+    #: folder of passes that jobs of other recipes share, see :func:`shared_name`; "" for none
+    pass_cache: str = ""
 
     @property
     def work(self) -> Path:
@@ -81,11 +83,17 @@ class LaneJob:
 
     @property
     def largest(self) -> int:
-        """Bytes that a file of the work folder may have: what a process wrote there it held."""
+        """Bytes that a file of the work folder may have.
+
+        What a process wrote there it held in memory.
+        """
         return max(self.max_memory, MAX_MEMORY)
 
     def identity(self) -> dict[str, Any]:
-        """All that the bits of the result depend on; a section's threshold follows from it."""
+        """Return all that the bits of the result depend on, as JSON holds it.
+
+        The threshold of a section is no part of it, as it follows from the rest.
+        """
         rows = None if self.section is None else [self.section.start, self.section.stop]
         return {
             "rows": rows,
@@ -113,34 +121,75 @@ def make_job(
     others: Mapping[str, str | Path] | None = None,
     truth: str | Path | None = None,
     pass_cache: str | Path | None = None,
+    lane_source: str = "",
 ) -> LaneJob:
-    """Describe a detection; a run or model that is not valid is refused."""
-    beside = []
+    """Describe a detection as plain values.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : str
+        TOML text of the recipe.
+    lane : Lane
+        Borders of the lane.
+    output : str or path
+        Result folder to make.
+    report : bool
+        Whether to write ``report.html``.
+    model : str or path, optional
+        Folder of a trained model.
+    max_memory : int
+        Bytes that reading the run may take.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    truth : str or path, optional
+        File of a training lane's targets.
+    pass_cache : str or path, optional
+        Folder of passes that jobs of other recipes share.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If a run or the model is not valid.
+    """
+    other_runs = []
     for name, path in (others or {}).items():
-        beside.append((name, str(Path(path).resolve()), read_manifest(path)["sha256"]))
-    targets = ("", "")
+        other_runs.append((name, _absolute(path), read_manifest(path)["sha256"]))
+    truth_and_digest = ("", "")
     if truth is not None:
-        targets = (str(Path(truth).resolve()), sha256(read_named(truth)))
+        truth_and_digest = (_absolute(truth), sha256(read_named(truth)))
     return LaneJob(
-        str(Path(run).resolve()),
-        recipe,
-        (lane.x_min, lane.x_max, lane.y_min, lane.y_max),
-        None if model is None else str(Path(model).resolve()),
-        str(Path(output).resolve()),
-        report,
-        read_manifest(run)["sha256"],
-        "" if model is None else model_digest(model),
-        code_versions(),
-        processor(),
-        max_memory,
-        others=tuple(beside),
-        truth=targets,
-        pass_cache="" if pass_cache is None else str(Path(pass_cache).resolve()),
+        run=_absolute(run),
+        recipe=recipe,
+        lane=(lane.x_min, lane.x_max, lane.y_min, lane.y_max),
+        model=None if model is None else _absolute(model),
+        output=_absolute(output),
+        report=report,
+        store_sha256=read_manifest(run)["sha256"],
+        model_sha256="" if model is None else model_digest(model),
+        code=code_versions(),
+        cpu=processor(),
+        max_memory=max_memory,
+        others=tuple(other_runs),
+        truth=truth_and_digest,
+        lane_source=lane_source,
+        pass_cache="" if pass_cache is None else _absolute(pass_cache),
     )
 
 
+def _absolute(path: str | Path) -> str:
+    """Return a path that means the same in every process."""
+    return str(Path(path).resolve())
+
+
 def model_digest(model: str | Path) -> str:
-    """SHA-256 of the file of a valid model."""
+    """Return the SHA-256 of a model's file; a ValueError if the model is not valid."""
     digest = sha256(read_model(model))
     load_model(model, digest)
     return digest
@@ -148,19 +197,24 @@ def model_digest(model: str | Path) -> str:
 
 @lru_cache
 def code_versions() -> tuple[tuple[str, str], ...]:
-    """Versions of what computes: equal ones give equal bits on equal processors."""
-    own = (("flgpr", flgpr.__version__), ("python", platform.python_version()))
-    return (*own, *((name, version(name)) for name in _LIBRARIES))
+    """Return the versions of what computes: equal ones give equal bits on equal processors."""
+    versions = [("flgpr", flgpr.__version__), ("python", platform.python_version())]
+    for name in _LIBRARIES:
+        versions.append((name, version(name)))
+    return tuple(versions)
 
 
 @lru_cache
 def processor() -> str:
-    """Name of the processor, as the compiler sees it."""
+    """Return the name of the processor, as the compiler sees it."""
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
 
 
-def cached_pass(job: LaneJob, name: str) -> str | None:
-    """Return the name under which jobs of other recipes share the result of a pass; None if they do not."""
+def shared_name(job: LaneJob, name: str) -> str | None:
+    """Return the name that the result of a pass has in the pass cache.
+
+    None without a pass cache, or if no other recipe can use the result.
+    """
     if not job.pass_cache:
         return None
     _, engine, _ = _open(job)
@@ -168,18 +222,35 @@ def cached_pass(job: LaneJob, name: str) -> str | None:
     if depends_on is None:
         return None
     identity = job.identity()
-    about = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
-    about["layout"] = _PASS_CACHE_LAYOUT
-    return sha256(canonical_json([about, name, depends_on]))[:32]
+    context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
+    context["layout"] = _PASS_CACHE_LAYOUT
+    return sha256(canonical_json([context, name, depends_on]))[:32]
 
 
 def do_block(job: LaneJob, name: str, number: int) -> Report:
-    """Do one block of a pass and leave its state in the work folder.
+    """Do one block of a pass and write its state to the work folder.
 
-    A process that does not see the work folder, or has other versions than the driver, refuses.
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    name : str
+        Name of the pass.
+    number : int
+        Number of the block.
+
+    Returns
+    -------
+    Report
+        What it cost.
+
+    Raises
+    ------
+    ValueError
+        If this process does not see the work folder, or has other versions than the driver.
     """
     begun = _now()
-    # Threads of one process take blocks at once only where the driver deals them out to threads.
+    # Threads of one process take blocks at once only where the driver hands blocks to threads.
     alone = worker_state.threads == 1
     with _ONE_AT_A_TIME if alone else nullcontext():
         _, engine, work = _open(job)
@@ -194,21 +265,34 @@ def do_block(job: LaneJob, name: str, number: int) -> Report:
 
 
 def merged_blocks(work: Checkpoint, name: str) -> int:
-    """Return how many blocks of a pass, the first ones, are merged before the others are done."""
+    """Return how many blocks of a pass, from the first, have been merged early."""
     so_far = _so_far(name)
-    return int(work.bundle(so_far)["next"]) if so_far in work else 0
+    while so_far in work:
+        version = _file_version(work.path(so_far))
+        try:
+            return int(work.bundle(so_far)["next"])
+        except BundleError:
+            # Another process may have replaced the file after its head was read here.
+            if _file_version(work.path(so_far)) == version:
+                raise
+    return 0
+
+
+def _file_version(path: Path) -> tuple[int, int]:
+    """Return what changes when a file is replaced by another one."""
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns
 
 
 def _so_far(name: str) -> str:
+    """Return the name of the state of the blocks of a pass that have been merged early."""
     return f"{name}-so-far"
 
 
 def _merge_ahead(engine: Engine, work: Checkpoint, name: str) -> None:
-    """Merge the first blocks of a pass that are done, if they are large together, to the bits of one merge of all.
+    """Merge the first blocks of a pass that are done, if their states are large together.
 
-    Only where all blocks are gone through. Sums are then no larger than those of one block; what
-    grows with scans is merged when there is twice as much of it, so that it is not written over and
-    over.
+    The bits are those of one merge of all. It is done only for passes that go through all blocks.
     """
     planned = engine.passes[name]
     if not planned.all_scans or planned.keep_blocks:
@@ -221,6 +305,8 @@ def _merge_ahead(engine: Engine, work: Checkpoint, name: str) -> None:
         following = engine.block_numbers(name)[begun:]
         ready = list(takewhile(lambda number: block_name(name, number) in work, following))
         size = sum(work.size(block_name(name, number)) for number in ready)
+        # Sums are no larger than those of one block. What grows with the scans is merged only when
+        # there is twice as much of it, so that it is not written over and over.
         if not ready or size < max(FOLD_BYTES, 2 * work.size(so_far)):
             return
         gatherer = engine.merge_blocks(name, _states(work, name, ready))
@@ -230,7 +316,22 @@ def _merge_ahead(engine: Engine, work: Checkpoint, name: str) -> None:
 
 
 def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
-    """Merge the blocks of a pass, in their order, and leave its result in the work folder; reported as block -1."""
+    """Merge the blocks of a pass, in their order, and write its result to the work folder.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    name : str
+        Name of the pass.
+    numbers : sequence of int
+        Numbers of its blocks.
+
+    Returns
+    -------
+    Report
+        What it cost; the block is -1.
+    """
     begun = _now()
     with _ONE_AT_A_TIME:
         _, engine, work = _open(job)
@@ -246,30 +347,54 @@ def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
 
 
 def do_finish(job: LaneJob) -> Report:
-    """Write the result folder from a work folder that holds every pass; report the number of ``alarms``."""
+    """Write the result folder from a work folder that holds every pass.
+
+    Returns
+    -------
+    Report
+        What it cost, and the number of ``alarms``.
+    """
     begun = _now()
     with _ONE_AT_A_TIME:
         lane, _, _ = _open(job)
         detection = detection_of(lane)
-        described = describe_run(lane.run, job.run, lane.recipe.motion)
-        if job.others:
-            described["others"] = {}
-            for name, path, digest in job.others:
-                described["others"][name] = {"path": path, "store_sha256": digest}
         borders = section_lane(lane.recipe, lane.lane, lane.section)
         section = section_note(lane.lane, lane.section) if job.section else None
         folder = write_result(
-            job.output, [detection], job.recipe, borders, described, lane.model, section
+            job.output,
+            [detection],
+            job.recipe,
+            borders,
+            _describe_runs(job, lane),
+            lane.model,
+            section,
         )
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
-        _opened.cache_clear()  # lets the run-views go
+        _opened.cache_clear()  # frees the memory of the run-views
         done = report(Path(job.output).name, "finish", -1, begun, 0)
         return done | {"alarms": len(detection.alarms)}
 
 
+def _describe_runs(job: LaneJob, lane: LaneSetup) -> dict[str, Any]:
+    """Return what a manifest says of the run, and of those taken together with it."""
+    described = describe_run(lane.run, job.run, lane.recipe.motion)
+    searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
+    described["searched"] = searched.as_json()
+    if trained_on(lane.model, job.store_sha256):
+        described["trained_on_this_run"] = True
+    if job.others:
+        described["others"] = {}
+        for name, path, digest in job.others:
+            described["others"][name] = {"path": path, "store_sha256": digest}
+    return described
+
+
 def _states(work: Checkpoint, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
-    """Yield the states of some blocks; of those that are merged already, once, that of all of them together."""
+    """Yield the states of some blocks.
+
+    Blocks that have been merged early have one state together, which comes first.
+    """
     begun = merged_blocks(work, name)
     if begun:
         bundle = work.bundle(_so_far(name))
@@ -280,14 +405,16 @@ def _states(work: Checkpoint, name: str, numbers: Sequence[int]) -> Iterator[Arr
 
 
 def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
+    """Return the lane of a job, its engine and its work folder, as this process sees them."""
     if job.code != code_versions():
-        theirs = dict(job.code)
         ours = dict(code_versions())
-        differ = ", ".join(
-            f"{n} {ours.get(n)} and {theirs.get(n)}" for n in theirs if ours.get(n) != theirs[n]
-        )
+        different = []
+        for name, theirs in job.code:
+            if ours.get(name) != theirs:
+                different.append(f"{name} {ours.get(name)} and {theirs}")
         raise ValueError(
-            f"worker {socket.gethostname()} must have the versions of the driver, got {differ}"
+            f"worker {socket.gethostname()} must have the versions of the driver, "
+            f"got {', '.join(different)}"
         )
     if not job.work.is_dir():
         raise ValueError(
@@ -300,6 +427,7 @@ def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
 
 @lru_cache(maxsize=2)
 def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
+    """Open what a job names; the latest ones stay open, as a process does many pieces of a job."""
     work = Checkpoint(job.work, job.largest)
     results: MutableMapping[str, Any] = work
     if job.shared:
@@ -309,7 +437,20 @@ def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
 
 
 def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> LaneSetup:
-    """Open what a job names, as the driver saw it."""
+    """Open the run, the model and the truth that a job names, as the driver saw them.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    results : mutable mapping, optional
+        Results of passes by name.
+
+    Raises
+    ------
+    ValueError
+        If this process sees others, or the recipe does not fit.
+    """
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
             raise ValueError(
@@ -318,20 +459,22 @@ def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> 
             )
     model = None if job.model is None else _model_of(job, job.model)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    truth = _truth_of(job) if job.truth[0] else None
     return LaneSetup(
-        open_run(job.run, job.max_memory),
-        parse_recipe(job.recipe),
-        Lane(*job.lane),
-        model,
-        results,
-        job.section,
-        others,
-        _truth_of(job) if job.truth[0] else None,
-        job.explains,
+        run=open_run(job.run, job.max_memory),
+        recipe=parse_recipe(job.recipe),
+        lane=Lane(*job.lane),
+        model=model,
+        results=results,
+        section=job.section,
+        others=others,
+        truth=truth,
+        explains=job.explains,
     )
 
 
 def _model_of(job: LaneJob, folder: str) -> Model:
+    """Load the model of a job."""
     if sha256(read_model(folder)) != job.model_sha256:
         raise ValueError(
             f"worker {socket.gethostname()} must see the model of the driver, got another at "
@@ -341,6 +484,7 @@ def _model_of(job: LaneJob, folder: str) -> Model:
 
 
 def _truth_of(job: LaneJob) -> pd.DataFrame:
+    """Read the targets of a training lane."""
     path, digest = job.truth
     data = read_named(path)
     if sha256(data) != digest:
@@ -350,12 +494,27 @@ def _truth_of(job: LaneJob) -> pd.DataFrame:
     return parse_table(data, "truth", path)
 
 
-def _now() -> tuple[float, float]:
+def _now() -> Clocks:
+    """Read the clocks."""
     return time.perf_counter(), time.process_time()
 
 
-def report(lane: str, stage: str, number: int, begun: tuple[float, float], size: int) -> Report:
-    """Report a piece of work that began at ``begun`` by the clocks of wall and processor, and its bytes."""
+def report(lane: str, stage: str, number: int, begun: Clocks, size: int) -> Report:
+    """Return a report of a piece of work that is done now.
+
+    Parameters
+    ----------
+    lane : str
+        Name of the lane.
+    stage : str
+        Name of the pass.
+    number : int
+        Number of the block.
+    begun : tuple of float
+        Clocks of wall and process when the work began.
+    size : int
+        Bytes that it wrote.
+    """
     wall, processor_time = _now()
     # The processor time is that of the process, and each of its threads sees all of it.
     own_share = (processor_time - begun[1]) / worker_state.threads

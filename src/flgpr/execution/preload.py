@@ -1,4 +1,4 @@
-"""What processes of this machine are made with: done once where they are forked from, not in each of them."""
+"""What the server process does once, from which the worker processes of a machine are forked."""
 
 import gc
 
@@ -6,7 +6,7 @@ from numba.core.registry import cpu_target
 
 from flgpr.execution import job
 
-# What numba would make ready at the first kernel, and what every piece of work asks for.
+# What numba would prepare at the first kernel, and what every piece of work asks for.
 cpu_target.typing_context.refresh()
 cpu_target.target_context.refresh()
 job.code_versions()

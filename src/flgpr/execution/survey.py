@@ -1,9 +1,9 @@
-"""Detection on stored lanes, one or many, by one process or many: what drives the work and goes on after a stop."""
+"""Detection on many stored lanes, by one process or many. An interrupted survey resumes."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,30 +14,33 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
-from flgpr.execution.driver import Note, detect_lane, holds_result, is_done, results_at, unnoted
+from flgpr.execution.driver import detect_lane
+from flgpr.execution.finished import holds_result, is_done, results_at
 from flgpr.execution.job import LaneJob, make_job
+from flgpr.execution.lane_choice import choose_lane
+from flgpr.execution.pass_runner import OnReport, ignore_report
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
 from flgpr.results.result import check_free, read_result
-from flgpr.store import MAX_MEMORY, open_run, read_lane, write_whole
-from flgpr.store.outputs import OVERWRITE, tell_finished
+from flgpr.store import MAX_MEMORY, open_run, write_whole
+from flgpr.store.outputs import OVERWRITE, log_finished
 
 PathLike = str | Path
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Who works on lanes, and how; the results are the same, bit for bit."""
+    """Who works on lanes, and how. The results are the same, bit for bit."""
 
     workers: int | None = None  #: number of processes; None takes this one with all its threads
     scheduler: str | None = None  #: address of a Dask scheduler in place of workers
-    max_memory: int = MAX_MEMORY  #: that each process may take, bytes
+    max_memory: int = MAX_MEMORY  #: bytes that each process may take
     track: Track = silent  #: shows progress
-    note: Note = unnoted  #: takes a report of every piece of work that was done
-    #: folder in which backgrounds, run-views and features stay for other recipes that have the same; it may be deleted
+    note: OnReport = ignore_report  #: takes a report of every piece of work that was done
+    #: folder of backgrounds, run-views and features that recipes share; it may be deleted
     pass_cache: PathLike | None = None
 
     def executor(self) -> Executor:
-        """Choose who does the work."""
+        """Return who does the work; a ValueError if both workers and a scheduler are given."""
         if self.scheduler is not None and self.workers is not None:
             raise ValueError(
                 f"workers and scheduler exclude each other, got {self.workers} and {self.scheduler}"
@@ -60,84 +63,148 @@ def detect_survey(
     others: Sequence[Mapping[str, PathLike]] | None = None,
     report: bool = True,
     at_once: int | None = None,
-    how: RunOptions = DEFAULTS,
+    options: RunOptions = DEFAULTS,
     overwrite: bool = True,
 ) -> list[Path]:
-    """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
+    """Run a recipe on many stored lanes.
 
-    Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a
-    result folder per lane, named like its run, and ``survey.json``. Where others do the work two
-    lanes are worked on at once by default, so that none of them waits for the last block of a
-    stage. Without ``overwrite`` a lane whose place holds another result is refused before any is
-    begun.
+    Lanes whose result is there are left out, so that an interrupted survey resumes.
+
+    Parameters
+    ----------
+    runs : sequence of str or path
+        Run stores.
+    recipe_text : str
+        TOML text of the recipe.
+    output : str or path
+        Takes a result folder per lane, named like its run, and ``survey.json``.
+    lanes : sequence of str or path, optional
+        Files of the borders, one per run.
+    model : str or path, optional
+        Folder of a trained model.
+    section : float, optional
+        Longest section of a lane, m.
+    others : sequence of mapping, optional
+        For each run those taken together with it, by the names that the recipe gives them.
+    report : bool
+        Whether to write a report of each lane.
+    at_once : int, optional
+        Lanes that are worked on at once. By default two where other processes do the work, so that
+        none of them waits for the last block of a pass.
+    options : RunOptions
+        Who does the work.
+    overwrite : bool
+        Whether other results are overwritten.
+
+    Returns
+    -------
+    list of Path
+        The folder of each lane, a result or one of sections, in the order of the runs.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit a run, names are not different, or an option breaks its rule.
+    FileExistsError
+        If a lane's folder holds another result that is not to be overwritten; no lane is begun
+        then.
     """
-    recipe = parse_recipe(recipe_text)
     survey = Path(output)
-    executor = how.executor()
+    executor = options.executor()
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(
             f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}"
         )
+    jobs = _make_jobs(
+        runs, recipe_text, survey, lanes, model, section, others, report, options, overwrite
+    )
+    survey.mkdir(parents=True, exist_ok=True)
+    unfinished = [job for job in jobs if not is_done(job)]
+    if not unfinished:
+        log_finished(survey, OVERWRITE)
+
+    def detect(job: LaneJob) -> None:
+        track = _labelled(options.track, Path(job.output).name)
+        detect_lane(job, executor, track, options.note, section, overwrite)
+
+    with executor:
+        if at_once == 1:
+            # In this thread, which is the one that is interrupted.
+            for job in unfinished:
+                detect(job)
+        else:
+            _detect_at_once(detect, unfinished, at_once)
+    folders = [Path(job.output) for job in jobs]
+    _write_summary(survey, runs, folders)
+    return folders
+
+
+def _make_jobs(
+    runs: Sequence[PathLike],
+    recipe_text: str,
+    survey: Path,
+    lanes: Sequence[PathLike] | None,
+    model: PathLike | None,
+    section: float | None,
+    others: Sequence[Mapping[str, PathLike]] | None,
+    report: bool,
+    options: RunOptions,
+    overwrite: bool,
+) -> list[LaneJob]:
+    """Return the jobs of all lanes; refuse what could not be done before any is begun."""
+    recipe = parse_recipe(recipe_text)
     names = lane_names(runs)
     if lanes is not None and len(lanes) != len(runs):
         raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
-        lane = None if lanes is None else read_lane(lanes[number])
-        beside = None if others is None else others[number]
-        dataset = open_run(run, how.max_memory)
+        lane_file = None if lanes is None else lanes[number]
+        lane, lane_source = choose_lane(run, lane_file, recipe)
+        dataset = open_run(run, options.max_memory)
         area = area_of(dataset, recipe, lane)
-        jobs.append(
-            make_job(
-                run,
-                recipe_text,
-                area,
-                survey / name,
-                report,
-                model,
-                how.max_memory,
-                beside,
-                pass_cache=how.pass_cache,
-            )
+        job = make_job(
+            run,
+            recipe_text,
+            area,
+            survey / name,
+            report,
+            model,
+            options.max_memory,
+            None if others is None else others[number],
+            pass_cache=options.pass_cache,
+            lane_source=lane_source,
         )
+        jobs.append(job)
         check_free(survey / name)
         sizes = sizes_of(as_imaged(dataset, recipe))
-        sections = plan_sections(sizes, recipe, area, how.max_memory, section)  # refuses beforehand
+        sections = plan_sections(sizes, recipe, area, options.max_memory, section)
         if not overwrite:
-            holds_result(jobs[-1], sections)
-    survey.mkdir(parents=True, exist_ok=True)
-    left = [job for job in jobs if not is_done(job)]
-    if not left:
-        tell_finished(survey, OVERWRITE)
+            holds_result(job, sections)
+    return jobs
 
-    def detect(job: LaneJob) -> None:
-        detect_lane(
-            job, executor, _named(how.track, Path(job.output).name), how.note, section, overwrite
-        )
 
-    with executor:
-        if at_once == 1:  # in this thread, which is the one that is interrupted
-            for job in left:
-                detect(job)
-        else:
-            with ThreadPoolExecutor(at_once) as pool:
-                try:
-                    for future in [pool.submit(detect, job) for job in left]:
-                        future.result()
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
-    folders = [Path(job.output) for job in jobs]
-    path = survey / "survey.json"
-    text = json.dumps(_summary(runs, folders), indent=1) + "\n"
-    if not path.is_file() or read_named(path).decode("utf-8", "replace") != text:
-        write_whole(path, text)
-    return folders
+def _detect_at_once(
+    detect: Callable[[LaneJob], None], jobs: Sequence[LaneJob], at_once: int
+) -> None:
+    """Detect on several lanes at once; the first error ends all."""
+    with ThreadPoolExecutor(at_once) as pool:
+        try:
+            for future in [pool.submit(detect, job) for job in jobs]:
+                future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def lane_names(runs: Sequence[PathLike]) -> list[str]:
-    """Name the lanes of a survey after their runs, without the ending; the names must differ."""
+    """Return the names of the lanes of a survey: those of their runs, without the ending.
+
+    Raises
+    ------
+    ValueError
+        If two runs have the same name.
+    """
     names = [Path(run).stem for run in runs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -145,15 +212,25 @@ def lane_names(runs: Sequence[PathLike]) -> list[str]:
     return names
 
 
+def _write_summary(survey: Path, runs: Sequence[PathLike], folders: Sequence[Path]) -> None:
+    """Write what was found on every lane, unless it stands there already."""
+    path = survey / "survey.json"
+    text = json.dumps(_summary(runs, folders), indent=1) + "\n"
+    if not path.is_file() or read_named(path).decode("utf-8", "replace") != text:
+        write_whole(path, text)
+
+
 def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """Return a row for every lane."""
     rows = []
     for run, folder in zip(runs, folders, strict=True):
         alarms = 0
         area = 0.0
-        results = results_at(folder)
-        for result in map(read_result, results):
-            alarms = alarms + len(result.detections[0].alarms)
-            area = area + result.lane.area
+        result_folders = results_at(folder)
+        for result_folder in result_folders:
+            result = read_result(result_folder)  # one at a time, as a result holds its run-views
+            alarms += len(result.detections[0].alarms)
+            area += result.lane.area
         described = result.manifest["run"]
         rows.append(
             {
@@ -164,14 +241,16 @@ def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str
                 "implausible_scans": len(described.get("motion", {}).get("scans", [])),
                 "area_m2": round(area, 3),
                 "alarms": alarms,
-                "sections": len(results),
+                "sections": len(result_folders),
             }
         )
     return rows
 
 
-def _named(track: Track, name: str) -> Track:
-    def named(items: Any, label: str, total: int) -> Any:
+def _labelled(track: Track, name: str) -> Track:
+    """Return what shows progress with the name of a lane before its labels."""
+
+    def labelled(items: Any, label: str, total: int) -> Any:
         return track(items, f"{name}: {label}", total)
 
-    return named
+    return labelled

@@ -1,4 +1,4 @@
-"""The course of a training: every stage of a recipe that learns, in order, then its detector."""
+"""Training: every stage of a recipe that learns, in order, and then its detector."""
 
 from __future__ import annotations
 
@@ -15,13 +15,20 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.chain.alarm_steps import count_alarm_steps
+from flgpr.chain.alarm_steps import LaneOfAlarms, count_alarm_steps
 from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.chain.detection import rank_alarms
 from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, save_model
+from flgpr.chain.model import (
+    MODEL_FILE,
+    Detector,
+    Model,
+    check_free_model,
+    load_model,
+    save_model,
+)
 from flgpr.chain.recipe import RANKS, Recipe, parse_recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.recipe_tables import DetectorTable
@@ -36,6 +43,7 @@ from flgpr.chain.too_few import (
 from flgpr.door import read_named
 from flgpr.execution.driver import passes_of_lane
 from flgpr.execution.job import code_versions, make_job, report
+from flgpr.execution.lane_choice import choose_lane
 from flgpr.execution.survey import RunOptions
 from flgpr.execution.workers import Executor
 from flgpr.live import forecast
@@ -45,13 +53,12 @@ from flgpr.store import (
     canonical_json,
     describe_for_live,
     open_run,
-    read_lane,
     read_manifest,
     read_table,
     sha256,
 )
 from flgpr.store.files import replaced_by
-from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
+from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 
 PathLike = str | Path
 
@@ -59,9 +66,9 @@ PathLike = str | Path
 def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
     """Return whether training a recipe makes a detector, beside what its stages learn."""
     # Without one of these a column of a stage ranks the alarms.
-    wanted = recipe.confidence in RANKS or recipe.detector is not None or bool(features)
+    is_asked_for = recipe.confidence in RANKS or recipe.detector is not None or bool(features)
     has_columns = recipe.features is not None or bool(recipe.columns)
-    return wanted and (has_columns or recipe.detector is not None)
+    return is_asked_for and (has_columns or recipe.detector is not None)
 
 
 def training_lanes(
@@ -72,12 +79,34 @@ def training_lanes(
     others: Sequence[Mapping[str, PathLike]],
     max_memory: int,
 ) -> list[TrainingLane]:
-    """Return the lanes of a training; a run that the recipe does not fit is a ValueError."""
+    """Return the lanes of a training.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    runs : sequence of str or path
+        Run stores.
+    truths : sequence of str or path
+        Files of their targets.
+    borders : sequence of str or path, optional
+        Files of their borders.
+    others : sequence of mapping
+        For each run those taken together with it, by the names that the recipe gives them.
+    max_memory : int
+        Bytes that reading a run may take.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit a run, or a file is not valid.
+    """
     tables = [read_table(truth, "truth") for truth in truths]
     lanes = []
     for number, run in enumerate(runs):
-        given = None if borders is None else read_lane(borders[number])
-        area = area_of(open_run(run, max_memory), recipe, given)
+        lane_file = None if borders is None else borders[number]
+        lane, _ = choose_lane(run, lane_file, recipe)
+        area = area_of(open_run(run, max_memory), recipe, lane)
         lanes.append(TrainingLane(run, truths[number], tables[number], area, others[number]))
     return lanes
 
@@ -88,10 +117,40 @@ def train_on_lanes(
     output: Path,
     features: Sequence[str],
     label_radius: float,
-    how: RunOptions,
+    options: RunOptions,
     overwrite: bool,
 ) -> Model:
-    """Train the recipe of a text on lanes and write its model, or return the one that is there."""
+    """Train a recipe on lanes and write its model.
+
+    Parameters
+    ----------
+    text : str
+        TOML text of the recipe.
+    lanes : sequence of TrainingLane
+        The training lanes.
+    output : Path
+        Folder of the model.
+    features : sequence of str
+        Columns that the detector reads in place of the recipe's.
+    label_radius : float
+        r_label, m.
+    options : RunOptions
+        Who does the work.
+    overwrite : bool
+        Whether another model is overwritten. Otherwise a model of the same inputs is left as it is.
+
+    Returns
+    -------
+    Model
+        What was learnt, or the model that is there.
+
+    Raises
+    ------
+    ValueError
+        If there are too few examples.
+    FileExistsError
+        If the output holds something else and is not to be overwritten.
+    """
     recipe = parse_recipe(text)
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
     notes = {
@@ -101,75 +160,82 @@ def train_on_lanes(
         "made_of": _inputs_digest(lanes, features, label_radius),
     }
     if not overwrite and _holds_model(output, notes):
-        _clear_work_folders(output, how)
-        tell_finished(output, OVERWRITE)
+        _clear_work_folders(output, options)
+        log_finished(output, OVERWRITE)
         return load_model(output)
     # The output is held open for one training at a time.
-    with whole_output(output, replace=True) as partial, how.executor() as executor:
-        course = _Course(recipe, text, lanes, output, executor, how)
-        course.learn_stages()
+    with atomic_output(output, replace=True) as partial, options.executor() as executor:
+        training = _Training(recipe, text, lanes, output, executor, options)
+        training.learn_stages()
         if learns_detector(recipe, features):
-            course.train_detector(features, label_radius)
-            course.learn_forecast()
-        save_model(course.model, partial, notes)
-    _clear_work_folders(output, how)
-    return course.model
+            training.train_detector(features, label_radius)
+            training.learn_forecast()
+        save_model(training.model, partial, notes)
+    _clear_work_folders(output, options)
+    return training.model
 
 
 def _inputs_digest(
     lanes: Sequence[TrainingLane], features: Sequence[str], label_radius: float
 ) -> str:
     """Return a digest of what a model depends on beside the recipe and the runs."""
-    inputs = [
-        {
-            "truth": sha256(read_named(lane.truth)),
-            "lane": asdict(lane.area),
-            "others": {name: read_manifest(run)["sha256"] for name, run in lane.others.items()},
-        }
-        for lane in lanes
-    ]
+    inputs = []
+    for lane in lanes:
+        other_runs = {}
+        for name, run in lane.others.items():
+            other_runs[name] = read_manifest(run)["sha256"]
+        inputs.append(
+            {
+                "truth": sha256(read_named(lane.truth)),
+                "lane": asdict(lane.area),
+                "others": other_runs,
+            }
+        )
     return sha256(canonical_json([inputs, list(features), label_radius, code_versions()]))
 
 
 def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
-    """Tell whether a model of these notes is there, whole; another one is a FileExistsError."""
+    """Return whether a whole model of these notes is there; another one is a FileExistsError."""
     if not (folder / MODEL_FILE).is_file():
         return False
     try:
-        there = load_model(folder).notes
+        present = load_model(folder).notes
     except ValueError:
-        there = {}
-    if any(there.get(name) != value for name, value in notes.items()):
-        raise other_output(folder, f"{OVERWRITE}, or choose another output")
+        present = {}
+    if any(present.get(name) != value for name, value in notes.items()):
+        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
     return True
 
 
-def _clear_work_folders(output: Path, how: RunOptions) -> None:
-    """Delete what a training kept beside its model, which is written."""
+def _clear_work_folders(output: Path, options: RunOptions) -> None:
+    """Delete the work folders beside a model that is written."""
     for work in output.parent.glob(f"{glob.escape(output.name)}-*-*.work*"):
         if re.fullmatch(r"-\d+-\d+\.work(\.done)?", work.name.removeprefix(output.name)):
             shutil.rmtree(work, ignore_errors=True)
-    shared = [] if how.pass_cache is not None else [_work_folder(output, "images")]
-    for left in (_work_folder(output, "training"), replaced_by(output), *shared):
-        shutil.rmtree(left, ignore_errors=True)
+    folders = [_work_folder(output, "training"), replaced_by(output)]
+    if options.pass_cache is None:
+        folders.append(_work_folder(output, "images"))
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _work_folder(output: Path, kind: str) -> Path:
+    """Return the path of a folder beside a model that is being trained."""
     return output.with_name(f"{output.name}.{kind}")
 
 
 @dataclass(frozen=True)
 class TrainingLane:
-    """A training lane: its run, the file of its targets and what stands in it, its borders, the runs beside it."""
+    """A training lane."""
 
-    run: PathLike
-    truth: PathLike
-    targets: pd.DataFrame
-    area: Lane
-    others: Mapping[str, PathLike]
+    run: PathLike  #: run store
+    truth: PathLike  #: file of its targets
+    targets: pd.DataFrame  #: what the file holds
+    area: Lane  #: its borders
+    others: Mapping[str, PathLike]  #: runs taken together with it
 
 
-class _Course:
+class _Training:
     """A training: its lanes, and what has been learnt so far."""
 
     def __init__(
@@ -179,7 +245,7 @@ class _Course:
         lanes: Sequence[TrainingLane],
         output: Path,
         executor: Executor,
-        how: RunOptions,
+        options: RunOptions,
     ) -> None:
         self.recipe = recipe
         self.text = text
@@ -187,15 +253,17 @@ class _Course:
         self.model = Model()
         self.lanes = lanes
         self._executor = executor
-        self._how = how
+        self._options = options
         self._views: list[TrainingView] = []
         self._step = 0
 
     @property
     def _pass_cache(self) -> PathLike | None:
         """Folder of images that the steps share, if there are several."""
-        several = bool(self.recipe.learning())
-        return self._how.pass_cache or (_work_folder(self.output, "images") if several else None)
+        if self._options.pass_cache:
+            return self._options.pass_cache
+        has_several_steps = bool(self.recipe.learning())
+        return _work_folder(self.output, "images") if has_several_steps else None
 
     @property
     def _learnt(self) -> Path:
@@ -204,9 +272,9 @@ class _Course:
 
     def learn_stages(self) -> None:
         """Fit all learning stages, each with what those before it have learnt."""
-        named = self.recipe.named()
+        stages = self.recipe.named()
         for name in self.recipe.learning():
-            if named[name].stage_class.kind in ("screen", "features"):
+            if stages[name].stage_class.kind in ("screen", "features"):
                 self._views = self._views or self._training_views()
                 examples: list[Any] = self._views
             else:
@@ -229,7 +297,7 @@ class _Course:
         return views
 
     def _fit(self, name: str, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
-        """Fit a stage; where the examples do not suffice, tell how many targets each step left."""
+        """Fit a stage; the error of too few examples counts what each step left."""
         stage = self.recipe.named()[name]
         try:
             return stage.stage_class.fit(stage.settings, examples)
@@ -245,88 +313,104 @@ class _Course:
 
     def train_detector(self, features: Sequence[str], label_radius: float) -> None:
         """Train the detector on the alarms of all lanes."""
-        alarms = []
+        lanes: list[LaneOfAlarms] = []
         raised = 0
         for number, (setup, lane) in enumerate(self._lane_setups(truth=False), 1):
             name = f"{number}:{Path(lane.run).stem}"
             ranked = rank_alarms(setup)
-            alarms.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
+            lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
             raised += len(setup.alarms())
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
+        first_features = lanes[0][2]
+        patterns = list(features) or list(table.features)
+        columns = _matching(patterns, list(first_features.columns))
         with self._counted("detector"):
             spent = self._spent()
-            together = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]
-            examples = make_training_set(alarms, label_radius, wanted, together)
+            spent_by_lane = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]
+            examples = make_training_set(lanes, label_radius, columns, spent_by_lane)
+            detector: Detector
             try:
-                detector = (
-                    train(examples, wanted)
-                    if table.estimator == "fisher"
-                    else train_estimator(examples, table, wanted)
-                )
+                if table.estimator == "fisher":
+                    detector = train(examples, columns)
+                else:
+                    detector = train_estimator(examples, table, columns)
             except TooFewExamplesError as error:
-                steps = count_alarm_steps(alarms, raised, spent, wanted, label_radius)
+                steps = count_alarm_steps(lanes, raised, spent, columns, label_radius)
                 raise steps.error(error, self.recipe, table.on) from None
         self.model = replace(self.model, detector=detector)
 
     def learn_forecast(self) -> None:
-        """Learn what becomes of the alarms, hits and false ones alike, that live detection raises on the lanes."""
+        """Learn what becomes of the alarms that live detection raises on the lanes.
+
+        Hits and false alarms count alike.
+        """
         if not forecast.foresees(self.recipe, self.model):
             return
-        settings = LiveSettings(looks=2)  # so that looks two to three tell, too
+        settings = LiveSettings(looks=2)  # so that the step from two looks to three counts, too
         with self._counted(forecast.NAME):
             followed: list[forecast.Followed] = []
             for lane in self.lanes:
-                run = open_run(lane.run, self._how.max_memory)
+                run = open_run(lane.run, self._options.max_memory)
                 detector = LiveDetector(
                     describe_for_live(run), self.recipe, lane.area, self.model, settings
                 )
                 followed.extend(forecast.follow(detector, run))
             arrays, notes = forecast.learn(followed)
-        self.model = replace(
-            self.model,
-            stages=self.model.stages | ({forecast.NAME: arrays} if arrays else {}),
-            notes=self.model.notes | {forecast.NAME: notes},
-        )
+        stages = dict(self.model.stages)
+        if arrays:
+            stages[forecast.NAME] = arrays
+        notes_of_stages = self.model.notes | {forecast.NAME: notes}
+        self.model = replace(self.model, stages=stages, notes=notes_of_stages)
 
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:
-        """Report what learning itself takes."""
+        """Report what learning itself costs, without the passes."""
         begun = time.perf_counter(), time.process_time()
         yield
-        self._how.note(report(self.output.name, name, -1, begun, 0))
+        self._options.note(report(self.output.name, name, -1, begun, 0))
 
     def _spent(self) -> dict[str, list[pd.DataFrame]]:
-        """Give, by stage, the rows of every lane's truth that made what it has learnt."""
-        parts = {
-            name: stage.stage_class.targets_used_for_training(stage.settings, self._views)
-            for name, stage in self.recipe.named().items()
-            if name in self.recipe.learning()
-        }
-        return {name: rows for name, rows in parts.items() if rows}
+        """Return, by stage, the rows of every lane's truth that it has learnt from."""
+        spent = {}
+        for name, stage in self.recipe.named().items():
+            if stage.stage_class.learns:
+                rows = stage.stage_class.targets_used_for_training(stage.settings, self._views)
+                if rows:
+                    spent[name] = rows
+        return spent
 
     def _lane_setups(self, truth: bool) -> Iterator[tuple[LaneSetup, TrainingLane]]:
-        """Go through the lanes as far as the model allows, and yield what their passes gave."""
+        """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
         self._step += 1
         model = save_model(self.model, self._learnt) if self.model.stages else None
+        options = self._options
         for number, lane in enumerate(self.lanes, 1):
-            beside = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
             job = make_job(
-                lane.run, self.text, lane.area, beside, False, model, self._how.max_memory, lane.others,
-                lane.truth if truth else None, self._pass_cache,
-            )  # fmt: skip
-            name = f"{Path(lane.run).stem}: "
-            with passes_of_lane(
-                job, self._executor, self._how.track, self._how.note, name
-            ) as setup:
+                run=lane.run,
+                recipe=self.text,
+                lane=lane.area,
+                output=self.output.with_name(f"{self.output.name}-{number}-{self._step}"),
+                report=False,
+                model=model,
+                max_memory=options.max_memory,
+                others=lane.others,
+                truth=lane.truth if truth else None,
+                pass_cache=self._pass_cache,
+            )
+            label = f"{Path(lane.run).stem}: "
+            with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
                 yield setup, lane
 
 
-def _matching(wanted: list[str], columns: list[str]) -> list[str]:
-    matching = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
-    missing = [
-        pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)
-    ]
+def _matching(patterns: list[str], columns: list[str]) -> list[str]:
+    """Return the columns that match patterns; refuse a pattern that none matches."""
+    matching: list[str] = []
+    missing = []
+    for pattern in patterns:
+        names = [name for name in columns if fnmatchcase(name, pattern)]
+        matching += names
+        if not names:
+            missing.append(pattern)
     if missing or not matching:
         raise ValueError(
             f"features must be columns of the feature table, got {', '.join(missing) or 'none'}"

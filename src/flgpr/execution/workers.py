@@ -1,7 +1,7 @@
 """Who does the work: this process, other processes of this machine, or a Dask cluster.
 
-All of them take a function of a module and a list of arguments and give back what the function
-returns, as the work gets done. What they return is small: arrays go through the work folder.
+All of them take a function of a module and a list of arguments, and yield what the function returns
+as the work gets done. What they return is small: arrays go through the work folder.
 """
 
 from __future__ import annotations
@@ -26,10 +26,13 @@ from flgpr.store.extras import optional
 
 Report = dict[str, Any]
 Work = Callable[..., Report]
-_TRIALS = 3
-_PATIENCE = "20s"  # for a scheduler that does not answer
+_TRIALS = 3  # times that work is begun before lost workers end it
+_PATIENCE = "20s"  # with a scheduler that does not answer
 _SLOW = ("dask.array", "sklearn")
-"""What the work may need and takes longest to import: forked with it where this process has come to need it."""
+"""What takes longest to import of what the work may need.
+
+Workers are forked with it where this process has needed it.
+"""
 
 
 class LostWorkersError(ValueError):
@@ -48,8 +51,16 @@ class Executor(AbstractContextManager["Executor"]):
     ) -> Generator[Report]:
         """Do a piece of work for each set of arguments and yield what it returns, in any order.
 
-        A single process may do as many at once as ``threads`` says. Close it where it may not be
-        used up.
+        Close the generator where it may not be used up.
+
+        Parameters
+        ----------
+        work : callable
+            A function of a module.
+        arguments : sequence of tuple
+            The arguments of every piece.
+        threads : int
+            How many pieces a single process may do at once.
         """
 
 
@@ -64,15 +75,20 @@ class InProcess(Executor):
     def run(
         self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1
     ) -> Generator[Report]:
-        """Deal the work to threads, and yield in its order."""
+        """Hand the work to threads, and yield in its order."""
         yield from run_pieces(work, arguments, threads)
 
 
 class Processes(Executor):
-    """Does the work in processes of this machine, which share its processors evenly and end when this process does.
+    """Does the work in processes of this machine, which share its processors evenly.
 
-    If one is killed, its work is begun anew. Scripts use it under ``if __name__ == "__main__"``,
-    since it imports them.
+    They end when this process does. If one is killed, its work is begun anew. Scripts use it under
+    ``if __name__ == "__main__"``, since it imports them.
+
+    Parameters
+    ----------
+    count : int
+        Number of processes.
     """
 
     def __init__(self, count: int) -> None:
@@ -93,14 +109,20 @@ class Processes(Executor):
         arguments: Sequence[tuple[Any, ...]],
         threads: int = 1,  # noqa: ARG002
     ) -> Generator[Report]:
-        """Hand out the work, a module's function; yield what is done first. Processes killed time and again end it."""
+        """Hand the work to the processes; yield first what is done first.
+
+        Raises
+        ------
+        LostWorkersError
+            If processes are killed time and again.
+        """
         left = list(arguments)
         for _ in range(_TRIALS):
             pool = self._pool or self._begin(None)
             waiting: dict[Future[Report], tuple[Any, ...]] = {}
             try:
-                for some in left:
-                    waiting[pool.submit(work, *some)] = some
+                for piece in left:
+                    waiting[pool.submit(work, *piece)] = piece
             except BrokenProcessPool:
                 pass
             submitted = len(waiting)
@@ -121,7 +143,7 @@ class Processes(Executor):
         )
 
     def _begin(self, broken: ProcessPoolExecutor | None) -> ProcessPoolExecutor:
-        """Start processes, unless another thread has done so since ``broken``."""
+        """Return new processes, or those that another thread started after the broken ones."""
         with self._lock:
             if self._pool is None or self._pool is broken:
                 context = multiprocessing.get_context("forkserver")
@@ -133,13 +155,14 @@ class Processes(Executor):
 
 
 def _begin_worker(threads: int) -> None:
-    """Begin a process with its share of threads; it ends with the process that asked for it."""
+    """Set up a process with its share of threads. It ends with its parent."""
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     threadpool_limits(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
+    """Wait for the end of the parent, and end this process."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -147,11 +170,16 @@ def _end_with_parent() -> None:
 
 
 class Cluster(Executor):
-    """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
+    """Hands the work to the workers of an existing Dask cluster.
 
     Only small values go through it: arrays stay in the work folder, which all see. A lost worker
-    costs what it was at. Run, model and output must have the same path on every worker, and the
-    workers the same versions as this process.
+    costs the piece that it worked on. Run, model and output must have the same path on every
+    worker, and the workers the same versions as this process.
+
+    Parameters
+    ----------
+    address : str
+        Address of the scheduler, such as ``tcp://host:8786``.
     """
 
     def __init__(self, address: str) -> None:
@@ -181,8 +209,14 @@ class Cluster(Executor):
         arguments: Sequence[tuple[Any, ...]],
         threads: int = 1,  # noqa: ARG002
     ) -> Generator[Report]:
-        """Submit a task for each set of arguments and yield what is done first; workers lost time and again end it."""
-        futures = [self._client.submit(work, *some, pure=False) for some in arguments]
+        """Submit a task for each set of arguments; yield first what is done first.
+
+        Raises
+        ------
+        LostWorkersError
+            If workers are lost time and again.
+        """
+        futures = [self._client.submit(work, *piece, pure=False) for piece in arguments]
         try:
             done = self._distributed.as_completed(
                 futures, loop=self._client.loop, with_results=True

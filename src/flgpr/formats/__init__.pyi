@@ -20,8 +20,8 @@ from flgpr.formats.gpr_survey import place_by_marks as place_by_marks
 from flgpr.formats.gpr_survey import read_line_ends as read_line_ends
 from flgpr.formats.gpr_survey import survey_run as survey_run
 from flgpr.formats.gprmax import GprmaxOutput as GprmaxOutput
-from flgpr.formats.gprmax import GprmaxRun as GprmaxRun
 from flgpr.formats.gprmax import read_gprmax as read_gprmax
+from flgpr.formats.gprmax_decks import GprmaxRun as GprmaxRun
 from flgpr.formats.mapped import Imported as Imported
 from flgpr.formats.mapped import import_mapped as import_mapped
 from flgpr.formats.mapped import impulse_to_frequency as impulse_to_frequency

@@ -143,6 +143,7 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
         raise ValueError(
             f"{path}: a file must hold at most {limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
         )
+
     about: list[str] = []
     notes: list[str] = []
     with _faults_of_parser(path, kind):
@@ -160,9 +161,9 @@ def _faults_of_parser(path: Path, kind: str) -> Iterator[None]:
     except MissingExtraError:
         raise
     except Exception as error:
-        words = " ".join(str(error).split())[:200] or type(error).__name__
+        message = " ".join(str(error).split())[:200] or type(error).__name__
         raise ValueError(
-            f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({words})"
+            f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({message})"
         ) from None
 
 
@@ -218,6 +219,7 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
 
 def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL) -> None:
     """Let ``child.py`` read a file: damaged ones can crash the libraries or keep them busy."""
+    # -P keeps the script's folder, with modules of this package, off the path of imports.
     command = [sys.executable, "-P", str(_CHILD), library.lower(), *map(str, arguments)]
     # Every thread of the linear algebra takes address space, which is bounded.
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
@@ -306,6 +308,7 @@ def _info_of(name: str, item: Any) -> ArrayInfo:
 
 def _read_hdf5(name: str, item: Any) -> Any:
     """Read the values of an HDF5 array."""
+    # Such an array would have HDF5 open any file of the user's that this one names.
     if item.is_virtual or item.external is not None:
         raise ValueError(f"{name} must hold its numbers itself, they lie in other files")
     check_expansion(name, item.nbytes, item.id.get_storage_size())
@@ -444,6 +447,7 @@ def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
         if set(name_of) == {real, imaginary}:
             first = values[name_of[real]]
             second = values[name_of[imaginary]]
+            # A unit of the same precision keeps single precision single.
             unit = np.asarray(1j)
             kind = np.complex64 if first.dtype.itemsize == 4 else np.complex128
             return first + unit.astype(kind) * second

@@ -93,6 +93,7 @@ def attitude_of(
                 f"{where}.euler must be x, y and z in some order, all large or all small, "
                 f"got {euler!r}"
             )
+
     angles = np.full((len(rotations), 3), np.nan)
     size = np.abs(rotations).max(axis=1, initial=0.0)
     usable = np.isfinite(size)

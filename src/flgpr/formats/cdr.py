@@ -51,7 +51,7 @@ class _Field(NamedTuple):
 
     name: str
     kind: str | _Struct  # NumPy type, _TEXT, or the fields of a nested message
-    count: int | None  # None: a single value; _VARIABLE: as many as the message states
+    size: int | None  # None: a single value; _VARIABLE: as many as the message states
 
 
 def message_decoder(name: str, text: str) -> Decoder:
@@ -95,9 +95,9 @@ def message_decoder(name: str, text: str) -> Decoder:
 
 def _short(name: str, package: str) -> str:
     """Return pkg/Name of pkg/msg/Name, of pkg/Name, or of a Name in the same package."""
-    words = name.split("/")
-    if len(words) > 1:
-        return f"{words[0]}/{words[-1]}"
+    segments = name.split("/")
+    if len(segments) > 1:
+        return f"{segments[0]}/{segments[-1]}"
     return "std_msgs/Header" if name == "Header" else f"{package}/{name}"
 
 
@@ -147,7 +147,7 @@ def _count_in(brackets: str | None) -> int | None:
 
 def _least_bytes(field: _Field) -> int:
     """Return the bytes that a field takes at least."""
-    if field.count == _VARIABLE:
+    if field.size == _VARIABLE:
         return _LENGTH_BYTES
     if isinstance(field.kind, _Struct):
         single = field.kind.least
@@ -155,7 +155,7 @@ def _least_bytes(field: _Field) -> int:
         single = _LENGTH_BYTES
     else:
         single = np.dtype(field.kind).itemsize
-    return single if field.count is None else field.count * single
+    return single if field.size is None else field.size * single
 
 
 class _Reader:
@@ -206,7 +206,7 @@ class _Reader:
             self.numbers("u1", 1)  # an empty message has a byte
         values = {}
         for field in kind.fields:
-            values[field.name] = self.field(field.kind, field.count)
+            values[field.name] = self.field(field.kind, field.size)
         return values
 
     def field(self, kind: str | _Struct, count: int | None) -> Any:

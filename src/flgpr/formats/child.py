@@ -116,7 +116,7 @@ def unpack(path: str, limit: int, spare: int) -> None:
     from scipy.io import loadmat
 
     warnings.simplefilter("ignore")
-    # MATLAB stores whole numbers in fewer bytes: only mat_dtype tells their class, but it drops
+    # MATLAB stores whole numbers in fewer bytes: only mat_dtype restores their class, but it drops
     # imaginary parts.
     kinds = {}
     for name, value in _members("", loadmat(path, appendmat=False, mat_dtype=True), []):

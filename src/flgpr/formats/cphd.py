@@ -8,12 +8,10 @@ attributes) travels in added parameters; files of other makers are read without 
 
 from __future__ import annotations
 
-import json
 import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,40 +20,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.door import parse_json
+from flgpr.formats.cphd_tree import ADDED, TIME, Vectors, metadata_tree
 from flgpr.geo.anchor import Anchor
-from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
 from flgpr.model.phase import lengthen
 from flgpr.store.extras import MissingExtraError, optional
-from flgpr.store.files import canonical_json, existing
-from flgpr.store.outputs import whole_output
+from flgpr.store.files import existing
+from flgpr.store.outputs import atomic_output
 
 FloatArray = NDArray[np.float64]
-_Vectors = dict[str, NDArray[Any]]
-"""Parameters of a channel's vectors (scan, ...), by their names in CPHD."""
-_NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
-_VECTORS = ("TxPos", "TxVel", "RcvPos", "RcvVel", "SRPPos")
-_ORDER = (
-    "TxTime",
-    "TxPos",
-    "TxVel",
-    "RcvTime",
-    "RcvPos",
-    "RcvVel",
-    "SRPPos",
-    "aFDOP",
-    "aFRR1",
-    "aFRR2",
-    "FX1",
-    "FX2",
-    "TOA1",
-    "TOA2",
-    "TDTropoSRP",
-    "SC0",
-    "SCSS",
-    "SIGNAL",
-)
-_ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
-_TIME = "flgpr_time"
+_ATMOSPHERE = ("TDTropoSRP", "TDIonoSRP")
+"""Delays of a vector that the atmosphere makes."""
 _SCENE_HALF = 10.0  # m, half the side of the scene that is taken where none is given
 _AHEAD = 10.0  # m, from an antenna on the ground to the centre of that scene
 _LARGEST_MOTION = 1e-3  # m, of antennas in an array that keeps its form
@@ -105,6 +80,7 @@ def write_cphd(
     sarkit = optional("sarkit.cphd", "cphd")
     _check_even_tones(run["frequency"].values)
     run = run.compute()  # channels cut across the store's chunks
+
     scene = scene or _scene_ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
     time = _times(run)
@@ -116,8 +92,9 @@ def write_cphd(
             name = f"{pair}_{label}"
             names.append(name)
             signals[name], vectors[name] = _channel(run, pair, number, time, anchor, center)
+
     with _without_sarkits_warnings():
-        tree = _metadata(run, names, vectors, anchor, scene, time)
+        tree = metadata_tree(run, names, vectors, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
     records = {}
@@ -128,9 +105,10 @@ def write_cphd(
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, records[names[0]])
+
     metadata = sarkit.Metadata(xmltree=tree)
     with (
-        whole_output(path, replace=True) as partial,
+        atomic_output(path, replace=True) as partial,
         partial.open("wb") as file,
         sarkit.Writer(file, metadata) as writer,
     ):
@@ -184,8 +162,8 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     except (MissingExtraError, FileNotFoundError):
         raise
     except Exception as error:
-        words = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as CPHD: {words}") from None
+        message = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as CPHD: {message}") from None
 
 
 @contextmanager
@@ -203,7 +181,8 @@ def _check_even_tones(frequency: FloatArray) -> None:
     if frequency.size < 2:
         raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
     step = (frequency[-1] - frequency[0]) / (frequency.size - 1)
-    off = np.abs(frequency - (frequency[0] + step * np.arange(frequency.size))).max()
+    even = frequency[0] + step * np.arange(frequency.size)
+    off = np.abs(frequency - even).max()
     if off > _UNEVEN * step:
         raise ValueError(
             f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
@@ -240,7 +219,7 @@ def _channel(
     time: FloatArray,
     anchor: Anchor,
     center: FloatArray,
-) -> tuple[NDArray[np.complex64], _Vectors]:
+) -> tuple[NDArray[np.complex64], Vectors]:
     """Return a channel's signal (scan, frequency) and its vectors.
 
     The path to the reference point ``center`` is taken off the signal.
@@ -251,21 +230,22 @@ def _channel(
     rx = vehicle_to_lane(run["rx_position"].values[pair, None], pose)[:, 0]
     range_tx = np.linalg.norm(tx - center, axis=1)
     range_rx = np.linalg.norm(rx - center, axis=1)
+
     valid = run["valid"].values[:, polarization, pair]
     signal = run["signal"].values[:, polarization, pair]
     compensated = lengthen(signal, frequency, -(range_tx + range_rx))
     signal = np.where(valid[:, None], compensated, 0).astype(np.complex64)
+
     step = float((frequency[-1] - frequency[0]) / (frequency.size - 1))
     scans = len(pose)
     velocity_tx = _velocity(tx, time)
     velocity_rx = _velocity(rx, time)
-    closing = 0.5 * sum(
-        (
-            _along(velocity_tx, tx - center, range_tx),
-            _along(velocity_rx, rx - center, range_rx),
-        )
-    )
-    vectors: _Vectors = {
+    closing = np.zeros(scans)
+    closing += _along(velocity_tx, tx - center, range_tx)
+    closing += _along(velocity_rx, rx - center, range_rx)
+    closing *= 0.5
+
+    vectors: Vectors = {
         "TxTime": time,
         "TxPos": anchor.to_geocentric(tx),
         "TxVel": anchor.turn(velocity_tx),
@@ -285,7 +265,7 @@ def _channel(
         "SCSS": np.full(scans, step),
         "SIGNAL": valid.astype(np.int64),
     }
-    for column, name in enumerate(_ADDED):
+    for column, name in enumerate(ADDED):
         vectors[name] = pose[:, column]
     return signal, vectors
 
@@ -301,185 +281,6 @@ def _along(velocity: FloatArray, offset: FloatArray, distance: FloatArray) -> Fl
     """Return the component (scan,) of a velocity along the offset from the reference point."""
     unit = offset / np.maximum(distance, 1e-12)[:, None]
     return np.asarray((velocity * unit).sum(axis=1))
-
-
-def _metadata(
-    run: xr.Dataset,
-    names: list[str],
-    vectors: dict[str, _Vectors],
-    anchor: Anchor,
-    scene: Grid,
-    time: FloatArray,
-) -> Any:
-    """Return the XML tree of a run's channels."""
-    root = _empty()
-    first = vectors[names[0]]
-    root["CollectionID"] = {
-        "CollectorName": "flgpr",
-        "CoreName": str(run.attrs.get("title", "run"))[:200] or "run",
-        "CollectType": "BISTATIC",
-        "RadarMode": {"ModeType": "DYNAMIC STRIPMAP"},
-        "Classification": "UNCLASSIFIED",
-        "ReleaseInfo": "UNRESTRICTED",
-    }
-    root["Global"] = {
-        "DomainType": "FX",
-        "SGN": -1,
-        "Timeline": {
-            "CollectionStart": datetime(1970, 1, 1, tzinfo=UTC),
-            "TxTime1": float(time[0]),
-            "TxTime2": float(time[-1]),
-        },
-        "FxBand": {"FxMin": float(first["FX1"][0]), "FxMax": float(first["FX2"][0])},
-        "TOASwath": {"TOAMin": float(first["TOA1"][0]), "TOAMax": float(first["TOA2"][0])},
-    }
-    _scene(root, anchor, scene)
-    _data(root, names, run.sizes["scan"], run.sizes["frequency"])
-    _channels(root, run, names, first)
-    _layout(root)
-    middle, duration = _dwell(first)
-    root["Dwell"] = {
-        "NumCODTimes": 1,
-        "CODTime": [{"Identifier": "all", "CODTimePoly": np.array([[middle]])}],
-        "NumDwellTimes": 1,
-        "DwellTime": [{"Identifier": "all", "DwellTimePoly": np.array([[duration]])}],
-    }
-    return root.elem.getroottree()
-
-
-def _dwell(first: _Vectors) -> tuple[float, float]:
-    """Return the middle and the length of the time in which the reference point is seen, s."""
-    out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
-    back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
-    middle = first["TxTime"] + out / (out + back) * (first["RcvTime"] - first["TxTime"])
-    return float((middle[0] + middle[-1]) / 2), float(middle[-1] - middle[0])
-
-
-def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
-    """Add where the scene lies."""
-    x1, x2, y1, y2 = scene.extent()
-    center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
-    lon, lat, height = anchor.to_geodetic(center)
-    half = np.array([(x2 - x1) / 2, (y2 - y1) / 2])
-    corners = []
-    for side_x, side_y in ((-1, 1), (1, 1), (1, -1), (-1, -1)):
-        corners.append(center + [side_x * half[0], side_y * half[1], 0])
-    corners_lat_lon = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
-    root["SceneCoordinates"] = {
-        "EarthModel": "WGS_84",
-        "IARP": {"ECF": anchor.to_geocentric(center), "LLH": np.array([lat, lon, height])},
-        "ReferenceSurface": {
-            "Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])}
-        },
-        "ImageArea": {"X1Y1": -half, "X2Y2": half},
-        "ImageAreaCornerPoints": corners_lat_lon,
-        "ImageGrid": {
-            "IARPLocation": np.array([(scene.nx - 1) / 2, (scene.ny - 1) / 2]),
-            "IAXExtent": {"LineSpacing": scene.dx, "FirstLine": 0, "NumLines": scene.nx},
-            "IAYExtent": {"SampleSpacing": scene.dy, "FirstSample": 0, "NumSamples": scene.ny},
-        },
-    }
-
-
-def _empty() -> Any:
-    """Return an empty tree."""
-    etree = optional("lxml.etree", "cphd")
-    element = etree.Element(f"{{{_NAMESPACE}}}CPHD", nsmap={None: _NAMESPACE})
-    return optional("sarkit.cphd", "cphd").ElementWrapper(element)
-
-
-def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[Any]:
-    """Yield a block's elements of a name, each of a tree of its own.
-
-    In a single tree, every value is looked up among all.
-    """
-    for record in records:
-        root = _empty()
-        root[block] = {name: [record]}
-        yield root.elem[0][0]
-
-
-def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
-    """Add how the arrays of the channels lie in the file."""
-    words = len(_ORDER) + 2 * len(_VECTORS) + len(_ADDED)  # of 8 bytes in a vector
-    channels = []
-    for number, name in enumerate(names):
-        channel = {
-            "Identifier": name,
-            "NumVectors": scans,
-            "NumSamples": tones,
-            "SignalArrayByteOffset": number * scans * tones * 8,
-            "PVPArrayByteOffset": number * scans * words * 8,
-        }
-        channels.append(channel)
-    root["Data"] = {
-        "SignalArrayFormat": "CF8",
-        "NumBytesPVP": 8 * words,
-        "NumCPHDChannels": len(names),
-        "Channel": _elements("Data", "Channel", channels),
-        "NumSupportArrays": 0,
-    }
-
-
-def _channels(root: Any, run: xr.Dataset, names: list[str], first: _Vectors) -> None:
-    """Add the parameters of the channels, and what of a run has no element in CPHD."""
-    valid = run["valid"].values
-    labels = [str(label) for label in run["polarization"].values]
-    parameters = []
-    for name in names:
-        pair, label = name.split("_")[:2]
-        polarization = labels.index(label)
-        parameters.append(
-            {
-                "Identifier": name,
-                "RefVectorIndex": run.sizes["scan"] // 2,
-                "FXFixed": True,
-                "TOAFixed": True,
-                "SRPFixed": True,
-                "SignalNormal": bool(valid[:, polarization, int(pair)].all()),
-                "Polarization": {"TxPol": label[0], "RcvPol": label[1]},
-                "FxC": float(first["FX1"][0] + first["FX2"][0]) / 2,
-                "FxBW": float(first["FX2"][0] - first["FX1"][0]),
-                "TOASaved": float(first["TOA2"][0] - first["TOA1"][0]),
-                "DwellTimes": {"CODId": "all", "DwellId": "all"},
-            }
-        )
-    attrs = {str(name): value for name, value in run.attrs.items()}
-    times = [time if math.isfinite(time) else None for time in run["time"].values.tolist()]
-    added = [
-        ("flgpr_attrs", canonical_json(attrs).decode()),
-        ("flgpr_tx_position", json.dumps(run["tx_position"].values.tolist())),
-        ("flgpr_rx_position", json.dumps(run["rx_position"].values.tolist())),
-        ("flgpr_frequency", json.dumps(run["frequency"].values.tolist())),
-        (_TIME, json.dumps(times)),
-    ]
-    root["Channel"] = {
-        "RefChId": names[0],
-        "FXFixedCPHD": True,
-        "TOAFixedCPHD": True,
-        "SRPFixedCPHD": True,
-        "Parameters": _elements("Channel", "Parameters", parameters),
-        "AddedParameters": {"Parameter": added},
-    }
-
-
-def _layout(root: Any) -> None:
-    """Add how the parameters of a vector lie in it."""
-    dtype = optional("sarkit.cphd", "cphd").binary_format_string_to_dtype
-    offset = 0  # in words of 8 bytes
-    table = {}
-    for name in (*_ORDER, *_ADDED):
-        size = 1
-        form = "F8"
-        if name in _VECTORS:
-            size = 3
-            form = "X=F8;Y=F8;Z=F8;"
-        elif name == "SIGNAL":
-            form = "I8"
-        table[name] = {"Offset": offset, "Size": size, "dtype": dtype(form)}
-        offset += size
-    added = [{"Name": name, **table.pop(name)} for name in _ADDED]
-    root["PVP"] = {**table, "AddedPVP": added}
 
 
 def _added_parameters(tree: Any) -> dict[str, str]:
@@ -510,6 +311,7 @@ def _check_declared(tree: Any, channels: list[Any], path: Path) -> None:
         raise ValueError(
             f"all channels must have the same vectors and samples, got {sorted(sizes)}"
         )
+    # The narrowest format of samples has two bytes.
     scans, tones = sizes.pop()
     if scans * tones * len(channels) * 2 > path.stat().st_size:
         raise ValueError(
@@ -529,33 +331,70 @@ def _assembled(
     first = next(iter(channels.values())).vectors
     parameters = first.dtype.names or ()
     frequency = _frequency(channels, added)
-    signal = np.full((len(first), len(labels), pairs, frequency.size), np.nan, np.complex64)
+    shape = (len(first), len(labels), pairs, frequency.size)
+    signal = np.full(shape, np.nan, np.complex64)
+
     sign = int(tree.findtext("{*}Global/{*}SGN"))
     for name, (samples, vectors) in channels.items():
         polarization, pair = position_of[name]
         path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
         if "AmpSF" in (vectors.dtype.names or ()):
             samples = samples * vectors["AmpSF"][:, None]
+        # SGN is the sign of the phase of a delay: a run has -1.
         values = lengthen(samples.conj() if sign > 0 else samples, frequency, path)
         usable = np.ones(len(first), bool)
         if "SIGNAL" in (vectors.dtype.names or ()):
             usable = vectors["SIGNAL"] == 1
         signal[usable, polarization, pair] = values[usable]
-    if all(name in parameters for name in _ADDED) and "flgpr_tx_position" in added:
-        pose = np.stack([first[name] for name in _ADDED], axis=1)
+
+    if all(name in parameters for name in ADDED) and "flgpr_tx_position" in added:
+        pose = np.stack([first[name] for name in ADDED], axis=1)
         tx = np.array(parse_json(added["flgpr_tx_position"]))
         rx = np.array(parse_json(added["flgpr_rx_position"]))
-        times = [np.nan if time is None else time for time in parse_json(added[_TIME])]
+        times = [np.nan if time is None else time for time in parse_json(added[TIME])]
         time = np.array(times, dtype=np.float64)
         attrs = parse_json(added["flgpr_attrs"])
         return make_run(signal, frequency, labels, tx, rx, pose, time, attrs)
+
     vectors_of_pair = {position_of[name][1]: channels[name].vectors for name in channels}
     tx, rx, pose = _geometry(vectors_of_pair, anchor)
     attrs = {
         "title": tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD",
         "source": f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}",
+        "import_notes": _notes(channels, sign),
     }
     return make_run(signal, frequency, labels, tx, rx, pose, first["TxTime"], attrs)
+
+
+def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
+    """Return what is assumed, converted or left out of a file of another maker."""
+    notes = ["the file states no heading, pitch and roll: 0 is taken, as the array lies"]
+    if sign > 0:
+        notes.append("the phases are conjugated: the file has the sign +1")
+    total = sum(len(channel.vectors) for channel in channels.values())
+    without_signal = 0
+    scaled = 0
+    delayed = 0
+    for channel in channels.values():
+        names = channel.vectors.dtype.names or ()
+        if "SIGNAL" in names:
+            without_signal += int(np.count_nonzero(channel.vectors["SIGNAL"] != 1))
+        if "AmpSF" in names:
+            scaled += int(np.count_nonzero(channel.vectors["AmpSF"] != 1))
+        delays = [channel.vectors[name] for name in _ATMOSPHERE if name in names]
+        if delays:
+            delayed += int(np.count_nonzero(np.any(delays, axis=0)))
+    if without_signal:
+        notes.append(f"{without_signal} of {total} vectors hold no signal (SIGNAL)")
+    if scaled:
+        notes.append(f"{scaled} of {total} vectors are scaled by their AmpSF")
+    if delayed:
+        names_of_delays = " and ".join(_ATMOSPHERE)
+        notes.append(
+            f"the delays of the atmosphere of {delayed} of {total} vectors ({names_of_delays}) "
+            "are not taken off"
+        )
+    return notes
 
 
 def _native(samples: NDArray[Any], vectors: NDArray[Any]) -> _Channel:
@@ -628,10 +467,13 @@ def _geometry(
             positions.append(anchor.from_geocentric(vectors_of_pair[pair][name]))
         sides.append(np.stack(positions, axis=1))
     tx, rx = sides
+
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]
-    moved = max(float(np.abs(local - local[0]).max()) for local in (local_tx, local_rx))
+    moved_tx = float(np.abs(local_tx - local_tx[0]).max())
+    moved_rx = float(np.abs(local_rx - local_rx[0]).max())
+    moved = max(moved_tx, moved_rx)
     if not moved <= _LARGEST_MOTION:
         raise ValueError(
             "the array must keep its form and heading from vector to vector, "

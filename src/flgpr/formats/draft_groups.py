@@ -132,7 +132,7 @@ def _text_columns(path: Path) -> dict[str, list[str]]:
     return columns
 
 
-def name_token(name: str, words: Collection[str]) -> str | None:
-    """Return the word of a name that is among ``words``; None if none is."""
+def name_token(name: str, vocabulary: Collection[str]) -> str | None:
+    """Return the word of a name that is among ``vocabulary``; None if none is."""
     tokens = re.split(r"[_\W]+", name.lower())
-    return next((token for token in tokens if token in words), None)
+    return next((token for token in tokens if token in vocabulary), None)

@@ -65,9 +65,11 @@ class MappingDraft:
             "",
             "[files]",
         ]
+
         for group in roles.groups:
             if self._is_used(group):
                 lines.append(f"{group.key} = {self._file_names(group)}")
+
         lines += ["", "[signal]", f"variable = {json.dumps(roles.signal.name)}"]
         if roles.imaginary:
             lines.append(f"imaginary = {json.dumps(roles.imaginary)}")

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.formats.arrays import ArrayInfo
+from flgpr.formats.draft_arrays import find_signal, labels_of
 from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup, name_token
-from flgpr.formats.draft_single import find_signal, labels_of
 from flgpr.formats.draft_units import unit_of
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
@@ -77,7 +77,9 @@ class Roles:
         self.groups = groups
         self.data, self.signal, self.imaginary = self._find_signal()
         self.data.key = "data"
-        self.used = {(self.data.key, self.signal.name), (self.data.key, self.imaginary or "")}
+        self.used = {(self.data.key, self.signal.name)}
+        if self.imaginary:
+            self.used.add((self.data.key, self.imaginary))
         self.sizes = list(self.signal.shape)
         self.frequency = self.find_axis(_FREQUENCY_NAMES)
         self.samples = None if self.frequency else self.find_axis(_SAMPLE_NAMES)
@@ -255,7 +257,8 @@ class Roles:
         stated = unit_of(source.group.opened, source.info, "m")
         if not stated.endswith("?"):
             return stated, ""
-        spread = float(np.ptp(np.asarray(points, dtype=np.float64), axis=0).max())
+        positions = np.asarray(points, dtype=np.float64)
+        spread = float(np.ptp(positions, axis=0).max())
         lowest = self._lowest_frequency()
         if lowest is None or spread == 0:
             return stated, ""
@@ -272,7 +275,8 @@ class Roles:
         if self.frequency is None:
             return None
         unit, _ = self.frequency_unit()
-        return float(np.min(self.frequency.values())) * UNITS["frequency"][unit.rstrip("?")]
+        lowest = float(np.min(self.frequency.values()))
+        return lowest * UNITS["frequency"][unit.rstrip("?")]
 
     def frequency_unit(self) -> tuple[str, str]:
         """Return the unit of the tones, and why; a question mark where it is a guess."""
@@ -304,8 +308,8 @@ class Roles:
         for source in self._unused():
             if source.group is not group or not _is_vector(source):
                 continue
-            for name, words in _POSE_NAMES.items():
-                if name not in columns and name_token(source.info.name, words) is not None:
+            for name, vocabulary in _POSE_NAMES.items():
+                if name not in columns and name_token(source.info.name, vocabulary) is not None:
                     columns[name] = source
                     break
             if TIME_NAMES.search(source.info.name):
@@ -381,7 +385,10 @@ class Roles:
         stated = unit_of(source.group.opened, source.info, "m")
         if not stated.endswith("?"):
             return stated, ""
-        sides = [self.pose_columns[axis].values().astype(np.float64).ravel() for axis in "xy"]
+        sides = []
+        for axis in "xy":
+            values = self.pose_columns[axis].values()
+            sides.append(values.astype(np.float64).ravel())
         steps = np.hypot(*np.diff(np.stack(sides), axis=1))
         finite = steps[np.isfinite(steps)]
         middle = float(np.median(finite)) if finite.size else 0.0
@@ -427,6 +434,6 @@ def _have_axis_each(tx: int, rx: int, sizes: list[int]) -> bool:
     """Return whether there is an axis for so many transmitters, and another for the receivers."""
     if tx not in sizes:
         return False
-    others = list(sizes)
-    others.remove(tx)
-    return rx in others
+    sizes_left = list(sizes)
+    sizes_left.remove(tx)
+    return rx in sizes_left

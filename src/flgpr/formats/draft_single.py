@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.formats.arrays import ArrayFile, ArrayInfo
-from flgpr.formats.draft_units import SHORTEST_SCANS, small_values, unit_of, unit_suffix
-from flgpr.model import POLARIZATIONS
+from flgpr.formats.draft_arrays import find_signal, labels_of
+from flgpr.formats.draft_units import is_fast_time, small_values, unit_of
 from flgpr.model.units import UNITS
 
 _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
@@ -24,10 +24,6 @@ _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
 _ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
 _POSITION = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
 _ROTATION = re.compile(r"orientation|rotation|quat")
-_NO_FIELD = re.compile(r"covariance|orientation|rotation")
-_COMPLEX = re.compile(r"complex|.*(\('r(eal)?'|\('re')", re.DOTALL)
-_IMAGINARY = (("real", "imag"), ("re", "im"), ("_i", "_q"))
-"""What names of real parts hold, and those of imaginary parts in its stead."""
 _COMPONENTS = {
     "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
     "y": {
@@ -134,6 +130,7 @@ def draft_of_file(opened: ArrayFile) -> str:
     draft.used.add(signal.name)
     if imaginary:
         draft.used.add(imaginary)
+
     sizes = list(signal.shape)
     axis = _find_signal_axis(draft, sizes)
     tones = math.prod(axis.info.shape) if axis.info is not None else 0
@@ -143,12 +140,14 @@ def draft_of_file(opened: ArrayFile) -> str:
     if track is None:
         components = _find_pose(draft, positions, sizes, tones)
     positions.pop("way", None)
+
     scan_sizes = list(sizes)  # lengths that scans may have
     if tones in scan_sizes:
         scan_sizes.remove(tones)
     stamp = _find_axis(draft.opened, draft.unused(), ("time", "stamp", "t_"), scan_sizes)
     if stamp is not None:
         draft.used.add(stamp.name)
+
     labels = labels_of(opened, sizes)
     dims = _dims(sizes, axis, positions, stamp, labels, components)
     lines = _head_lines(opened, signal, imaginary, labels, dims, axis)
@@ -161,6 +160,7 @@ def draft_of_file(opened: ArrayFile) -> str:
             f'unit = "{unit_of(opened, stamp, "s")}"',
             "",
         ]
+    # Positions per scan are in the lane frame, and poses follow from them.
     in_lane = any(len(infos[0].shape) == 3 for infos in positions.values())
     if track is not None:
         lines += _track_lines(draft, *track)
@@ -202,54 +202,6 @@ def _head_lines(
     return [*lines, ""]
 
 
-def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
-    """Find the array that is most likely the measured field.
-
-    Parameters
-    ----------
-    opened : ArrayFile
-        The file.
-
-    Returns
-    -------
-    signal : ArrayInfo or None
-        The array; None if there is none.
-    imaginary : str or None
-        The array of its imaginary part, if that is apart.
-    """
-    arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
-    complex_arrays = [info for info in arrays if _COMPLEX.match(info.dtype)]
-    if complex_arrays:
-        return _largest(complex_arrays), None
-    for info in arrays:
-        imaginary = _imaginary_of(info, opened)
-        if imaginary is not None:
-            return info, imaginary
-    large = []
-    for info in arrays:
-        is_table = len(info.shape) >= 2 and info.shape[-1] > 3
-        if is_table and not _NO_FIELD.search(info.name):
-            large.append(info)
-    return (_largest(large) if large else None), None
-
-
-def _largest(infos: list[ArrayInfo]) -> ArrayInfo:
-    """Return the array of most values."""
-    return max(infos, key=lambda info: math.prod(info.shape))
-
-
-def _imaginary_of(info: ArrayInfo, opened: ArrayFile) -> str | None:
-    """Return the array whose name and shape make it the imaginary part of another."""
-    for real, imaginary in _IMAGINARY:
-        wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
-        for name, other in opened.arrays.items():
-            if name.lower() == wanted and name != info.name:
-                if other.shape == info.shape:
-                    return name
-                break
-    return None
-
-
 def _find_signal_axis(draft: _Draft, sizes: list[int]) -> _Axis:
     """Find the tones, else the samples, and mark their array as used."""
     frequency = _find_axis(draft.opened, draft.unused(), ("freq", "hz", "tone"), sizes)
@@ -264,16 +216,19 @@ def _find_signal_axis(draft: _Draft, sizes: list[int]) -> _Axis:
 
 
 def _find_axis(
-    opened: ArrayFile, candidates: Iterable[ArrayInfo], words: tuple[str, ...], sizes: list[int]
+    opened: ArrayFile,
+    candidates: Iterable[ArrayInfo],
+    vocabulary: tuple[str, ...],
+    sizes: list[int],
 ) -> ArrayInfo | None:
     """Return the first array of increasing values whose length is among ``sizes``.
 
-    One of the ``words`` must be in its name.
+    One of the ``vocabulary`` must be in its name.
     """
     for info in candidates:
         count = math.prod(info.shape)
         is_vector = max(info.shape, default=0) == count > 1
-        if not is_vector or count not in sizes or not _is_called(info, words):
+        if not is_vector or count not in sizes or not _is_called(info, vocabulary):
             continue
         values = small_values(opened, info)
         if values is None or values.dtype.kind not in "fiu":
@@ -283,14 +238,14 @@ def _find_axis(
     return None
 
 
-def _is_called(info: ArrayInfo, words: tuple[str, ...]) -> bool:
+def _is_called(info: ArrayInfo, vocabulary: tuple[str, ...]) -> bool:
     """Return whether the name of an array holds one of the words, or is their letter."""
     name = info.name.lower().replace("/", ".").split(".")[-1]
-    if "freq" in words and name == "f":
+    if "freq" in vocabulary and name == "f":
         return True
-    if "time" in words and name == "t":
+    if "time" in vocabulary and name == "t":
         return True
-    return any(word in name for word in words)
+    return any(word in name for word in vocabulary)
 
 
 def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
@@ -301,8 +256,8 @@ def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
     """
     unused = draft.unused()
     for tried in (sizes[-1:], sizes):
-        words = ("range", "delay", "t_ns", "twt", "fast")
-        samples = _find_axis(draft.opened, unused, words, tried)
+        vocabulary = ("range", "delay", "t_ns", "twt", "fast")
+        samples = _find_axis(draft.opened, unused, vocabulary, tried)
         if samples is not None:
             return _Axis(samples=samples)
     times = []
@@ -310,23 +265,13 @@ def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
         name = info.name.lower()
         if "time" in name and not _CLOCK.search(name):
             times.append(info)
-    fast = [info for info in times if _is_fast(draft.opened, info)]
+    fast = [info for info in times if is_fast_time(draft.opened, info)]
     for candidates, certain in ((fast, True), (times, False)):
         for tried in (sizes[-1:], sizes):
             samples = _find_axis(draft.opened, candidates, ("time",), tried)
             if samples is not None:
                 return _Axis(samples=samples, certain=certain)
     return _Axis()
-
-
-def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
-    """Return whether times can only be those of samples: by their unit, or by their size."""
-    if unit_suffix(info) in ("ns", "ps", "us"):
-        return True
-    values = small_values(opened, info)
-    if values is None or not values.size:
-        return False
-    return float(np.abs(values).max()) < SHORTEST_SCANS
 
 
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
@@ -376,8 +321,8 @@ def _find_track(
             continue
         topic = info.name.rsplit("/", 1)[0] if draft.topic else ""
         candidates = _Draft(draft.opened, draft.used, topic).unused()
-        words = ("time", "t_", "stamp")
-        clock = _find_axis(draft.opened, candidates, words, [info.shape[0]])
+        vocabulary = ("time", "t_", "stamp")
+        clock = _find_axis(draft.opened, candidates, vocabulary, [info.shape[0]])
         if clock is not None:
             draft.used.add(clock.name)
             del positions[side]
@@ -404,16 +349,18 @@ def _find_pose(
             positions[side] = [info for info in infos if info is not position]
             if not positions[side]:
                 del positions[side]
+
     vectors = []
     for info in draft.unused():
         count = math.prod(info.shape)
         is_vector = bool(info.shape) and max(info.shape) == count
         if is_vector and count in scans and not _ANTENNA.search(info.name.lower()):
             vectors.append(info)
-    for name, words in _COMPONENTS.items():
+    for name, vocabulary in _COMPONENTS.items():
         for info in vectors:
-            if set(re.split(r"[_\W]+", info.name.lower())) & words:
+            if set(re.split(r"[_\W]+", info.name.lower())) & vocabulary:
                 components.setdefault(name, info)
+
     if position is not None or "xyz" in positions:
         _leave_out(components, "xyz")
     in_lane = position is not None or {"x", "y"} <= set(components)
@@ -432,7 +379,10 @@ def _leave_out(components: dict[str, ArrayInfo], names: Iterable[str]) -> None:
 def _find_position(draft: _Draft, scans: list[int]) -> ArrayInfo | None:
     """Return the first array of a position per scan."""
     for info in draft.unused():
-        if len(info.shape) != 2 or info.shape[0] not in scans or info.shape[1] not in (2, 3, 6):
+        if len(info.shape) != 2:
+            continue
+        rows, columns = info.shape
+        if rows not in scans or columns not in (2, 3, 6):
             continue
         name = info.name.lower()
         if _POSITION.search(name) and not _ANTENNA.search(name):
@@ -535,35 +485,6 @@ def _find_rotation(draft: _Draft, position: ArrayInfo) -> ArrayInfo | None:
         if not draft.topic or info.name.startswith(f"{topic}/"):
             return info
     return None
-
-
-def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
-    """Return the polarizations of a file if it names them, else a guess.
-
-    Parameters
-    ----------
-    opened : ArrayFile
-        The file.
-    sizes : list of int
-        Lengths of the signal's axes.
-
-    Returns
-    -------
-    list of str
-        The labels; "HH?" alone where the file names none.
-    """
-    for info in opened.arrays.values():
-        if math.prod(info.shape) not in sizes:
-            continue
-        values = small_values(opened, info)
-        if values is None or values.dtype.kind not in "US":
-            continue
-        labels = []
-        for value in values.ravel():
-            labels.append(value.decode() if isinstance(value, bytes) else str(value))
-        if labels and set(labels) <= set(POLARIZATIONS):
-            return labels
-    return ["HH?"]
 
 
 def _sibling(name: str, other: str) -> str:

@@ -95,3 +95,13 @@ def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
         if values is not None and values.size and 0 < float(np.abs(values).max()) < SHORTEST_SCANS:
             return "s?"
     return f"{usual}?"
+
+
+def is_fast_time(opened: ArrayFile, info: ArrayInfo) -> bool:
+    """Return whether times can only be those of samples: by their unit, or by their size."""
+    if unit_suffix(info) in ("ns", "ps", "us"):
+        return True
+    values = small_values(opened, info)
+    if values is None or not values.size:
+        return False
+    return float(np.abs(values).max()) < SHORTEST_SCANS

@@ -1,10 +1,9 @@
 """One draft of a mapping for all files of an own array together.
 
-It finds scans, antennas, frequencies and positions. A file by itself does not tell what the others
-do: which axis has the antennas shows in the list of antennas, which has the tones in the list of
-tones, and how many scans there are in the list of positions. What follows from lengths, names and
-stated units stands as it is; what is still a guess ends in a question mark, as in a draft of one
-file (:mod:`flgpr.formats.explain`).
+It finds scans, antennas, frequencies and positions. Each file adds what the others do not hold: the
+list of antennas shows which axis has the antennas, the list of tones which has the tones, and the
+list of positions how many scans there are. What follows from lengths, names and stated units is
+certain; a guess ends in a question mark, as in a draft of one file (:mod:`flgpr.formats.explain`).
 """
 
 from __future__ import annotations

@@ -18,10 +18,19 @@ from flgpr.formats.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.formats.draft_single import draft_of_file
 from flgpr.formats.draft_units import SMALL
 from flgpr.formats.gpr_files import is_gpr
-from flgpr.formats.gprmax import explain_gprmax, explain_merged, is_gprmax
+from flgpr.formats.gprmax import is_gprmax
+from flgpr.formats.gprmax_explain import explain_gprmax, explain_merged
 from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
+
+_WITHOUT_MAPPING = (
+    "CPHD file",
+    "NMEA 0183 log",
+    "result of gprMax",
+    "take of OptiTrack Motive",
+)
+"""Kinds of files that are read without a mapping, besides recordings of commercial radars."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +112,13 @@ def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
     Raises
     ------
     ValueError
-        If the file is damaged or needs no mapping.
+        If the file is damaged, needs no mapping, or holds no array that can be a signal.
     """
     explanation = explain_file(path, limit)
     if not explanation.mapping:
-        raise ValueError(f"{path}: a {explanation.kind} is read without a mapping")
+        if explanation.kind in _WITHOUT_MAPPING or is_gpr(explanation.path):
+            raise ValueError(f"{path}: a {explanation.kind} is read without a mapping")
+        raise ValueError(f"{path}: no array of this {explanation.kind} can be a signal")
     return explanation.mapping
 
 

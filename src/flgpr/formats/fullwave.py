@@ -39,8 +39,8 @@ class FullwaveLane:
     """A full-wave lane in flgpr's terms."""
 
     run: xr.Dataset  #: the run; its vehicle frame's origin is midway between the transmitters
-    truth: pd.DataFrame | None  #: the mines; None if the archive does not tell
-    objects: pd.DataFrame | None  #: rocks and posts; None if the archive does not tell
+    truth: pd.DataFrame | None  #: the mines; None if the archive does not hold them
+    objects: pd.DataFrame | None  #: rocks and posts; None if the archive does not hold them
 
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:
@@ -69,6 +69,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     tx = arrays["tx_xyz_m"]
     rx = arrays["rx_xyz_m"]
     _check_shapes(path, data, tx, rx)
+
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]
@@ -78,18 +79,21 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
                 f"{path}: the array must keep its form and heading from scan to scan, "
                 "it moves by more than 1 µm"
             )
+
     scans, transmitters, receivers, polarizations, tones = data.shape
     shape = (scans, polarizations, transmitters * receivers, tones)
     signal = data.transpose(0, 3, 1, 2, 4).reshape(shape)
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
+
     attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
-    world = parse_json(str(arrays["truth"])) if "truth" in arrays else None
-    if world is not None and "soil_eps" in world:
+    truth = parse_json(str(arrays["truth"])) if "truth" in arrays else None
+    if truth is not None and "soil_eps" in truth:
         attrs["soil"] = {
-            "permittivity": float(world["soil_eps"]),
-            "conductivity": float(world.get("soil_sigma", 0.0)),
+            "permittivity": float(truth["soil_eps"]),
+            "conductivity": float(truth.get("soil_sigma", 0.0)),
         }
+    # Pairs run over the receivers of the first transmitter, then of the second.
     run = make_run(
         signal,
         arrays["frequency_hz"],
@@ -99,9 +103,9 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
         pose,
         attrs=attrs,
     )
-    if world is None:
+    if truth is None:
         return FullwaveLane(run, None, None)
-    return FullwaveLane(run, _truth(world), _objects(world))
+    return FullwaveLane(run, _truth_table(truth), _object_table(truth))
 
 
 def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
@@ -127,27 +131,27 @@ def _check_shapes(path: Path, data: NDArray[Any], tx: NDArray[Any], rx: NDArray[
     )
 
 
-def _truth(world: dict[str, Any]) -> pd.DataFrame:
+def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:
     """Return the mines of a world as a table of truth."""
     rows = []
-    for number, (kind, x, y, depth) in enumerate(world.get("mines", []), start=1):
+    for number, (kind, x, y, depth) in enumerate(truth.get("mines", []), start=1):
         row = {
             "target_id": f"mine-{number}",
             "x": x,
             "y": y,
             "kind": kind,
             "depth": depth,
-            "radius": world.get("mine_radius_m", np.nan),
-            "height": world.get("mine_height_m", np.nan),
+            "radius": truth.get("mine_radius_m", np.nan),
+            "height": truth.get("mine_height_m", np.nan),
         }
         rows.append(row)
     return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
 
 
-def _objects(world: dict[str, Any]) -> pd.DataFrame:
+def _object_table(truth: dict[str, Any]) -> pd.DataFrame:
     """Return the rocks and posts of a world as a table of objects."""
     rows = []
-    for number, (x, y, radius) in enumerate(world.get("rocks", []), start=1):
+    for number, (x, y, radius) in enumerate(truth.get("rocks", []), start=1):
         row = {
             "object_id": f"rock-{number}",
             "x": x,
@@ -157,7 +161,7 @@ def _objects(world: dict[str, Any]) -> pd.DataFrame:
             "height": np.nan,
         }
         rows.append(row)
-    for number, (x, y, height) in enumerate(world.get("posts", []), start=1):
+    for number, (x, y, height) in enumerate(truth.get("posts", []), start=1):
         row = {
             "object_id": f"post-{number}",
             "x": x,

@@ -28,7 +28,7 @@ def channels_run(
         The line, of :func:`flgpr.formats.read_gpr`.
     channel_x : (channel,) sequence of float, optional
         Where the antennas of each channel are across the line, m in the vehicle frame; the file
-        does not state it. By default all are put at x = 0, which ``import_notes`` say.
+        does not state it. By default all are put at x = 0, which ``import_notes`` state.
     **options
         Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of
         the lowest to twice the highest nominal frequency of the antennas, or all that is recorded
@@ -59,6 +59,7 @@ def channels_run(
                 "has another than channel 0: import them apart, with --channel 0 and --channel "
                 f"{channel}"
             )
+
     for run, x in zip(runs, offsets, strict=True):
         for name in ("tx_position", "rx_position"):
             run[name][:, 0] += x
@@ -70,6 +71,7 @@ def channels_run(
                 f"{count} channels put at one place: "
                 "the file does not tell where their antennas are"
             )
+
     merged = xr.concat(
         runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )
@@ -144,7 +146,10 @@ def common_band(section: GprSection) -> ReasonedBand:
     if high < OCTAVE * low:
         reason = "all that is recorded, which hardly holds any of the antennas'"
         return ReasonedBand(lowest, highest, reason)
-    return ReasonedBand(low, high, "a quarter of the lowest to twice the highest antenna's")
+    reason = "a quarter of the lowest to twice the highest antenna's"
+    if low > min(known) / 4 or high < 2 * max(known):
+        reason += ", within what the records and their sampling hold"
+    return ReasonedBand(low, high, reason)
 
 
 def _widest_band(section: GprSection) -> tuple[float, float]:

@@ -95,30 +95,33 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     shortest = INTERVALS[0] / NANOSECOND
     longest = INTERVALS[1] / NANOSECOND * samples
     window = head.needed("TOTAL TIME WINDOW", shortest, longest)
+
     stated = head.number("NUMBER OF TRACES", 0, 1e9, False)
     table = _records(path, head, samples, stated, notes, limit)
-    words = float64(table["head"])
+    header_words = float64(table["head"])
     traces = exact_floats(table["samples"], notes)
-    empty = words[:, 21] == 1
+    empty = header_words[:, 21] == 1
     traces[empty] = np.nan
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} traces without data, as their headers say")
+
     zero = _zero_point(head, notes)
     megahertz = head.number("NOMINAL FREQUENCY", 0, 1e5, False)
-    distance, separation = _lengths(head, words, notes)
-    fixes = _fixes(path, words, notes)
-    _note_unused_words(words, notes)
-    gather = _gather(head, words, notes)
+    distance, separation = _lengths(head, header_words, notes)
+    fixes = _fixes(path, header_words, notes)
+    _note_unused_words(header_words, notes)
+
+    gather = _gather(head, header_words, notes)
     if gather:
         notes.append(gather_note(gather))
     return {
         "traces": traces[:, None],
         "delay": (np.arange(samples) - zero) * window * NANOSECOND / samples,
         "distance": distance,
-        "time": measured_clock(words[:, 23], notes),
+        "time": measured_clock(header_words[:, 23], notes),
         "fixes": fixes.table,
         "fix_time": fixes.time,
-        "marks": tuple(np.flatnonzero(words[:, 24] == 1).tolist()),
+        "marks": tuple(np.flatnonzero(header_words[:, 24] == 1).tolist()),
         "frequencies": (megahertz * 1e6 if megahertz else None,),
         "separation": separation,
         "gather": gather,
@@ -148,19 +151,23 @@ def _records(
     name = head.text("DATA TYPE").upper().replace(" ", "")
     if name and name not in _TYPES:
         raise ValueError(f"{head.path.name}: DATA TYPE must be I*2 or F*4, got {name[:40]!r}")
+
     raw = first_bytes(path, _HEADER)
     if len(raw) < _HEADER:
         raise ValueError(f"a trace header must have {_HEADER} bytes, the file has {len(raw)}")
-    words = np.frombuffer(raw, "<f4")
-    swapped_words = words.byteswap()
-    swapped = words[2] != samples and swapped_words[2] == samples
-    width = (swapped_words if swapped else words)[5]
+    first_words = np.frombuffer(raw, "<f4")
+    swapped_words = first_words.byteswap()
+    swapped = first_words[2] != samples and swapped_words[2] == samples
+    width = (swapped_words if swapped else first_words)[5]
+
     sample = _TYPES.get(name) or ("f4" if width == 4 else "i2")
     other = "i2" if sample == "f4" else "f4"
+    # A wrong type of samples moves the second trace header.
     as_stated = _second_agrees(path, samples, sample, swapped)
     if not as_stated and _second_agrees(path, samples, other, swapped):
         sample = other
     table = read_records(path, 0, _record(samples, sample, swapped), stated, notes, limit)
+
     points = float64(table["head"][:, 2])
     if (points != samples).any():
         bad = int(np.argmax(points != samples))
@@ -175,7 +182,13 @@ def _records(
 
 def _record(samples: int, sample: str, swapped: bool) -> np.dtype[Any]:
     """Return the type of a trace: header words, comment and samples."""
-    record = np.dtype([("head", "<f4", 25), ("comment", "S28"), ("samples", f"<{sample}", samples)])
+    record = np.dtype(
+        [
+            ("head", "<f4", 25),
+            ("comment", "S28"),
+            ("samples", f"<{sample}", samples),
+        ]
+    )
     return record.newbyteorder() if swapped else record
 
 
@@ -190,7 +203,7 @@ def _second_agrees(path: Path, samples: int, sample: str, swapped: bool) -> bool
 
 
 def _lengths(
-    head: Header, words: FloatArray, notes: list[str]
+    head: Header, header_words: FloatArray, notes: list[str]
 ) -> tuple[FloatArray | None, float | None]:
     """Return the distance along the line (trace,), m, and the antennas' separation, m, if known."""
     name = head.text("POSITION UNITS")
@@ -206,7 +219,7 @@ def _lengths(
     if not name:
         notes.append("POSITION UNITS are not told: positions are taken as metres")
     distance = measured_distance(
-        words[:, 1] * unit,
+        header_words[:, 1] * unit,
         None if step is None else step * unit,
         "positions of the trace headers",
         "STEP SIZE USED in the header",
@@ -223,34 +236,37 @@ def _lengths(
     return distance, separation * unit
 
 
-def _note_unused_words(words: FloatArray, notes: list[str]) -> None:
+def _note_unused_words(header_words: FloatArray, notes: list[str]) -> None:
     """Add notes of the words of the trace headers that are filled in and not used."""
     for columns, meaning in _UNUSED:
-        filled = np.count_nonzero((np.nan_to_num(words[:, columns]) != 0).any(axis=1))
+        values = np.nan_to_num(header_words[:, columns])
+        filled = np.count_nonzero((values != 0).any(axis=1))
         if filled:
             notes.append(f"{meaning} of {filled} traces is not used")
 
 
-def _fixes(path: Path, words: FloatArray, notes: list[str]) -> Fixes:
+def _fixes(path: Path, header_words: FloatArray, notes: list[str]) -> Fixes:
     """Return the positions of the .GPS beside the recording, or of newer instruments' .GP2."""
     older = find_companion(path, ".gps")
     newer = find_companion(path, ".gp2")
     note_unread(path, (".ini", ".top", ".nav"), notes)
     if older is not None and newer is not None:
         notes.append(f"{newer.name} lies beside it and is not read, because {older.name} is")
-    return nmea_fixes(older or newer, len(words), notes, _trace_numbers(words[:, 0]))
+    return nmea_fixes(older or newer, len(header_words), notes, _trace_numbers(header_words[:, 0]))
 
 
 def _trace_numbers(values: FloatArray) -> NDArray[np.int64] | None:
     """Return the traces' own numbers, if that is what the header words are."""
     if not np.isfinite(values).all():
         return None
-    if (np.abs(values) > 1e9).any() or (values != np.round(values)).any():
+    too_large = np.abs(values) > 1e9
+    fractional = values != np.round(values)
+    if too_large.any() or fractional.any():
         return None
     return values.astype(np.int64)
 
 
-def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
+def _gather(head: Header, header_words: FloatArray, notes: list[str]) -> str:
     """Return what the file calls a survey whose antennas move apart; empty for a line."""
     mode = head.text("SURVEY MODE")
     letters = "".join(filter(str.isalpha, mode.lower()))
@@ -260,7 +276,7 @@ def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
         notes.append(
             f"SURVEY MODE is {mode[:40]!r}, which is not known: it is read as a line of one offset"
         )
-    positions = words[:, 14:20]  # of receiver and transmitter
+    positions = header_words[:, 14:20]  # of receiver and transmitter
     if not np.isfinite(positions).all() or (np.abs(positions) > FARTHEST).any():
         return ""
     if not positions.any():

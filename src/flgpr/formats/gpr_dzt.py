@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from flgpr.formats.gpr_antennas import antenna_frequency, noted_frequency, set_frequency
+from flgpr.formats.gpr_dzx import DzxContent, read_dzx
 from flgpr.formats.gpr_parts import (
     INTERVALS,
     NANOSECOND,
@@ -25,7 +26,7 @@ from flgpr.formats.gpr_parts import (
     measured_distance,
     read_records,
 )
-from flgpr.formats.gpr_positions import DzxContent, nmea_fixes, note_unread, read_dzx
+from flgpr.formats.gpr_positions import nmea_fixes, note_unread
 
 _HEADER = 1024  # bytes, of each channel
 _OLD_HEADER = 512  # bytes, of files older than that structure
@@ -85,27 +86,30 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     head = _head_of(raw, notes)
     channels = head.channels
     samples = head.samples
+
     begin = _HEADER * (head.start if 0 < head.start < _HEADER else channels)
     if head.start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
     delays = _delays(raw, begin, channels, samples, notes)
+
     sample, offset = _TYPES[head.bits]
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
-    words = table[:, 0, :2].astype(np.int64)
+    trace_words = table[:, 0, :2].astype(np.int64)
     traces = exact_floats(table, notes)
-    traces -= offset
+    traces -= offset  # counts of 8 and 16 bit have no sign
     traces[..., :2] = traces[..., 2:3]
     notes.append(
         "the first two samples of every trace are its number and marks: "
         "the third stands in their place"
     )
+
     count = len(traces)
     dzx = read_dzx(find_companion(path, ".dzx"), count, notes)
     distance = _distance(count, head.per_metre, dzx, notes)
     time = _time(count, head.per_second, distance is None, notes)
-    fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, words[:, 0])
+    fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, trace_words[:, 0])
     note_unread(path, (".dza", ".plt", ".tmf"), notes)
     return {
         "traces": traces,
@@ -115,7 +119,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         "time": time,
         "fixes": fixes.table,
         "fix_time": fixes.time,
-        "marks": _marks(words[:, 1], dzx, notes),
+        "marks": _marks(trace_words[:, 1], dzx, notes),
         "frequencies": _frequencies(raw[: max(begin, _HEADER)], channels, notes),
         "history": tuple(notes),
     }
@@ -252,17 +256,17 @@ def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> F
     return distance
 
 
-def _marks(words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
+def _marks(mark_words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
     """Return the traces with a mark.
 
     Their second word differs from the usual one, or the DZX marks them.
     """
-    values, which = np.unique(words, return_inverse=True)
+    values, which = np.unique(mark_words, return_inverse=True)
     usual = values[np.bincount(which).argmax()]
-    marked = np.flatnonzero(words != usual)
-    if 2 * marked.size >= words.size:
+    marked = np.flatnonzero(mark_words != usual)
+    if 2 * marked.size >= mark_words.size:
         notes.append(
-            f"the mark words of {marked.size} of {words.size} traces differ from the rest: "
+            f"the mark words of {marked.size} of {mark_words.size} traces differ from the rest: "
             "none is taken for a mark"
         )
         marked = marked[:0]

@@ -43,12 +43,12 @@ class GprSection:
 
     path: Path
     format: str  #: what it was read as, in words
-    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder says that a
-    #: trace is no data
+    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder marks a
+    #: trace as no data
     traces: NDArray[np.floating[Any]]
     #: (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
     delay: FloatArray
-    #: (trace,) along the line, m; None if the header does not tell
+    #: (trace,) along the line, m; None if the header does not state it
     distance: FloatArray | None = None
     time: FloatArray | None = None  #: (trace,) s, on a clock of the recorder's own; None if unknown
     #: (fix, 4) of a satellite receiver: trace (from 0), longitude, latitude (degrees, WGS 84),
@@ -124,9 +124,9 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     except MissingHeaderError:
         raise
     except Exception as error:
-        words = " ".join(str(error).split())[:240] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {format_name}: {words}") from None
-    defaults = {"title": path.stem, "max_memory": max_memory}
+        message = " ".join(str(error).split())[:240] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as {format_name}: {message}") from None
+    defaults: dict[str, Any] = {"title": path.stem, "max_memory": max_memory}
     return GprSection(path, format_name, **(defaults | entries))
 
 

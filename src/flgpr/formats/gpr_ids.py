@@ -23,6 +23,8 @@ from flgpr.formats.gpr_parts import (
 )
 
 _LARGEST_HEADER = 2**20  # bytes
+_ANTENNA_WIDTHS = [16, 16, 16, 5, 16, 16, 16, 5]
+"""Bytes of x, y, z and frequency of the transmitter, and of the receiver."""
 
 
 def read_ids(path: Path, limit: int) -> dict[str, Any]:
@@ -51,6 +53,7 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
         raise ValueError(
             f"it must begin with V and the even length of its records, got {raw[:1]!r} and {size}"
         )
+
     header, start = _header_records(raw, size)
     if b"H" not in header:
         raise ValueError("it must hold a record H with the window and the step, got none")
@@ -60,29 +63,41 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
         raise ValueError(
             f"samples must be from 2 to the {(size - 4) // 2} that a record holds, got {samples}"
         )
-    _, _, _, window, _, _, _, _, step, _ = numbers_in(header[b"H"][44:], [16] * 10)
+    numbers = numbers_in(header[b"H"][44:], [16] * 10)
+    window = numbers[3]
+    step = numbers[8]
     if not INTERVALS[0] <= window / samples <= INTERVALS[1]:
         raise ValueError(f"its window must be a time in seconds, got {window:g}")
+
     notes = ["the layout of IDS files is not published: this is what others found in theirs"]
     record = np.dtype(
-        [("mark", "u1", 4), ("samples", "<i2", samples), ("rest", "u1", size - 4 - 2 * samples)]
+        [
+            ("mark", "u1", 4),
+            ("samples", "<i2", samples),
+            ("rest", "u1", size - 4 - 2 * samples),
+        ]
     )
     table = read_records(path, start, record, stated or None, notes, limit)
-    letters = table["mark"][:, 0]
+    marks = table["mark"]
+    letters = marks[:, 0]
     if (letters != ord("R")).any():
         bad = int(np.argmax(letters != ord("R")))
         raise ValueError(f"trace {bad} must begin with R, got byte {letters[bad]:#04x}")
+
     traces = exact_floats(_with_sign(table["samples"], notes), notes) - np.float32(offset)
-    lost = (table["mark"][:, 1] == 1) & (table["mark"][:, 2] == 6)
+    lost = (marks[:, 1] == 1) & (marks[:, 2] == 6)
     traces[lost] = np.nan
     if lost.any():
         notes.append(f"{np.count_nonzero(lost)} traces without data, as their marks say")
     notes.append(ZERO_ASSUMED)
-    antennas = numbers_in(header.get(b"ATR", b""), [16, 16, 16, 5, 16, 16, 16, 5])
+
+    antennas = numbers_in(header.get(b"ATR", b""), _ANTENNA_WIDTHS)
     megahertz = antennas[3]
-    separation = float(np.hypot(antennas[4] - antennas[0], antennas[5] - antennas[1]))
+    apart_x = antennas[4] - antennas[0]
+    apart_y = antennas[5] - antennas[1]
+    separation = float(np.hypot(apart_x, apart_y))
     plausible_step = step if 0 < abs(step) < 1e3 else None
-    marked = np.flatnonzero(np.isin(table["mark"][:, 1], (8, 9)))
+    marked = np.flatnonzero(np.isin(marks[:, 1], (8, 9)))
     return {
         "traces": traces[:, None],
         "delay": np.arange(samples) * (window / samples),
@@ -116,8 +131,12 @@ def _header_records(raw: bytes, size: int) -> tuple[dict[bytes, bytes], int]:
 def _with_sign(samples: NDArray[Any], notes: list[str]) -> NDArray[Any]:
     """Return counts (trace, sample) as signed or unsigned numbers: a wrong sign makes leaps."""
     unsigned = samples.view("<u2")
-    leap_signed = np.abs(np.diff(samples.astype(np.int32), axis=1)).mean()
-    leap_unsigned = np.abs(np.diff(unsigned.astype(np.int32), axis=1)).mean()
-    is_signed = leap_signed <= leap_unsigned
+    is_signed = _mean_leap(samples) <= _mean_leap(unsigned)
     notes.append(f"counts taken as {'signed' if is_signed else 'unsigned'}, by their smaller leaps")
     return samples if is_signed else unsigned
+
+
+def _mean_leap(samples: NDArray[Any]) -> float:
+    """Return the mean difference of a sample from the one before."""
+    steps = np.diff(samples.astype(np.int32), axis=1)
+    return float(np.abs(steps).mean())

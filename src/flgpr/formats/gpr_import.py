@@ -108,6 +108,7 @@ def gpr_run(
             f"{section.path}: its antennas move apart ({section.gather}): "
             "it is no line of one offset and makes no run"
         )
+
     delay = _delay(section.delay_of(channel), time_zero, window)
     half = _half_separation(section, separation, across, height, notes)
     notes += _replaced(section, channel, step, time_zero, window, separation)
@@ -116,14 +117,8 @@ def gpr_run(
     traces, pose = trace_poses(section, step, height, anchor, topography, notes)
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
-    tones = _spectra(section.traces[:1, channel], delay, chosen_band)[1]
-    size = len(traces) * tones.size * 8
-    if size > section.max_memory:
-        raise ValueError(
-            f"the run must fit into {section.max_memory / 1e9:.3g} GB, "
-            f"it takes {size / 1e9:.3g} GB: narrow the band"
-        )
-    signal = _spectra(section.traces[traces, channel], delay, chosen_band)[0]
+    signal, tones = _signal(section, channel, traces, delay, chosen_band)
+
     attrs = {
         "title": section.title,
         "source": f"{section.format}, {section.path.name}",
@@ -170,6 +165,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
         section = read_gpr(path, max_memory)
     except MissingHeaderError as error:
         return READERS[suffix][0], [str(error).partition(": ")[2]]
+
     lines = [*_size_lines(section), _antenna_line(section)]
     lines.append(
         f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks"
@@ -251,18 +247,20 @@ def _half_separation(
             "separation and height must not be negative, the first at most 100 m, "
             f"got {apart}, {height}"
         )
-    return np.array([[apart / 2, 0.0, 0.0] if across else [0.0, apart / 2, 0.0]])
+    half = apart / 2
+    return np.array([[half, 0.0, 0.0] if across else [0.0, half, 0.0]])
 
 
 def _band(
-    given: tuple[float, float] | ReasonedBand | None,
+    band: tuple[float, float] | ReasonedBand | None,
     nominal: float | None,
     delay: FloatArray,
     notes: list[str],
 ) -> tuple[float, float]:
     """Return the band to keep, Hz.
 
-    It is the given one, one about the antenna's ``nominal`` frequency, or one by the sampling.
+    It is ``band`` if that is given, one about the antenna's ``nominal`` frequency, or one by the
+    sampling.
     """
     interval = float(delay[1] - delay[0])
     nyquist = 0.5 / interval
@@ -273,11 +271,11 @@ def _band(
             f"apart, which hold frequencies up to {nyquist / 1e6:g} MHz: "
             "are antenna and time window right?"
         )
-    if given is None:
+    if band is None:
         low, high, reason = _usual_band(nominal, lowest, nyquist)
     else:
-        low, high = given[:2]
-        reason = given.reason if isinstance(given, ReasonedBand) else "given"
+        low, high = band[:2]
+        reason = band.reason if isinstance(band, ReasonedBand) else "given"
     if not lowest * (1 - 1e-9) <= low < high <= nyquist:
         raise ValueError(
             f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, "
@@ -319,12 +317,13 @@ def _replaced(
         "time zero": (time_zero, -float(delay[0]), "s"),
     }
     lines = []
-    for name, (given, stated, unit) in values.items():
-        if given is None or stated is None:
+    for name, (replacement, stated, unit) in values.items():
+        if replacement is None or stated is None:
             continue
-        if not math.isclose(given, stated, rel_tol=1e-9, abs_tol=1e-15):
+        if not math.isclose(replacement, stated, rel_tol=1e-9, abs_tol=1e-15):
             lines.append(
-                f"{name} {given:.6g} {unit} is given in place of the file's, {stated:.6g} {unit}"
+                f"{name} {replacement:.6g} {unit} is given in place of the file's, "
+                f"{stated:.6g} {unit}"
             )
     if step is not None and section.distance is not None:
         lines.append(
@@ -332,6 +331,27 @@ def _replaced(
             f"{section.distance.size} places"
         )
     return lines
+
+
+def _signal(
+    section: GprSection,
+    channel: int,
+    traces: NDArray[np.int64],
+    delay: FloatArray,
+    band: tuple[float, float],
+) -> tuple[NDArray[np.complex64], FloatArray]:
+    """Return the signal (scan, tone) of some traces, and its tones, Hz.
+
+    A signal that is too large is refused before it is computed.
+    """
+    tones = _spectra(section.traces[:1, channel], delay, band)[1]
+    size = len(traces) * tones.size * 8
+    if size > section.max_memory:
+        raise ValueError(
+            f"the run must fit into {section.max_memory / 1e9:.3g} GB, "
+            f"it takes {size / 1e9:.3g} GB: narrow the band"
+        )
+    return _spectra(section.traces[traces, channel], delay, band)
 
 
 def _spectra(

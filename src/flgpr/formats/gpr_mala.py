@@ -55,6 +55,7 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
     sample_type = "<i4" if path.suffix.lower() == ".rd7" else "<i2"
     stated = head.number("LAST TRACE", 0, 1e9, False)
     table = read_records(path, 0, np.dtype((sample_type, samples)), stated, notes, limit)
+
     step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
     if head.text("DISTANCE FLAG") == "0" and step:
         notes.append(
@@ -62,6 +63,7 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
         )
         step = None
     notes.append(ZERO_ASSUMED)
+
     seconds = head.number("TIME INTERVAL", 0, 1e6, False)
     time = None
     if seconds and head.text("TIME FLAG") == "1":
@@ -70,6 +72,7 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
             f"the traces' clock is that of a trace every {seconds:g} s, "
             "by TIME INTERVAL in the header"
         )
+
     frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), "MALÅ", notes)
     fixes = cor_fixes(find_companion(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".em", ".gps"), notes)
@@ -100,6 +103,7 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
     record = np.dtype(("<i4" if bits == 32 else "<i2", samples))
     stated = head.number("LAST TRACE", 0, 1e9, False)
     table = read_records(path, 0, record, stated, notes, limit)
+
     name = "USER DISTANCE INTERVAL"
     step = head.number(name, -1e4, 1e4, False)
     wheel_step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
@@ -109,6 +113,7 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
     if head.text("TRIG SOURCE").lower().startswith("time") and step:
         notes.append(f"TRIG SOURCE is time: no wheel was used, and {name} ({step:g} m) is not")
         step = None
+
     zero = head.number("ZERO LEVEL", 0, samples, False)
     if zero is None:
         notes.append(ZERO_ASSUMED)

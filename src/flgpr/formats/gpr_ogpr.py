@@ -73,6 +73,7 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     channels = _count(main, "channelsCount", 1, _MOST_CHANNELS)
     slices = _count(main, "slicesCount", 1, 2**31)
     shape = (slices, channels, samples)
+
     blocks, repeated = _blocks_of(descriptor)
     if _VOLUME not in blocks:
         raise ValueError(
@@ -82,25 +83,29 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     _note_version(descriptor, notes)
     volume = blocks[_VOLUME]
     traces = _radar_volume(path, volume, shape, limit, notes)
+
     radar = _table(volume, "radar")
     interval = _number(radar, "samplingTime_ns", _INTERVALS[0] * 1e9, _INTERVALS[1] * 1e9) * 1e-9
     step = _number(radar, "samplingStep_m", 0.0, 1e3)
     frequency = _frequency_of(radar)
     notes.append("the descriptor tells no time zero: it is put at the first sample")
+
     positions, fixes = _geolocations(path, blocks.get(_GEOLOCATIONS), shape, notes)
-    others = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
-    if others:
-        notes.append(f"blocks found and not understood: {', '.join(others)}")
+    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
+    if unknown_blocks:
+        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
     if repeated:
         kinds = ", ".join(sorted(set(repeated)))
         notes.append(f"{len(repeated)} further blocks of {kinds} not read")
     _note_unused_entries(radar, frequency, notes)
+
     distance: FloatArray | None = None
     if positions is not None:
         distance = _distance_along(positions, notes)
     elif step > 0:
         distance = step * np.arange(slices, dtype=np.float64)
         notes.append(f"traces are put at equal steps of {step:g} m, by samplingStep_m")
+
     metadata = main.get("metadata")
     name = metadata.get("swathName") if isinstance(metadata, dict) else None
     return {
@@ -279,6 +284,7 @@ def _geolocations(
             f"{_GEOLOCATIONS} of {length} bytes found, not understood: positions are not read"
         )
         return None, _NO_FIXES
+
     positions = _first_points(path, offset, length // slices, slices, layout)
     usable = np.isfinite(positions).all(axis=1)
     usable &= (np.abs(np.nan_to_num(positions)) <= _FARTHEST).all(axis=1)

@@ -1,6 +1,6 @@
 """What the readers of commercial radars share: text headers, records of one length, measurements.
 
-Every function that replaces, leaves out or assumes something says so in ``notes``, with a count.
+Every function that replaces, leaves out or assumes something notes it in ``notes``, with a count.
 """
 
 from __future__ import annotations
@@ -91,19 +91,19 @@ class Header:
         ValueError
             If it is missing and needed, or out of bounds.
         """
-        words = self.values.get(name, "").split()
-        if not words:
+        cells = self.values.get(name, "").split()
+        if not cells:
             if needed:
                 raise ValueError(f"{self.path.name} must hold {name}, which it does not")
             return None
         try:
-            value = float(words[0].replace(",", "."))
+            value = float(cells[0].replace(",", "."))
         except ValueError:
             value = np.nan
         if not low <= value <= high:
             raise ValueError(
                 f"{self.path.name}: {name} must be a number from {low:g} to {high:g}, "
-                f"got {words[0][:40]!r}"
+                f"got {cells[0][:40]!r}"
             )
         return value
 
@@ -128,9 +128,9 @@ def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
 
 def find_companion(path: Path, suffix: str) -> Path | None:
     """Return the file of the same name and another ending, in any case, if there is one."""
-    wanted = (path.stem + suffix).lower()
+    companion_name = (path.stem + suffix).lower()
     for other in sorted(path.parent.iterdir()):
-        if other.name.lower() == wanted and other.is_file():
+        if other.name.lower() == companion_name and other.is_file():
             return other
     return None
 
@@ -145,7 +145,7 @@ def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
     suffix : str
         Ending of the header.
     mark : str
-        What stands between the name and the value of an entry.
+        What separates the name and the value of an entry.
     notes : list of str
         Notes of the encoding are added to it.
 
@@ -293,6 +293,7 @@ def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating
 
     Traces with samples that are no numbers are counted in a note.
     """
+    # Single precision holds whole numbers of up to 24 bit exactly.
     width = samples.dtype.itemsize
     is_wide = width > 4 or (width == 4 and samples.dtype.kind in "iu")
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
@@ -329,8 +330,8 @@ def measured_distance(
 ) -> FloatArray | None:
     """Return the traces' distances along the line as they were measured.
 
-    One that is no number is put between its neighbours. Distances that all are the same say
-    nothing, so that the header's nominal step stands in their stead. Traces that do not move or go
+    One that is no number is put between its neighbours. Distances that all are the same are
+    not used: the header's nominal step replaces them. Traces that do not move or go
     back stay where they were measured. A line that only goes towards smaller distances begins at 0.
 
     Parameters
@@ -419,10 +420,10 @@ def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str
         return ""
     steps = np.diff(apart)
     one_direction = bool((steps >= 0).all() or (steps <= 0).all())
-    words = f"{low:g} to {high:g}{unit} apart"
+    separations = f"{low:g} to {high:g}{unit} apart"
     if one_direction and high <= _FARTHEST_APART:
-        return f"antennas {words}"
-    notes.append(f"the trace headers put the antennas {words}, which is not used")
+        return f"antennas {separations}"
+    notes.append(f"the trace headers put the antennas {separations}, which is not used")
     return ""
 
 

@@ -102,10 +102,13 @@ def _poses_by_fixes(
     trace, position = _plausible_fixes(section, position, notes)
     ground = ground[np.isin(section.fixes[:, 0], trace)]
     position[:, 2] += _topography(section, ground, anchor, topography, notes)
+
     thinned = slice(None, None, 1 + len(trace) // _MOST_HEADINGS)
     heading = np.interp(trace, trace[thinned], np.unwrap(course(position[thinned])))
     track = make_track(trace, position, heading)
-    between = np.arange(math.ceil(trace[0]), math.floor(trace[-1]) + 1)
+    first = math.ceil(trace[0])
+    last = math.floor(trace[-1])
+    between = np.arange(first, last + 1)
     notes.append(
         f"{len(between)} of {len(section.traces)} traces lie between positions of the satellite "
         "receiver and are kept"
@@ -125,14 +128,14 @@ def options_that_place(section: GprSection, dashes: str = "") -> str:
 
 
 def _topography(
-    section: GprSection, ground: FloatArray, anchor: Anchor, wanted: bool, notes: list[str]
+    section: GprSection, ground: FloatArray, anchor: Anchor, use_heights: bool, notes: list[str]
 ) -> FloatArray:
     """Return what the receiver's heights (fix,), m in the lane, add to the antennas'.
 
     Heights that are not used are noted.
     """
     if not anchor.heights_known or not np.isfinite(ground).all():
-        if wanted:
+        if use_heights:
             raise ValueError(
                 f"{section.path}: topography needs an anchor with heights and a height of every "
                 "position"
@@ -140,7 +143,7 @@ def _topography(
         return np.zeros(ground.size)
     low = float(ground.min())
     high = float(ground.max())
-    if wanted:
+    if use_heights:
         notes.append(
             f"antennas are put on the receiver's heights, {low:.2f} to {high:.2f} m in the lane; "
             "its own height over the ground is not taken off"
@@ -177,15 +180,15 @@ def _plausible_fixes(
             f"used: {some_steps(motion.steps)}"
         )
     used = np.flatnonzero(motion.plausible)
-    near = _near_by_distance(section, trace[used], position[used])
-    if not near.all():
-        listed = ", ".join(f"{number:g}" for number in trace[used][~near][:_LISTED])
+    agrees = _near_by_distance(section, trace[used], position[used])
+    if not agrees.all():
+        listed = ", ".join(f"{number:g}" for number in trace[used][~agrees][:_LISTED])
         notes.append(
-            f"{np.count_nonzero(~near)} of {len(trace)} positions of the satellite receiver left "
+            f"{np.count_nonzero(~agrees)} of {len(trace)} positions of the satellite receiver left "
             "out, which are farther from those about them than the traces' own distance: "
             f"at trace {listed}"
         )
-    used = used[near]
+    used = used[agrees]
     return trace[used], position[used]
 
 
@@ -203,8 +206,10 @@ def _near_by_distance(
     along = np.interp(trace, np.arange(len(travelled)), travelled)
     agrees = np.zeros(count, bool)
     for step in (1, 2):
-        apart = np.hypot(*(position[step:, :2] - position[:-step, :2]).T)
-        fits = apart <= 2 * (along[step:] - along[:-step]) + _CLOSE
+        offset = position[step:, :2] - position[:-step, :2]
+        apart = np.hypot(*offset.T)
+        allowed = 2 * (along[step:] - along[:-step]) + _CLOSE
+        fits = apart <= allowed
         agrees[step:] |= fits
         agrees[:-step] |= fits
     # Where hardly any agree, it is the distance that is wrong.
@@ -244,10 +249,12 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
         lines.append(note.replace("left out, which", "an import with an anchor leaves out, which"))
     if section.distance is None or len(trace) < 2:
         return lines
-    travelled = float(np.hypot(*np.diff(position[:, :2], axis=0).T).sum())
+    steps = np.hypot(*np.diff(position[:, :2], axis=0).T)
+    travelled = float(steps.sum())
     first = int(np.ceil(trace[0]))
     last = int(np.floor(trace[-1]))
-    by_traces = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
+    steps_of_traces = np.diff(section.distance[first : last + 1])
+    by_traces = float(np.abs(steps_of_traces).sum())
     differs = abs(travelled - by_traces) > _CLOSE
     if differs and not 0.5 < travelled / max(by_traces, 1e-9) < 2.0:
         lines.append(
@@ -265,5 +272,8 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
     longitude = np.radians(fixes[:, 1])
     latitude = np.radians(fixes[:, 2])
     middle = float(np.median(latitude))
-    east = np.angle(np.exp(1j * (longitude - np.median(longitude)))) * math.cos(middle)
-    return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
+    # The difference of longitudes is wrapped: a line may cross the date line.
+    difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
+    east = difference * math.cos(middle)
+    north = latitude - middle
+    return _EARTH * np.stack([east, north, np.zeros_like(east)], axis=1)

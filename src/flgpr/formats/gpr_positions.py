@@ -1,20 +1,19 @@
-"""Files that lie beside a recording: positions of a satellite receiver, marks and spacing.
+"""Positions of a satellite receiver in files that lie beside a recording.
 
-``.gps`` and ``.gp2`` are Sensors & Software's, ``.dzg`` and ``.dzx`` GSSI's, ``.cor`` MALÅ's and
-ImpulseRadar's. Their layouts are as files show them and as RGPR, readgssi, ridal and ImpDAR read
-them. What is in them and not used is counted in ``notes``; nothing in such a file keeps the
-recording itself from being read.
+``.gps`` and ``.gp2`` are Sensors & Software's, ``.dzg`` GSSI's, ``.cor`` MALÅ's and ImpulseRadar's.
+Their layouts are as files show them and as RGPR, readgssi, ridal and ImpDAR read them. What is in
+them and not used is counted in ``notes``; nothing in such a file keeps the recording itself from
+being read.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ from flgpr.formats.gpr_parts import (
     FloatArray,
     find_companion,
     is_header_line,
-    length_unit,
     read_companion,
 )
 
@@ -37,10 +35,9 @@ _NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
 """Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
+_ANGLE_SIGNS = re.compile("[°º'’′\"”″]+")  # of degrees, minutes and seconds
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
-_MOST_WAYPOINTS = 1_000_000
 _LARGEST_HEIGHT = 1e5  # m
-_AGREE = 0.05  # share by which two spacings of one file may differ
 
 
 class Fix(NamedTuple):
@@ -132,6 +129,7 @@ def nmea_fixes(
             without_trace += 1
         else:
             fixes[kind].append(fix)
+
     if not sentences:
         notes.append(f"{path.name} was found and holds no position that is understood")
     if unusable:
@@ -223,8 +221,9 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
 
     Its columns are trace (from 1), date, time, latitude, N or S, longitude, E or W, height. They
     are parted by tabs, blanks, semicolons or commas; decimals may have commas where commas do not
-    part the columns. Latitude and longitude may be ``deg:min:s``, and may carry their letter or a
-    sign.
+    part the columns. Latitude and longitude may be ``deg:min:s``, or have the signs of these, and
+    may carry their letter or a sign. A row with another letter is not understood: O is east in
+    German, and west in French and Spanish.
 
     Parameters
     ----------
@@ -248,7 +247,8 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
     for number, line in enumerate(text.splitlines()):
         content = line.strip()
         names_columns = not fixes and is_header_line(line)
-        if not content or names_columns or (number == 0 and not content[0].isdigit()):
+        is_text = number == 0 and not content.lstrip("\"'")[:1].isdigit()
+        if not content or names_columns or is_text:
             continue
         fix = _fix_of_row(_cor_cells(content))
         if fix is None:
@@ -294,7 +294,7 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
     side = _letter_at(cells, position, letters)
     if side:
         position += 1
-    match = _ANGLE.fullmatch(cells[position].upper()) if position < len(cells) else None
+    match = _match_angle(cells[position]) if position < len(cells) else None
     if match is None:
         return None, position
     before, digits, behind = match.groups()
@@ -304,7 +304,7 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
         side = _letter_at(cells, position, letters)
         if side:
             position += 1
-    if side and side not in letters:
+    if (side and side not in letters) or _is_strange_letter(cells, position):
         return None, position
     try:
         sexagesimal = [float(number) for number in digits.split(":")]
@@ -313,6 +313,23 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
     angle = sum(abs(number) / 60**power for power, number in enumerate(sexagesimal))
     is_negative = digits.startswith("-") or side == letters[1]
     return (-angle if is_negative else angle), position
+
+
+def _match_angle(cell: str) -> re.Match[str] | None:
+    """Match an angle whose degrees, minutes and seconds may have their signs."""
+    parted = _ANGLE_SIGNS.sub(":", cell.upper())
+    # The sign behind the last number parts nothing.
+    return _ANGLE.fullmatch(re.sub(r":(?=[NSEW]?$)", "", parted))
+
+
+def _is_strange_letter(cells: Sequence[str], position: int) -> bool:
+    """Return whether the cell behind an angle is a letter of another language.
+
+    M is the unit of a height that is missing.
+    """
+    if position >= len(cells):
+        return False
+    return re.fullmatch(r"[^\W\d_Mm]", cells[position]) is not None
 
 
 def _letter_at(cells: Sequence[str], position: int, letters: str) -> str:
@@ -358,6 +375,7 @@ def settle_fixes(
     table = _on_own_lines(table, notes, name, numbers)
     table = table[_on_earth(table, count, len(fixes), notes)]
     table[:, 4] = _over_midnight(table[:, 4])
+
     back = np.diff(table[:, 4]) < 0
     if back.any():
         notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
@@ -389,6 +407,7 @@ def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> ND
             f"{np.count_nonzero(at_zero)} of {total} positions left out: "
             "0 N 0 E, where no receiver was"
         )
+
     usable = np.isfinite(table[:, :3]).all(axis=1)
     usable &= (np.abs(longitude) <= 180) & (np.abs(latitude) <= 90)
     usable &= (trace >= 0) & (trace < count)
@@ -419,6 +438,7 @@ def _on_own_lines(
             "as those of merged lines, and the traces do not tell where"
         )
         return table[: restarts[0]]
+
     settled = table.copy()
     line_of_fix = np.searchsorted(restarts, np.arange(len(table)), side="right")
     edges = [0, *starts.tolist(), len(numbers)]
@@ -426,10 +446,10 @@ def _on_own_lines(
     for line in range(lines):
         traces = np.arange(edges[line], edges[line + 1])
         fixes = np.flatnonzero(line_of_fix == line)
-        wanted = table[fixes, 0] + 1
-        match = np.searchsorted(numbers[traces], wanted)
+        trace_number = table[fixes, 0] + 1
+        match = np.searchsorted(numbers[traces], trace_number)
         nearest = traces[np.minimum(match, traces.size - 1)]
-        is_there = (match < traces.size) & (numbers[nearest] == wanted)
+        is_there = (match < traces.size) & (numbers[nearest] == trace_number)
         settled[fixes, 0] = np.where(is_there, nearest, np.nan)
     notes.append(
         f"{lines} lines were merged: the positions of {name} are put on the traces of their own "
@@ -454,143 +474,6 @@ def _over_midnight(time: FloatArray) -> FloatArray:
     passes = np.append(0, np.diff(time[known]) < -DAY / 2)
     time[known] += DAY * np.cumsum(passes)[: known.size]
     return time
-
-
-@dataclass(frozen=True)
-class DzxContent:
-    """What GSSI's XML beside a DZT states."""
-
-    marks: tuple[int, ...] = ()  #: scans, from 0, that the operator marked
-    spacing: float | None = None  #: of scans, m
-    #: (waypoint, 2): scan and distance along the line, m
-    distances: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-
-
-class _Waypoints(NamedTuple):
-    """What the waypoints of a DZX state."""
-
-    marks: tuple[int, ...]
-    distances: list[tuple[float, float]]  # scan, and m along the line
-    corners: list[tuple[float, float, float]]  # scan, x and y, m
-
-
-def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
-    """Read a ``.dzx``, GSSI's XML, as readgssi and RGPR do.
-
-    Parameters
-    ----------
-    path : Path or None
-        The file; None if there is none.
-    count : int
-        Scans of the recording.
-    notes : list of str
-        Notes are added to it.
-
-    Returns
-    -------
-    DzxContent
-        What it states of the scans.
-    """
-    if path is None:
-        return DzxContent()
-    try:
-        text = read_companion(path, notes)
-        if "<!DOCTYPE" in text or "<!ENTITY" in text:
-            raise ValueError("it declares entities")
-        content = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
-        root = ElementTree.fromstring(content)  # noqa: S314  # entities are refused
-    except (ValueError, ElementTree.ParseError) as error:
-        notes.append(
-            f"{path.name} was found and not understood: {' '.join(str(error).split())[:120]}"
-        )
-        return DzxContent()
-    unit = _text_of(root, "horizontalUnit")
-    scale = length_unit(unit or "m")
-    if scale is None:
-        notes.append(
-            f"{path.name} has lengths in {unit[:20]!r}, which is no unit that is known: "
-            "they are not used"
-        )
-    waypoints = _read_waypoints(root, count, scale)
-    spacing = _number(_text_of(root, "unitsPerScan"))
-    known = None
-    if scale is not None and np.isfinite(spacing) and spacing > 0:
-        known = spacing * scale
-    rows = waypoints.distances or _along(waypoints.corners)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 2)
-    if known is not None and not waypoints.distances and len(table) > 1:
-        measured = np.ptp(table[:, 1]) / max(np.ptp(table[:, 0]), 1.0)
-        if abs(measured - known) > _AGREE * known:
-            notes.append(
-                f"{path.name} contradicts itself: its scans are {known:.4g} m apart by "
-                f"unitsPerScan and {measured:.4g} m by localCoords; neither is used"
-            )
-            return DzxContent(waypoints.marks)
-    return DzxContent(waypoints.marks, known, table)
-
-
-def _read_waypoints(root: ElementTree.Element, count: int, scale: float | None) -> _Waypoints:
-    """Return what the waypoints state of ``count`` scans; ``scale`` is their unit of length, m."""
-    marks: set[int] = set()
-    distances: list[tuple[float, float]] = []
-    corners: list[tuple[float, float, float]] = []
-    for waypoint in _waypoints(root):
-        scan = _number(waypoint.get("scan", waypoint.get("scanSampChanProp", "").split(",")[0]))
-        if not (np.isfinite(scan) and 0 <= scan < count):
-            continue
-        if waypoint.get("mark", "").strip().lower() == "user" or "scanSampChanProp" in waypoint:
-            marks.add(int(scan))
-        if scale is None:
-            continue
-        distance = _number(waypoint.get("distance", ""))
-        if np.isfinite(distance):
-            distances.append((scan, distance * scale))
-        local = [_number(cell) for cell in waypoint.get("localCoords", "").split(",")[:2]]
-        if len(local) == 2 and np.isfinite(local).all():
-            corners.append((scan, local[0] * scale, local[1] * scale))
-    return _Waypoints(tuple(sorted(marks)), distances, corners)
-
-
-def _along(corners: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
-    """Return scan and distance, m, along the line through points (scan, x, y) by their scans."""
-    rows: list[tuple[float, float]] = []
-    distance = 0.0
-    ordered = sorted(corners)
-    for number, (scan, x, y) in enumerate(ordered):
-        if number:
-            _, last_x, last_y = ordered[number - 1]
-            distance += float(np.hypot(x - last_x, y - last_y))
-        rows.append((scan, distance))
-    return rows
-
-
-def _waypoints(root: ElementTree.Element) -> Iterator[dict[str, str]]:
-    """Yield the waypoints of all profiles and targets: the texts of their entries by name."""
-    count = 0
-    for element in root.iter():
-        if _name(element) in ("WayPt", "TargetWayPt"):
-            count += 1
-            if count > _MOST_WAYPOINTS:
-                return
-            yield {_name(entry): entry.text or "" for entry in element}
-
-
-def _name(element: ElementTree.Element) -> str:
-    """Return the name of an element without its name space."""
-    return str(element.tag).rpartition("}")[2]
-
-
-def _text_of(root: ElementTree.Element, name: str) -> str:
-    """Return the text of the first element of a name; empty if there is none."""
-    return next((element.text or "" for element in root.iter() if _name(element) == name), "")
-
-
-def _number(text: str) -> float:
-    """Return a number; NaN if it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
 
 
 def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:

@@ -25,7 +25,10 @@ _CLOSE = 0.02  # of a line's length, by which the distance of its ends may diffe
 
 @dataclass(frozen=True)
 class LineLayout:
-    """Where lines lie that no satellite receiver placed: parallel along +y, or from point to point."""
+    """Where lines lie that no satellite receiver placed.
+
+    They are parallel along +y, or go from point to point.
+    """
 
     spacing: float | None = None  #: between parallel lines, m along x; the first lies at x = 0
     zigzag: bool = False  #: whether every other line runs back, from where the one before ended
@@ -106,13 +109,17 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
         )
     if not (math.isfinite(spacing) and spacing > 0):
         raise ValueError(f"mark-spacing must be a positive distance, got {spacing:g} m")
+
     number = np.arange(len(section.traces), dtype=np.float64)
     along = spacing * np.arange(marks.size)
     distance = np.interp(number, marks, along)
     before = number < marks[0]
     after = number > marks[-1]
-    distance[before] = (number[before] - marks[0]) * spacing / (marks[1] - marks[0])
-    distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / (marks[-1] - marks[-2])
+    first_gap = marks[1] - marks[0]  # traces from mark to mark
+    last_gap = marks[-1] - marks[-2]
+    distance[before] = (number[before] - marks[0]) * spacing / first_gap
+    distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / last_gap
+
     note = f"distances are from {marks.size} marks every {spacing:g} m"
     if section.distance is not None:
         note += ", in place of those that the file tells"
@@ -122,7 +129,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
             f"; {outside} traces before the first and after the last mark go on at the steps "
             "beside them"
         )
-    # The marks are used up: nothing of them is left to be kept.
+    # The distances replace the marks.
     return replace(
         section, distance=distance - distance[0], marks=(), history=(*section.history, note)
     )
@@ -134,14 +141,16 @@ def survey_run(
     anchor: Anchor | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Make one run of several lines, one after the other, on the same tones, all channels a pair each.
+    """Make one run of several lines, one after the other, on the same tones.
+
+    All channels are a pair each.
 
     Parameters
     ----------
     sections : sequence of GprSection
         The lines, of :func:`flgpr.formats.read_gpr`; all with the same channels and time window.
     layout : LineLayout
-        Where they lie, unless an anchor and their own fixes tell.
+        Where they lie, unless an anchor and their own fixes place them.
     anchor : Anchor, optional
         Takes the lines' fixes to the lane.
     **options
@@ -150,12 +159,12 @@ def survey_run(
     Returns
     -------
     xarray.Dataset
-        The run; its attribute ``line_starts`` tells the first scan of each line.
+        The run; its attribute ``line_starts`` holds the first scan of each line.
 
     Raises
     ------
     ValueError
-        If lines have other tones or channels than the first, or nothing tells where they lie.
+        If lines have other tones or channels than the first, or nothing states where they lie.
     """
     if not sections:
         raise ValueError("a survey must have at least one line, got none")
@@ -169,6 +178,7 @@ def survey_run(
             "lines of a survey need an anchor, line-spacing or a table of lines, "
             "which tell where they lie"
         )
+
     runs = [_line_run(section, anchor, options) for section in sections]
     for section, run in zip(sections, runs, strict=True):
         differing = _differing_axis(run, runs[0])
@@ -177,13 +187,16 @@ def survey_run(
                 f"{section.path}: lines of a survey must have the same time window and channels, "
                 f"this one has another {differing} than {sections[0].path.name}"
             )
+
     notes: list[str] = []
     if anchor is None:
         notes += _place_lines(runs, [section.path.name for section in sections], layout)
     notes += _without_clocks(runs)
-    starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
+    scans = [run.sizes["scan"] for run in runs]
+    starts = np.cumsum([0, *scans[:-1]]).tolist()
     for section, run in zip(sections, runs, strict=True):
         notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
+
     merged = xr.concat(
         runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )
@@ -210,7 +223,8 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     if not known.size or (np.diff(known) >= 0).all():
         return []
     for number, run in enumerate(runs):
-        runs[number] = run.assign_coords(time=("scan", np.full(run.sizes["scan"], np.nan)))
+        unknown = np.full(run.sizes["scan"], np.nan)
+        runs[number] = run.assign_coords(time=("scan", unknown))
     return [
         f"the clocks of {len(runs)} lines do not go on from one to the next: "
         f"{known.size} times are not kept"

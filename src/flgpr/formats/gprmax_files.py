@@ -42,8 +42,9 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
     The vehicle frame has its origin at the source. The model's axes are the lane's, its z less the
     height of the ground. The signal is the field over the source's current moment where the source
     is a Hertzian dipole, else over the source's current, times j, as in
-    :class:`flgpr.formats.gprmax.GprmaxRun`; the direct wave stays. Tones are those of the time
-    window. Positions are the nodes'; field components lie half a cell further along their own axis.
+    :class:`flgpr.formats.gprmax_decks.GprmaxRun`; the direct wave stays. Tones are those of the
+    time window. Positions are the nodes'; field components lie half a cell further along their own
+    axis.
 
     Parameters
     ----------
@@ -68,11 +69,13 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
     if setup.transmit not in ("H", "V"):
         raise ValueError(f"transmit must be H or V, got {setup.transmit!r}")
     axes = setup.axes
-    if not set(axes.values()) <= set("xyz") or len(set(axes.values())) != 2:
+    components = set(axes.values())
+    if not components <= set("xyz") or len(components) != 2:
         raise ValueError(
             "the components of H and V must be two of x, y and z, "
             f"got {axes['H']!r} and {axes['V']!r}"
         )
+
     first: GprmaxOutput | None = None
     first_offsets: list[FloatArray] = []
     blocks = []
@@ -89,6 +92,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
         _check_alike(output, first, offsets, first_offsets)
         pose[scan, :3] = position - [0.0, 0.0, setup.ground]
         blocks.append(_signal(output, setup, labels, tones))
+
     signal = np.stack(blocks)
     missing = np.count_nonzero(~np.isfinite(signal).all(axis=-1))
     if missing:
@@ -96,6 +100,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
         notes.append(
             f"{missing} of {fields} fields hold values that are no numbers, and count as missing"
         )
+
     rx = np.array(first_offsets)
     attrs: dict[str, Any] = {
         "source": "gprMax",
@@ -159,7 +164,9 @@ def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
         raise ValueError(
             f"band must increase below {0.5 / output.time_step:.3g} Hz, got {low:g} to {high:g}"
         )
-    numbers = np.arange(np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6) + 1)
+    first = np.ceil(low / step - 1e-6)
+    last = np.floor(high / step + 1e-6)
+    numbers = np.arange(first, last + 1)
     if numbers.size < 2:
         raise ValueError(
             f"band must hold two tones, which are {step:.4g} Hz apart, got {low:g} to {high:g}"
@@ -229,6 +236,7 @@ def _signal(
 ) -> NDArray[np.complex64]:
     """Return the signal (polarization, pair, frequency) of one scan."""
     source = _source(output, setup, tones)
+    # Times j, a scatterer at path L gives exp(-j2πfL/c) as in every run.
     rows = []
     for label in labels:
         component = f"E{setup.axes[label[1]]}"

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _ORDER = ("scan", "polarization", "pair", "frequency")
 _HIGHEST_FREQUENCY = 1e12
-_PATHS_OF = {"delay": 1.0, "range": 2.0, "path": 1.0}  # what makes an axis of samples two-way
+_TWO_WAY = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
 _UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 
@@ -114,6 +114,7 @@ def import_mapped(
     elif data_files:
         folders.append(data_files[0].parent)
     folders.append(Path() if isinstance(mapping, Mapping) else Path(mapping).parent)
+
     files = _files(table, folders, data_files)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
@@ -193,21 +194,25 @@ class _Importer:
         axis_name = "frequency" if mapping.frequency else "samples"
         with self.sources.entry(axis_name, axis.file if axis else None):
             signal, tones = self._tones(signal)
+
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
             signal = signal[..., order]
             tones = tones[order]
             self.notes.append("tones sorted by frequency")
+
         tx, rx, origin = self._geometry(sizes, signal.shape)
         if mapping.path_offset is not None:
             with self.sources.entry("path_offset", mapping.path_offset.file):
                 signal = lengthen(signal, tones, self._offset(mapping.path_offset, signal.shape))
             self.notes.append("path offsets of the recorder undone")
+
         time = None
         if mapping.time is not None:
             time = self._time(mapping.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
         self._note_missing(signal)
+
         attrs: dict[str, Any] = {
             "title": mapping.title,
             "source": mapping.source,
@@ -266,11 +271,13 @@ class _Importer:
         if self.mapping.signal.conjugate:
             signal = signal.conj()
             self.notes.append("phases turned round (the recorder's convention is exp(+j2πfL/c))")
+
         names = ("scan", "polarization", "pair", "tx", "rx", "frequency")
         order: list[int] = []
         for name in names:
             order += [axis for axis, dim in enumerate(dims) if dim == name]
         signal = signal.transpose(order)
+
         grid = signal.shape[: dims.count("scan")]
         self.sources.grid = grid
         if len(grid) > 1:
@@ -278,6 +285,7 @@ class _Importer:
                 f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans"
             )
             signal = signal.reshape(-1, *signal.shape[len(grid) :])
+
         known = [name for name in names if name in dims]
         sizes = dict(zip(known, signal.shape, strict=True))
         if "tx" in sizes:
@@ -325,7 +333,7 @@ class _Importer:
             return signal, self._stated_tones(self.mapping.frequency, count)
         spec: Samples = self.mapping.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
-        axis = self.sources.vector(spec, kind, "samples", count=count) * _PATHS_OF[spec.meaning]
+        axis = self.sources.vector(spec, kind, "samples", count=count) * _TWO_WAY[spec.meaning]
         delay = axis if spec.meaning == "delay" else axis / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
         band = (spec.band[0] * scale, spec.band[1] * scale)
@@ -360,17 +368,21 @@ class _Importer:
         (tx_name, tx_spec), (rx_name, rx_spec) = self._antenna_entries()
         tx = self.sources.points(tx_spec, tx_name, "scan" if tx_spec.frame == "lane" else "pair")
         rx = self.sources.points(rx_spec, rx_name, "scan" if rx_spec.frame == "lane" else "pair")
+
         in_lane = "lane" in (tx_spec.frame, rx_spec.frame)
         if in_lane and pairs == 1:
             # Positions per scan of a single antenna need no axis for it.
             tx = tx[:, None] if tx.ndim == 2 else tx
             rx = rx[:, None] if rx.ndim == 2 else rx
+
         if "tx" in sizes:
             self._check_count(tx_name, tx_spec, tx.shape[-2], sizes["tx"])
             self._check_count(rx_name, rx_spec, rx.shape[-2], sizes["rx"])
+            # Pairs run over the receivers of the first transmitter, then of the second.
             transmitters = tx.shape[-2]
             tx = np.repeat(tx, rx.shape[-2], axis=-2)
             rx = np.concatenate([rx] * transmitters, axis=-2)
+
         origin = None
         if in_lane:
             with self.sources.entry(tx_name, tx_spec.file):
@@ -388,19 +400,19 @@ class _Importer:
         """Return names and tables of the positions of transmitters and of receivers."""
         mapping = self.mapping
         if mapping.antenna_position is not None:
-            both = ("antenna_position", mapping.antenna_position)
-            return both, both
+            antenna = ("antenna_position", mapping.antenna_position)
+            return antenna, antenna
         # Mapping sees to it that both are there.
         tx: Positions = mapping.tx_position  # type: ignore[assignment]
         rx: Positions = mapping.rx_position  # type: ignore[assignment]
         return ("tx_position", tx), ("rx_position", rx)
 
-    def _check_count(self, name: str, spec: Positions, count: int, wanted: int) -> None:
+    def _check_count(self, name: str, spec: Positions, count: int, expected: int) -> None:
         """Refuse positions that are not as many as the signal has antennas."""
-        if count != wanted:
+        if count != expected:
             with self.sources.entry(name, spec.file):
                 raise ValueError(
-                    f"{name} must give {wanted} antennas as the signal has, got {count}"
+                    f"{name} must give {expected} antennas as the signal has, got {count}"
                 )
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
@@ -471,6 +483,7 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
         raise ValueError(
             f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}"
         )
+    # Counts of up to 16 bit are exact in single precision, which takes half the memory.
     fits_single = values.dtype.itemsize <= 2 or values.dtype == np.float32
     numbers = np.ascontiguousarray(values.astype(np.float32 if fits_single else np.float64))
     return numbers.view(np.complex64 if fits_single else np.complex128)
@@ -500,7 +513,9 @@ def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, Floa
     origin = tx.mean(axis=1)
     tx = tx - origin[:, None]
     rx = rx - origin[:, None]
-    moved = max(float(np.abs(points - points[0]).max()) for points in (tx, rx))
+    moved_tx = float(np.abs(tx - tx[0]).max())
+    moved_rx = float(np.abs(rx - rx[0]).max())
+    moved = max(moved_tx, moved_rx)
     if not moved <= _LARGEST_MOTION:
         raise ValueError(
             "positions in the lane frame must keep their form and heading from scan to scan "
@@ -548,8 +563,10 @@ def impulse_to_frequency(
             f"delay must have one value per sample, got {axis.shape} for samples {values.shape}"
         )
     steps = np.diff(axis)
+
     step = float(steps.mean())
-    if not np.isfinite(axis).all() or step <= 0 or np.abs(steps - step).max() > _UNEVEN * step:
+    rises = bool(np.isfinite(axis).all()) and step > 0
+    if not rises or np.abs(steps - step).max() > _UNEVEN * step:
         raise ValueError(
             "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
         )
@@ -560,6 +577,7 @@ def impulse_to_frequency(
         )
     if pad < 1:
         raise ValueError(f"pad must be at least 1, got {pad}")
+
     count = axis.size * int(pad)
     frequency: NDArray[np.float64] = np.arange((count + 1) // 2) / (count * step)
     in_band = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))
@@ -567,4 +585,5 @@ def impulse_to_frequency(
         raise ValueError(f"band must hold a tone; tones are {frequency[1]:g} Hz apart, got {band}")
     tones = frequency[in_band]
     spectrum = np.fft.fft(values, count, axis=-1)[..., in_band]
+    # The transform counts delays from the first sample: its own delay turns the phase.
     return spectrum * np.exp(-2j * np.pi * tones * axis[0]), tones

@@ -29,7 +29,7 @@ class _Table(BaseModel):
 class Variable(_Table):
     """A variable, or one column of it, where a bare name does not say enough."""
 
-    file: str | None = None  #: where it lies; by default where its table says
+    file: str | None = None  #: where it lies; by default the file of its table
     variable: str
     column: int | None = None  #: column of a two-dimensional variable, from 0
     #: scan axis that its values run along, from 0, in a raster of scans
@@ -210,7 +210,7 @@ class _VehiclePlace(_Table):
     position: Positions | None = None
     #: in place of position; headings are then clockwise from true north
     geodetic: Geodetic | None = None
-    #: heading, pitch, roll: number or variable, or "course" for a heading along the way
+    #: heading, pitch, roll: number or variable, or "course" for a heading along the course
     heading: Entry | None = None
     pitch: Entry | None = None
     roll: Entry | None = None
@@ -311,8 +311,8 @@ class Mapping(_Table):
                 if name not in ("title", "source", "files"):
                     guesses.update(_guesses(entry, str(name)))
         if guesses:
-            (first, value), *others = guesses.items()
-            more = f" (and so are {', '.join(name for name, _ in others)})" if others else ""
+            (first, value), *further = guesses.items()
+            more = f" (and so are {', '.join(name for name, _ in further)})" if further else ""
             raise ValueError(
                 f"{first} is still a guess, got {value!r}{more}: "
                 "check it and take the question mark away"
@@ -348,11 +348,14 @@ class Mapping(_Table):
 
     def _check_axis(self) -> None:
         """Refuse a table of tones or samples that the axes of the signal do not ask for."""
-        wanted, other = "samples", "frequency"
         if "frequency" in self.signal.dims:
-            wanted, other = other, wanted
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
-            raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
+            needed = "frequency"
+            other = "samples"
+        else:
+            needed = "samples"
+            other = "frequency"
+        if getattr(self, needed) is None or getattr(self, other) is not None:
+            raise ValueError(f"signal.dims asks for the table {needed} and no table {other}")
 
 
 def _guesses(entries: Any, where: str) -> Iterator[tuple[str, str]]:

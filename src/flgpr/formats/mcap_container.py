@@ -186,6 +186,7 @@ class McapContainer:
             raise TooLargeError(
                 f"a chunk must unpack to at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
             )
+        # What a chunk declares is checked before memory is taken for it.
         check_expansion("a chunk", size, len(chunk.data))
         data = _decompressed(chunk, size)
         if len(data) != size:

@@ -53,7 +53,9 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
 
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         head = list(csv.reader(islice(file, _HEAD)))
-    properties = dict(zip(head[0][::2], head[0][1::2], strict=False))
+
+    first = head[0]  # names and values in turn
+    properties = dict(zip(first[::2], first[1::2], strict=False))
     start = _column_row(head)
     labels = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
     if "Type" not in labels or "Name" not in labels:
@@ -63,6 +65,7 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     columns = _columns(
         labels["Type"], labels["Name"], head[start - 1], head[start], rotation_type.lower()
     )
+
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
         table = pd.read_csv(
@@ -76,6 +79,7 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     values = table.to_numpy()
     if not len(values):
         raise ValueError("a take must hold frames, got none")
+
     arrays: dict[str, NDArray[Any]] = {"frame": values[:, 0], "time": values[:, 1]}
     units = {"time": "s"}
     for name, order in columns.items():
@@ -121,6 +125,7 @@ def _columns(
             name = f"{bodies[column].strip()}/{group}"
             axis = axes[column].strip().lower()
             columns_of.setdefault(name, {}).setdefault(axis, column)
+
     complete = {}
     for name, column_of in columns_of.items():
         order = "xyz"

@@ -44,7 +44,13 @@ def read_poses(sources: Sources, spec: Poses, scans: int, anchor: Anchor | None)
     """
     position = spec.position
     if position is None and spec.geodetic is None:
-        position = Positions(file=spec.file, x=spec.x, y=spec.y, z=spec.z, unit=str(spec.unit))
+        position = Positions(
+            file=spec.file,
+            x=spec.x,
+            y=spec.y,
+            z=spec.z,
+            unit=str(spec.unit),
+        )
     pose = _poses_in_files(sources, spec, position, "pose", scans, "scan", anchor)
     with sources.entry("pose", _file_of(position, spec.geodetic)):
         bad = np.argwhere(~np.isfinite(pose))
@@ -113,7 +119,7 @@ def _poses_in_files(
 ) -> FloatArray:
     """Return poses (count, 6) as they stand in the files, in lane axes.
 
-    A heading along the way is left zero.
+    A heading by the course is left zero.
     """
     pose = np.zeros((count, 6))
     turn = axes_matrix(spec.axes, f"{where}.axes")
@@ -122,11 +128,13 @@ def _poses_in_files(
         pose[:, :3] = points[:, :3] @ turn.T
         if points.shape[1] == 6:
             pose[:, 3:] = points[:, 3:] * factor(spec.angle_unit, "angle", f"{where}.angle_unit")
+
     if spec.orientation is not None:
         pose[:, 3:] = _attitude(
             sources, spec.orientation, spec.axes, f"{where}.orientation", count, along
         )
     _read_angles(sources, spec, position, where, along, pose)
+
     if spec.geodetic is not None:
         entry = f"{where}.geodetic"
         if anchor is None and not sources.anchor_from_track:

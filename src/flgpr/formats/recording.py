@@ -44,7 +44,7 @@ class _Series:
     last: int = 0
     fields: dict[str, Any] = field(default_factory=dict)  # of the first message that can be read
     known: bool = False  # whether one was read
-    damaged: int = 0  # messages that cannot be read, of those looked at
+    damaged: int = 0  # messages that cannot be read, of those decoded
     fault: str = ""
 
     def all_fields(self) -> dict[str, Any]:
@@ -135,17 +135,18 @@ class Recording:
             self._stack(*self._field_of[name])
         return self._columns[name]
 
-    def _stack(self, name: str, wanted: str) -> None:
-        """Stack the fields of a series; where all are too large, the ``wanted`` one alone."""
+    def _stack(self, name: str, required: str) -> None:
+        """Stack the fields of a series; where all are too large, the ``required`` one alone."""
         series = self._series[name]
         fields = series.all_fields()
         size = series.count * sum(np.asarray(value).nbytes for value in fields.values())
         if size > self.limit:
-            fields = {label: fields[label] for label in fields if label in (wanted, _LOG_TIME)}
+            fields = {label: fields[label] for label in fields if label in (required, _LOG_TIME)}
         columns = {}
         for label, value in fields.items():
             shape = (series.count, *np.shape(value))
             columns[label] = np.empty(shape, np.asarray(value).dtype)
+
         row = 0
         damaged_before = series.damaged
         series.damaged = 0
@@ -160,7 +161,7 @@ class Recording:
                 shape = columns[label].shape[1:]
                 if _fits(value, shape):
                     columns[label][row] = value
-                elif label not in (wanted, _LOG_TIME):
+                elif label not in (required, _LOG_TIME):
                     del columns[label]  # an error when it is asked for
                 else:
                     got = "none" if value is None else f"shape {np.shape(value)}"
@@ -169,6 +170,7 @@ class Recording:
                         f"got {got} in message {row}"
                     )
             row += 1
+
         if not row:
             raise ValueError(
                 f"{name}: none of its {series.count} messages can be read: {series.fault}"
@@ -176,6 +178,7 @@ class Recording:
         if series.damaged and series.damaged != damaged_before:
             self._note_damage(series)
         series.damaged = max(series.damaged, damaged_before)
+
         # Messages are mostly in order, but several writers may share a file.
         order = np.argsort(columns[_LOG_TIME][:row], kind="stable")
         self._columns = {}
@@ -223,10 +226,10 @@ class Recording:
             self._field_of[name] = (series.name, label)
             self.arrays.append((name, shape, str(values.dtype), "s" if is_time else ""))
 
-    def _messages(self, wanted: set[str] | None) -> Iterator[_Message]:
+    def _messages(self, decoded: set[str] | None) -> Iterator[_Message]:
         """Yield all messages in the order of the file.
 
-        Those of the series ``wanted`` are decoded; if it is None, the first that can be read of
+        Those of the series ``decoded`` are decoded; if it is None, the first that can be read of
         every series.
         """
         self._declared = _Declarations()
@@ -238,9 +241,9 @@ class Recording:
             elif len(content) < _MESSAGE_HEAD.size:
                 self._short += 1
             else:
-                yield from self._message(content, wanted)
+                yield from self._message(content, decoded)
 
-    def _message(self, record: bytes, wanted: set[str] | None) -> Iterator[_Message]:
+    def _message(self, record: bytes, decoded: set[str] | None) -> Iterator[_Message]:
         """Yield a message, or each transform that it holds."""
         number, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(record)
         channel = self._channel(number)
@@ -253,16 +256,17 @@ class Recording:
         if number not in decoders:
             decoders[number] = self._decoder(channel, schema)
         decode = decoders[number]
+
         topic = channel.topic
         if schema is None or decode is None or not schema.name.endswith("TFMessage"):
             series = self._series[topic]
-            is_wanted = not series.known if wanted is None else topic in wanted
+            is_wanted = not series.known if decoded is None else topic in decoded
             content = None
             if is_wanted and decode is not None:
                 content = _decoded(decode, data, series)
             yield _Message(topic, content, log_time, publish_time)
             return
-        if wanted is not None and not any(name.startswith(f"{topic}/") for name in wanted):
+        if decoded is not None and not any(name.startswith(f"{topic}/") for name in decoded):
             return
         carrier = self._transforms.setdefault(topic, _Series(topic, "transforms", "cdr"))
         content = _decoded(decode, data, carrier)
@@ -334,12 +338,12 @@ class Recording:
                 continue
             channel = self._channel(number)
             topics.append(f"{count} of {channel.topic if channel else f'channel {number}'}")
-        words = f"with {sum(damage.messages.values())} messages"
+        summary = f"with {sum(damage.messages.values())} messages"
         if topics:
-            words += f": {', '.join(topics)}"
+            summary += f": {', '.join(topics)}"
         if damage.uncounted_chunks:
-            words += f"; no index counts those of {damage.uncounted_chunks} chunks"
-        return words
+            summary += f"; no index counts those of {damage.uncounted_chunks} chunks"
+        return summary
 
     def _decoder(self, channel: Any, schema: Any) -> Decoder | None:
         """Return the decoder of a channel's messages, None where there is none.
@@ -413,6 +417,7 @@ def _from_json(data: bytes) -> Any:
     """Return what a message in JSON holds."""
     if len(data) > _LARGEST_JSON:
         raise ValueError(f"a JSON message must have at most {_LARGEST_JSON} bytes, got {len(data)}")
+    # A whole number may be larger than any type of NumPy holds.
     return json.loads(data, parse_int=float)
 
 
@@ -460,7 +465,7 @@ def _flat_list(content: list[Any] | tuple[Any, ...], path: str) -> dict[str, Any
         rows = [_flat(item) for item in content]
         arrays = {}
         for name, first in rows[0].items():
-            values = [row.get(name) for row in rows]
+            values: list[Any] = [row.get(name) for row in rows]
             if all(_fits(value, np.shape(first)) for value in values):
                 arrays[f"{path}.{name}"] = np.stack(values)
         return arrays

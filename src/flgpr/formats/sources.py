@@ -45,14 +45,14 @@ class Sources:
         try:
             yield
         except ValueError as error:
-            words = str(error)
+            message = str(error)
             paths = self.files.get(file or "", [])
-            if not re.search(rf"(^|: ){re.escape(where)}\b", words):
-                words = f"{where}: {words}"
-            if paths and not any(str(path) in words for path in paths):
-                others = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
-                words = f"{paths[0]}{others}: {words}"
-            raise ValueError(words) from None
+            if not re.search(rf"(^|: ){re.escape(where)}\b", message):
+                message = f"{where}: {message}"
+            if paths and not any(str(path) in message for path in paths):
+                more_files = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+                message = f"{paths[0]}{more_files}: {message}"
+            raise ValueError(message) from None
 
     def arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
         """Read a variable of every file of that name."""
@@ -257,7 +257,8 @@ class Sources:
                 points = points.reshape(-1, points.shape[-1])
                 if len(points) != count:
                     raise ValueError(f"{where} must have {count} positions, got {len(points)}")
-            points = np.concatenate([points[..., :3] * scale, points[..., 3:]], axis=-1)
+            positions = points[..., :3] * scale
+            points = np.concatenate([positions, points[..., 3:]], axis=-1)
             plausible(points, where)
             if spec.index is not None:
                 rows = self._index(spec.index, points.shape[-2], f"{where}.index")
@@ -281,7 +282,8 @@ class Sources:
                 raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
         blocks = self.arrays(spec.file, spec.variable, where)
         points = real(self.assembled(blocks, along, where), where)
-        if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
+        has_three_rows = points.ndim == 2 and points.shape[0] == 3
+        if has_three_rows and points.shape[1] not in (2, 3, 6):
             points = points.T  # a column per position, as is the custom in MATLAB
         if spec.z is None:
             return points
@@ -290,7 +292,8 @@ class Sources:
                 f"{where} must have x and y alone with z beside it, got shape {points.shape}"
             )
         height = self.component(spec.z, spec.file, f"{where}.z", points[..., 0].size, along)
-        return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
+        column = height.reshape(*points.shape[:-1], 1)
+        return np.concatenate([points, column], axis=-1)
 
     def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
         """Return which of so many antennas each pair uses, from 0."""
@@ -317,6 +320,7 @@ def _number_or_variable(entry: float | str) -> float | Variable:
 def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
     """Return a column of a table, or with None all values without axes of length one."""
     if column is None:
+        # MATLAB has no vectors: a column of numbers has two axes.
         return np.atleast_1d(values.squeeze())
     if values.ndim != 2 or not 0 <= column < values.shape[1]:
         raise ValueError(

@@ -3,7 +3,7 @@
 In a file of two ports of version 1, lines of five numbers behind the sweep are noise parameters,
 and begin where the frequency falls (Touchstone File Format Specification, version 1.1). scikit-rf
 takes any tone below the one before for that, so that a sweep from high to low would come as its
-first tone alone. Therefore the tones are put in the order of frequency before.
+first tone alone. Therefore the tones are sorted by frequency first.
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
         stated = keywords.get("number of frequencies", "")
         _note_noise(_noise_lines(text), notes)
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
+
     head, rows = _head_and_rows(text)
     ports = _ports_of(path)
     noise = 0

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,6 +31,14 @@ _ANGLES = ("heading", "pitch", "roll")
 _LEAST_BASELINE = 1e-3  # m, between the marks on an array, for a heading to follow from them
 FIXED = (4,)
 """GGA quality of a fixed carrier-phase solution."""
+
+
+class _NmeaLog(NamedTuple):
+    """What an NMEA log states."""
+
+    fixes: list[tuple[float, float, float, float]]  # time, s, longitude, latitude, height, m
+    headings: list[tuple[float, float]]  # time, s, and heading, rad
+    qualities: Counter[int]  # of all GGA, used or not
 
 
 def read_track(
@@ -133,6 +141,7 @@ def _poses_of_take(
             "axes must say which of Motive's axes are the lane's x, y and z, "
             "such as x,-z,y where Motive has y up"
         )
+
     name = body or bodies[0]
     position = opened.read(f"{name}/position")
     quaternions = opened.read(f"{name}/rotation")
@@ -195,13 +204,17 @@ def _poses_by_marks(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
         raise ValueError(
             f"left and right marks must lie apart, they coincide at scan {int(level.argmin())}"
         )
+
     pitch = _angle(columns, "pitch")
     # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin r).
-    sine = apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch))
+    length = np.linalg.norm(apart, axis=1)
+    sine = apart[:, 2] / (length * np.cos(pitch))
     roll = -np.arcsin(np.clip(sine, -1, 1))
     aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
-    heading = np.angle(np.exp(1j * (aside - np.arctan2(apart[:, 1], apart[:, 0]))))
-    return np.column_stack([(left + right) / 2, heading, pitch, roll])
+    direction = np.arctan2(apart[:, 1], apart[:, 0])
+    heading = np.angle(np.exp(1j * (aside - direction)))
+    middle = (left + right) / 2
+    return np.column_stack([middle, heading, pitch, roll])
 
 
 def read_nmea(
@@ -237,53 +250,59 @@ def read_nmea(
         If a sentence is damaged, there are fewer than two fixes, or a height is needed.
     """
     path = existing(path)
-    library = optional("pynmeagps", "gnss")
     if height is None and not anchor.heights_known:
         raise ValueError("height must be given, the anchor's points have none")
-    fixes: list[tuple[float, float, float, float]] = []
-    headings: list[tuple[float, float]] = []
-    qualities: Counter[int] = Counter()
-    now = -math.inf
     notes: list[str] = []
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
-    for number, line in _filled_lines(text):
-        try:
-            message = library.NMEAReader.parse(_sentence(line))
-            if message.msgID == "GGA":
-                qualities[message.quality] += 1
-                if message.quality in quality:
-                    now = _continued_time(message.time, now)
-                    fixes.append((now, *_place_of(message)))
-            elif message.msgID == "HDT" and math.isfinite(now):
-                headings.append((now, math.radians(float(message.headingT))))
-        except Exception as error:
-            raise _damaged_sentence(path, number, error) from None
-    if len(fixes) < 2:
+    log = _read_log(path, quality, notes)
+    if len(log.fixes) < 2:
         raise ValueError(
             f"{path}: two fixes of quality {quality} or more are needed, "
-            f"got {len(fixes)} (all: {dict(qualities)})"
+            f"got {len(log.fixes)} (all: {dict(log.qualities)})"
         )
-    table = np.array(fixes)
+
+    table = np.array(log.fixes)
     is_later = np.append(True, np.diff(table[:, 0]) > 0)
     time = table[is_later, 0]
     position = anchor.from_geodetic(table[is_later, 1:])
     if height is not None:
         position[:, 2] = height
-    track = make_track(time, position, _headings(time, position, headings, anchor.azimuth))
-    total = sum(qualities.values())
-    unused = total - len(fixes)
+    track = make_track(time, position, _headings(time, position, log.headings, anchor.azimuth))
+
+    total = sum(log.qualities.values())
+    unused = total - len(log.fixes)
     if unused:
-        counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(qualities.items()))
+        counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(log.qualities.items()))
         notes.append(
             f"{unused} of {total} fixes are not of quality {quality} and not used ({counts})"
         )
     if not is_later.all():
         notes.append(f"{np.count_nonzero(~is_later)} fixes whose time does not go on are not used")
-    if not headings:
+    if not log.headings:
         notes.append("no sentence tells a heading: it is the direction of the way")
     notes.append("pitch and roll are taken as 0: NMEA tells none")
     track.attrs["notes"] = notes
     return track
+
+
+def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLog:
+    """Read the GGA of some qualities and the HDT of a log."""
+    library = optional("pynmeagps", "gnss")
+    log = _NmeaLog([], [], Counter())
+    now = -math.inf
+    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    for number, line in _filled_lines(text):
+        try:
+            message = library.NMEAReader.parse(_sentence(line))
+            if message.msgID == "GGA":
+                log.qualities[message.quality] += 1
+                if message.quality in quality:
+                    now = _continued_time(message.time, now)
+                    log.fixes.append((now, *_place_of(message)))
+            elif message.msgID == "HDT" and math.isfinite(now):
+                log.headings.append((now, math.radians(float(message.headingT))))
+        except Exception as error:
+            raise _damaged_sentence(path, number, error) from None
+    return log
 
 
 def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
@@ -339,8 +358,8 @@ def _place_of(message: Any) -> tuple[float, float, float]:
 
 def _damaged_sentence(path: Path, number: int, error: Exception) -> ValueError:
     """Return the error for a line that the library refuses."""
-    words = " ".join(str(error).split())[:120]
-    return ValueError(f"{path}: line {number} is no valid NMEA sentence: {words}")
+    message = " ".join(str(error).split())[:120]
+    return ValueError(f"{path}: line {number} is no valid NMEA sentence: {message}")
 
 
 def _headings(

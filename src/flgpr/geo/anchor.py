@@ -1,4 +1,4 @@
-"""Where a lane lies on Earth: an anchor fitted to surveyed points, with its uncertainty."""
+"""Anchors: where a lane lies on the Earth, fitted to surveyed points, with the uncertainty."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from flgpr.store.files import existing, faults_of
 
 FloatArray = NDArray[np.float64]
 _FILE_OF_SYSTEMS = re.compile(r"\binit\s*=\s*(?!epsg:\d+\b)", re.IGNORECASE)
-"""A PROJ string whose system stands in a file; such files are opened when the string is read."""
+"""A PROJ string whose system is in a file; such a file is opened when the string is read."""
 _FILE_IN_WKT = re.compile(
     r'PARAMETERFILE\s*\[\s*"[^"]*"\s*,\s*"(?!@null")|grids\s*=\s*(?!@null\b)|\bfile\s*=',
     re.IGNORECASE,
 )
-"""WKT of a system whose points are shifted by what a file holds; ``@null`` is none."""
+"""WKT of a system whose points are shifted by a grid in a file; ``@null`` is none."""
 GEODETIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
 
@@ -39,16 +39,17 @@ class Anchor:
     #: longitude, latitude (degrees) and ellipsoidal height (m) of the plane's point of contact
     origin: tuple[float, float, float]
     azimuth: float  #: direction of the lane's +y, clockwise from true north at the origin, rad
-    shift: tuple[
-        float, float, float
-    ]  #: lane frame's origin east, north and up of the contact point, m
+    #: lane frame's origin east, north and up of the contact point, m
+    shift: tuple[float, float, float]
     #: mean x and y of the surveyed points in the lane frame, m; the uncertainty is least there
     center: tuple[float, float]
     sigma: float  #: standard deviation of one coordinate of one surveyed point, m
     count: int  #: number of surveyed points
-    #: sum of squared distances of the surveyed points from their mean, m²; infinite where the direction was given
+    #: sum of squared distances of the surveyed points from their mean, m²; infinite where the
+    #: direction was measured by itself
     spread: float
-    sigma_azimuth: float  #: standard deviation of a given direction, rad; 0 where it was fitted
+    #: standard deviation of a direction that was measured by itself, rad; 0 where it was fitted
+    sigma_azimuth: float
     residuals: tuple[float, ...]  #: horizontal misfit of each surveyed point, m
     crs: str  #: reference system the points were surveyed in
     #: stated accuracy of the step from that system to WGS 84, m; NaN where the registry states none
@@ -57,68 +58,154 @@ class Anchor:
     heights_known: bool
 
     def to_geocentric(self, position: ArrayLike) -> FloatArray:
-        """Take points (..., 3) from the lane frame to geocentric (Earth-centred, Earth-fixed) WGS 84 coordinates, m."""
+        """Return points of the lane frame in geocentric WGS 84 coordinates.
+
+        These axes are centred in the Earth and fixed to it.
+
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Geocentric coordinates, m.
+        """
         return geocentric(self.origin) + self.turn(position, shifted=True)
 
     def turn(self, vector: ArrayLike, shifted: bool = False) -> FloatArray:
-        """Turn vectors, or points to which the anchor's shift is added first, from lane to geocentric axes."""
-        level = np.asarray(vector, dtype=np.float64) @ heading_matrix(self.azimuth).T
-        return (level + (self.shift if shifted else 0.0)) @ east_north_up(self.origin)
+        """Return vectors of the lane frame in geocentric axes.
+
+        Parameters
+        ----------
+        vector : (..., 3) array_like
+            Vectors, or with ``shifted`` points, m.
+        shifted : bool
+            Add the anchor's shift first.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            The vectors, m, from the contact point for points.
+        """
+        enu = np.asarray(vector, dtype=np.float64) @ heading_matrix(self.azimuth).T
+        shift = self.shift if shifted else 0.0
+        return (enu + shift) @ east_north_up(self.origin)
 
     def from_geocentric(self, position: ArrayLike) -> FloatArray:
-        """Take geocentric points (..., 3) to the lane frame, the inverse of :meth:`to_geocentric`."""
-        local = (np.asarray(position, dtype=np.float64) - geocentric(self.origin)) @ east_north_up(
-            self.origin
-        ).T
-        return (local - self.shift) @ heading_matrix(self.azimuth)
+        """Return geocentric points in the lane frame, the inverse of :meth:`to_geocentric`.
+
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Geocentric coordinates, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Points in the lane frame, m.
+        """
+        step = np.asarray(position, dtype=np.float64) - geocentric(self.origin)
+        enu = step @ east_north_up(self.origin).T
+        return (enu - self.shift) @ heading_matrix(self.azimuth)
 
     def to_lonlat(self, points: ArrayLike) -> FloatArray:
-        """Return WGS 84 longitude and latitude (..., 2), degrees, of points in the anchor's system.
+        """Return WGS 84 longitude and latitude of points in the anchor's system.
 
-        Points are easting and northing (..., 2), m. A system that is not projected is a ValueError.
+        Parameters
+        ----------
+        points : (..., 2) array_like
+            Easting and northing, m.
+
+        Returns
+        -------
+        (..., 2) ndarray
+            Longitude and latitude, degrees.
+
+        Raises
+        ------
+        ValueError
+            If the system is not projected, or the points do not lie where it holds.
         """
         return lonlat_of(points, self.crs)
 
     def to_geodetic(self, position: ArrayLike) -> FloatArray:
-        """Take points (..., 3) from the lane frame to WGS 84 longitude, latitude (degrees) and height (m)."""
+        """Return WGS 84 longitude, latitude and height of points in the lane frame.
+
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Longitude and latitude, degrees, and ellipsoidal height, m.
+        """
         xyz = self.to_geocentric(position)
         lon, lat, height = _geodesy(GEOCENTRIC, GEODETIC).transform(*np.moveaxis(xyz, -1, 0))
         return np.stack([lon, lat, height], axis=-1)
 
     def from_geodetic(self, position: ArrayLike) -> FloatArray:
-        """Take WGS 84 longitude, latitude (degrees) and height (m), (..., 3), to the lane frame."""
-        xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(
-            *np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
-        )
+        """Return points of WGS 84 longitude, latitude and height in the lane frame.
+
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Longitude and latitude, degrees, and ellipsoidal height, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Points in the lane frame, m.
+        """
+        components = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
+        xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(*components)
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Tell how well the anchor knows a place: the standard deviation in the worst horizontal direction, m.
+        """Compute the standard deviation of a position in the worst horizontal direction.
 
-        Across the line from the points' mean, at distance r, the variance is ``σ²·(1/n + r²/spread) + r²·σ_azimuth²``,
-        that of a least-squares fit. What the radar itself does not know comes on top.
+        At distance r from the points' mean, the variance across that line is the one of a
+        least-squares fit, ``σ²·(1/n + r²/spread) + r²·σ_azimuth²``. The error of the radar is not
+        part of it.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Positions in the lane frame, m.
+
+        Returns
+        -------
+        ndarray
+            Standard deviation of each, m.
         """
-        r2 = (np.asarray(x, dtype=np.float64) - self.center[0]) ** 2 + (
-            np.asarray(y) - self.center[1]
-        ) ** 2
-        return np.asarray(
-            np.sqrt(
-                self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2
-            )
-        )
+        dx = np.asarray(x, dtype=np.float64) - self.center[0]
+        dy = np.asarray(y) - self.center[1]
+        r2 = dx**2 + dy**2
+        variance = self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2
+        return np.asarray(np.sqrt(variance))
 
     def georeference(self) -> dict[str, float]:
-        """Give the run attribute ``georeference``: ``latitude``, ``longitude`` and ``azimuth`` of +y, degrees."""
+        """Return the attribute ``georeference`` of a run: ``latitude``, ``longitude``, ``azimuth``.
+
+        All are in degrees; the azimuth is that of +y, clockwise from true north.
+        """
         longitude, latitude, _ = (float(value) for value in self.to_geodetic(np.zeros(3)))
         return {"latitude": latitude, "longitude": longitude, "azimuth": math.degrees(self.azimuth)}
 
     def utm(self) -> str:
-        """Name the UTM zone (WGS 84) the lane lies in, such as ``EPSG:32633``."""
+        """Return the UTM zone (WGS 84) that the lane lies in, such as ``EPSG:32633``."""
         lon, lat, _ = self.origin
-        return f"EPSG:{(32600 if lat >= 0 else 32700) + min(int((lon + 180) // 6) + 1, 60)}"
+        hemisphere = 32600 if lat >= 0 else 32700
+        zone = min(int((lon + 180) // 6) + 1, 60)
+        return f"EPSG:{hemisphere + zone}"
 
 
 class _Point(BaseModel):
+    """A surveyed point of an anchor file."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
     name: str = ""
     lane: tuple[float, float] | tuple[float, float, float]
@@ -129,18 +216,20 @@ class _Point(BaseModel):
     height: float | None = None
 
     @model_validator(mode="after")
-    def _one_kind(self) -> _Point:
-        plane = self.easting is not None and self.northing is not None
-        globe = self.longitude is not None and self.latitude is not None
-        count = sum(
-            v is not None for v in (self.easting, self.northing, self.longitude, self.latitude)
-        )
-        if plane == globe or count != 2:
+    def _check_coordinates(self) -> _Point:
+        """Refuse a point without exactly one pair of coordinates."""
+        has_plane = self.easting is not None and self.northing is not None
+        has_globe = self.longitude is not None and self.latitude is not None
+        coordinates = (self.easting, self.northing, self.longitude, self.latitude)
+        count = sum(value is not None for value in coordinates)
+        if has_plane == has_globe or count != 2:
             raise ValueError("give easting and northing, or longitude and latitude")
         return self
 
 
 class _AnchorFile(BaseModel):
+    """Entries of an anchor file."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
     crs: str
     accuracy: Annotated[float, Field(gt=0)]
@@ -149,7 +238,8 @@ class _AnchorFile(BaseModel):
     point: list[_Point]
 
     @model_validator(mode="after")
-    def _direction(self) -> _AnchorFile:
+    def _check_direction(self) -> _AnchorFile:
+        """Refuse a direction that is missing, or stated though the points give it."""
         if (self.azimuth_deg is None) != (self.azimuth_accuracy_deg is None):
             raise ValueError("azimuth_deg and azimuth_accuracy_deg go together")
         if (len(self.point) >= 2) == (self.azimuth_deg is not None) or not self.point:
@@ -160,49 +250,107 @@ class _AnchorFile(BaseModel):
 
 
 def own_anchor(reference: Mapping[str, Any]) -> Anchor:
-    """Make the anchor of a run's attribute ``georeference``; how well it ties the lane is not known (NaN)."""
-    named = reference if isinstance(reference, Mapping) else {}
-    told = [named.get(name) for name in ("longitude", "latitude", "azimuth")]
-    if not all(isinstance(one, int | float) and math.isfinite(one) for one in told):
-        raise ValueError(
-            f"georeference must have longitude, latitude and azimuth in degrees, got {reference!r}"
-        )
-    longitude, latitude, azimuth = map(float, told)  # type: ignore[arg-type]
+    """Return the anchor of a run's attribute ``georeference``.
+
+    Parameters
+    ----------
+    reference : mapping
+        ``longitude``, ``latitude`` and ``azimuth`` of +y, degrees.
+
+    Returns
+    -------
+    Anchor
+        The anchor, whose uncertainty is not known (NaN).
+
+    Raises
+    ------
+    ValueError
+        If an entry is missing or is no finite number.
+    """
+    entries = reference if isinstance(reference, Mapping) else {}
+    values = []
+    for name in ("longitude", "latitude", "azimuth"):
+        value = entries.get(name)
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(
+                "georeference must have longitude, latitude and azimuth in degrees, "
+                f"got {reference!r}"
+            )
+        values.append(float(value))
+    longitude, latitude, azimuth = values
     return Anchor(
-        (longitude, latitude, 0.0), math.radians(azimuth), (0.0, 0.0, 0.0), (0.0, 0.0), math.nan, 1, math.inf, 0.0, (),
-        GEODETIC, math.nan, False,
-    )  # fmt: skip
+        origin=(longitude, latitude, 0.0),
+        azimuth=math.radians(azimuth),
+        shift=(0.0, 0.0, 0.0),
+        center=(0.0, 0.0),
+        sigma=math.nan,
+        count=1,
+        spread=math.inf,
+        sigma_azimuth=0.0,
+        residuals=(),
+        crs=GEODETIC,
+        crs_accuracy=math.nan,
+        heights_known=False,
+    )
 
 
 def read_anchor(path: str | Path) -> Anchor:
-    """Read an anchor from TOML: ``crs``, ``accuracy`` (m) and a ``[[point]]`` for every surveyed point.
+    """Read an anchor from TOML.
 
-    A point has ``lane`` (x, y or x, y, z in m), either ``easting`` and ``northing`` or ``longitude`` and ``latitude``
-    in the reference system, and optionally an ellipsoidal ``height``. One point alone needs ``azimuth_deg``, the
-    direction of the lane's +y clockwise from true north, and ``azimuth_accuracy_deg``. A ValueError names the entry
-    that is wrong.
+    The entries are ``crs``, ``accuracy`` (m) and a ``[[point]]`` for every surveyed point. A point
+    has ``lane`` (x, y or x, y, z in m), either ``easting`` and ``northing`` or ``longitude`` and
+    ``latitude`` in the reference system, and optionally an ellipsoidal ``height``. One point alone
+    needs ``azimuth_deg``, the direction of the lane's +y clockwise from true north, and
+    ``azimuth_accuracy_deg``.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Anchor
+        The fitted anchor, see :func:`fit_anchor`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no file.
+    ValueError
+        If an entry is wrong; the error names the file and the entry.
     """
     path = existing(path, "anchor file")
     with faults_of(path):
         entries = parse_toml(read_named(path))
     try:
-        told = _AnchorFile.model_validate(entries)
-        lane = [(*p.lane, 0.0)[:3] for p in told.point]
-        plane = told.point[0].easting is not None
-        names = ("easting", "northing") if plane else ("longitude", "latitude")
-        places = np.array(
-            [[getattr(p, name) for name in names] for p in told.point], dtype=np.float64
-        )
-        heights = [p.height for p in told.point]
-        azimuth = None if told.azimuth_deg is None else math.radians(told.azimuth_deg)
-        return fit_anchor(
-            lane, places, told.crs, told.accuracy, heights, azimuth, math.radians(told.azimuth_accuracy_deg or 0.0),
-            geographic=not plane,
-        )  # fmt: skip
+        return _fit_file(_AnchorFile.model_validate(entries))
     except ValidationError as error:
         raise ValueError(f"{path}: {first_fault(error, _AnchorFile)}") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def _fit_file(entries: _AnchorFile) -> Anchor:
+    """Fit the anchor of a file's entries."""
+    is_plane = entries.point[0].easting is not None
+    names = ("easting", "northing") if is_plane else ("longitude", "latitude")
+    lane = []
+    positions = []
+    for point in entries.point:
+        lane.append((*point.lane, 0.0)[:3])
+        positions.append([getattr(point, name) for name in names])
+    azimuth = None if entries.azimuth_deg is None else math.radians(entries.azimuth_deg)
+    return fit_anchor(
+        lane,
+        np.array(positions, dtype=np.float64),
+        entries.crs,
+        entries.accuracy,
+        [point.height for point in entries.point],
+        azimuth,
+        math.radians(entries.azimuth_accuracy_deg or 0.0),
+        geographic=not is_plane,
+    )
 
 
 def fit_anchor(
@@ -217,25 +365,51 @@ def fit_anchor(
 ) -> Anchor:
     """Fit an anchor to surveyed points: shift and direction by least squares, never a scale.
 
-    ``lane`` (point, 3) are the points in the lane frame, m, ``position`` (point, 2) easting and northing, m, or
-    longitude and latitude, degrees (``geographic``), in the system ``crs``; ``height`` is ellipsoidal, m, None where
-    unknown. One point alone needs ``azimuth`` of +y clockwise from true north, rad, with its ``azimuth_accuracy``. The
-    fit is made in the tangent plane at the points' mean, so a map projection's scale does not enter. ``sigma`` is the
-    larger of ``accuracy``, m, of a coordinate and what the misfit tells; a misfit of more than five of it (and 5 cm) is
-    a ValueError.
+    The fit is made in the tangent plane at the points' mean, so that a map projection's scale does
+    not enter. The anchor's ``sigma`` is the larger of ``accuracy`` and the deviation by the misfit.
+
+    Parameters
+    ----------
+    lane : (point, 3) array_like
+        Points in the lane frame, m.
+    position : (point, 2) array_like
+        Easting and northing, m, or longitude and latitude, degrees, of the points.
+    crs : str
+        Reference system of ``position``.
+    accuracy : float
+        Standard deviation of a surveyed coordinate, m.
+    height : sequence of float or None, optional
+        Ellipsoidal heights, m; if one is None, the points are put on the ellipsoid.
+    azimuth, azimuth_accuracy : float, optional
+        Direction of +y clockwise from true north, which one point alone needs, and its standard
+        deviation, rad.
+    geographic : bool, optional
+        Whether ``position`` is longitude and latitude; the system must agree.
+
+    Returns
+    -------
+    Anchor
+        The anchor.
+
+    Raises
+    ------
+    ValueError
+        If the points or the system are not valid, or a point is off by more than five times the
+        accuracy and 5 cm.
     """
     system = _system(crs, geographic)
     local = np.asarray(lane, dtype=np.float64)
-    places = np.asarray(position, dtype=np.float64)
-    if local.ndim != 2 or local.shape[1] != 3 or places.shape != (len(local), 2) or not len(local):
+    surveyed = np.asarray(position, dtype=np.float64)
+    is_table = local.ndim == 2 and local.shape[1] == 3 and len(local) > 0
+    if not is_table or surveyed.shape != (len(local), 2):
         raise ValueError(
             f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}"
         )
-    if not (np.isfinite(local).all() and np.isfinite(places).all() and accuracy > 0):
+    if not (np.isfinite(local).all() and np.isfinite(surveyed).all() and accuracy > 0):
         raise ValueError("anchor points must be finite and the accuracy positive")
-    known = height is not None and all(one is not None and math.isfinite(one) for one in height)
-    up = np.array(height, dtype=np.float64) if known else np.zeros(len(local))
-    lonlat, stated = _to_wgs84(system, places)
+    heights_known = _all_known(height)
+    up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
+    lonlat, crs_accuracy = _to_wgs84(system, surveyed)
     origin = (float(lonlat[:, 0].mean()), float(lonlat[:, 1].mean()), float(up.mean()))
     xyz = np.stack(_geodesy(GEODETIC, GEOCENTRIC).transform(*lonlat.T, up), axis=-1)
     enu = (xyz - geocentric(origin)) @ east_north_up(origin).T
@@ -244,99 +418,134 @@ def fit_anchor(
         azimuth_accuracy = 0.0
     else:
         spread = math.inf
-    level = local @ heading_matrix(azimuth).T
-    shift = (enu - level).mean(axis=0)
-    misfit = np.linalg.norm((enu - level - shift)[:, :2], axis=1)
-    freedom = 2 * len(local) - (3 if math.isfinite(spread) else 2)
-    found = math.sqrt(float((misfit**2).sum()) / freedom) if freedom > 0 else 0.0
+    turned = local @ heading_matrix(azimuth).T
+    shift = (enu - turned).mean(axis=0)
+    misfit = np.linalg.norm((enu - turned - shift)[:, :2], axis=1)
+    _check_misfit(misfit, accuracy)
+    parameters = 3 if math.isfinite(spread) else 2
+    freedom = 2 * len(local) - parameters
+    sigma_by_misfit = math.sqrt(float((misfit**2).sum()) / freedom) if freedom > 0 else 0.0
+    return Anchor(
+        origin=origin,
+        azimuth=azimuth,
+        shift=(float(shift[0]), float(shift[1]), float(shift[2])),
+        center=(float(local[:, 0].mean()), float(local[:, 1].mean())),
+        sigma=max(accuracy, sigma_by_misfit),
+        count=len(local),
+        spread=spread,
+        sigma_azimuth=azimuth_accuracy,
+        residuals=tuple(map(float, misfit)),
+        crs=system.to_string(),
+        crs_accuracy=crs_accuracy,
+        heights_known=heights_known,
+    )
+
+
+def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
+    """Refuse points of which one is off by more than five times the accuracy and 5 cm."""
     if misfit.max() > max(5 * accuracy, 0.05):
         worst = int(misfit.argmax())
         raise ValueError(
-            f"anchor points must fit one another within five times the accuracy of {accuracy:g} m, point "
-            f"{worst + 1} is off by {misfit[worst]:.3g} m: are two points swapped, or x and y?"
+            "anchor points must fit one another within five times the accuracy of "
+            f"{accuracy:g} m, point {worst + 1} is off by {misfit[worst]:.3g} m: "
+            "are two points swapped, or x and y?"
         )
-    return Anchor(
-        origin, azimuth, (float(shift[0]), float(shift[1]), float(shift[2])),
-        (float(local[:, 0].mean()), float(local[:, 1].mean())), max(accuracy, found), len(local), spread,
-        azimuth_accuracy, tuple(map(float, misfit)), system.to_string(), stated, known,
-    )  # fmt: skip
+
+
+def _all_known(height: Sequence[float | None] | None) -> bool:
+    """Return whether every point has a finite height."""
+    if height is None:
+        return False
+    return all(value is not None and math.isfinite(value) for value in height)
 
 
 def geocentric(origin: tuple[float, float, float]) -> FloatArray:
-    """Take longitude, latitude (degrees) and ellipsoidal height (m) to geocentric coordinates, m."""
+    """Return geocentric coordinates, m, of longitude, latitude (degrees) and height (m)."""
     return np.array(_geodesy(GEODETIC, GEOCENTRIC).transform(*origin), dtype=np.float64)
 
 
 def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
-    """Make the unit vectors to east, north and up, in geocentric axes, at longitude, latitude (degrees) and height."""
+    """Return the unit vectors to east, north and up (3, 3) in geocentric axes.
+
+    The origin is longitude, latitude (degrees) and height.
+    """
     lon = math.radians(origin[0])
     lat = math.radians(origin[1])
-    cl = math.cos(lon)
-    sl = math.sin(lon)
-    cp = math.cos(lat)
-    sp = math.sin(lat)
-    return np.array([[-sl, cl, 0.0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
+    cos_lon = math.cos(lon)
+    sin_lon = math.sin(lon)
+    cos_lat = math.cos(lat)
+    sin_lat = math.sin(lat)
+    east = [-sin_lon, cos_lon, 0.0]
+    north = [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat]
+    up = [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]
+    return np.array([east, north, up])
 
 
 def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
-    """Take WGS 84 longitude and latitude (..., 2), degrees, to easting and northing of a projected system, m.
+    """Return easting and northing (..., 2), m, of WGS 84 longitude and latitude, degrees.
 
-    A system that is none, or that names a file to be read, is a ValueError.
+    They are those of a projected system. A system that is none, or that names a file to be read, is
+    a ValueError.
     """
     points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
     return np.stack(_geodesy("EPSG:4326", reference_system(crs)).transform(*points), axis=-1)
 
 
 def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
-    """Take easting and northing (..., 2) of a projected system, m, to WGS 84 longitude and latitude, degrees.
+    """Return WGS 84 longitude and latitude (..., 2), degrees, of easting and northing, m.
 
-    Points that do not lie where the system holds, or a system that is not projected, are a ValueError.
+    These are of a projected system. Points that do not lie where the system holds, or a system that
+    is not projected, are a ValueError.
     """
     system = _system(crs, geographic=False)
-    places = np.asarray(points, dtype=np.float64)
-    return _to_wgs84(system, places.reshape(-1, 2))[0].reshape(places.shape)
+    projected = np.asarray(points, dtype=np.float64)
+    lonlat, _ = _to_wgs84(system, projected.reshape(-1, 2))
+    return lonlat.reshape(projected.shape)
 
 
 def _geodesy(source: Any, target: Any) -> Transformer:
+    """Return the transformation between two systems, longitude or easting first."""
     return Transformer.from_crs(source, target, always_xy=True)
 
 
 def reference_system(crs: str) -> CRS:
-    """Read a reference system: a name of a registry, such as EPSG:32633, WKT or a PROJ string.
+    """Return the reference system of a registry's name, such as EPSG:32633, WKT or a PROJ string.
 
     One that names a file, such as a grid of shifts, is a ValueError: it could be any file, and it
-    would be read, or waited for, when the first point is taken there. Grids that PROJ itself knows
+    would be read, or waited for, when the first point is transformed. Grids that PROJ itself knows
     for a system of a registry are used.
     """
-    wanted = f"crs must be a reference system such as EPSG:32633, got {crs!r}"
+    rule = f"crs must be a reference system such as EPSG:32633, got {crs!r}"
     if _FILE_OF_SYSTEMS.search(crs):
-        raise ValueError(f"{wanted}, which names a file")
+        raise ValueError(f"{rule}, which names a file")
     try:
         system = CRS.from_user_input(crs)
     except CRSError:
-        raise ValueError(wanted) from None
+        raise ValueError(rule) from None
     if _FILE_IN_WKT.search(system.to_wkt()):
-        raise ValueError(f"{wanted}, which names a file")
+        raise ValueError(f"{rule}, which names a file")
     return system
 
 
 def _system(crs: str, geographic: bool | None) -> CRS:
+    """Return a reference system in metres or degrees, of the kind that is asked for."""
     system = reference_system(crs)
     if not (system.is_geographic or system.is_projected):
         raise ValueError(f"crs must be geographic or projected, got {crs!r} ({system.type_name})")
     if geographic is not None and geographic != system.is_geographic:
-        wanted = "longitude and latitude" if system.is_geographic else "easting and northing"
-        raise ValueError(f"points in {crs} must be given as {wanted}")
+        coordinates = "longitude and latitude" if system.is_geographic else "easting and northing"
+        raise ValueError(f"points in {crs} must be given as {coordinates}")
     units = {axis.unit_name for axis in system.axis_info[:2]}
     if not units <= {"metre", "degree"}:
         raise ValueError(f"crs must be in metres or degrees, got {crs!r} in {', '.join(units)}")
     return system
 
 
-def _to_wgs84(system: CRS, places: FloatArray) -> tuple[FloatArray, float]:
-    step = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
+def _to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
+    """Return longitude and latitude, degrees, of points, and the stated accuracy of this, m."""
+    transformer = _geodesy(system, "EPSG:4326")
     try:
-        lon, lat = step.transform(places[:, 0], places[:, 1], errcheck=True)
+        lon, lat = transformer.transform(points[:, 0], points[:, 1], errcheck=True)
     except ProjError as error:
         raise ValueError(
             f"anchor points must lie where {system.to_string()} holds: {error}"
@@ -344,13 +553,16 @@ def _to_wgs84(system: CRS, places: FloatArray) -> tuple[FloatArray, float]:
     lonlat = np.stack([lon, lat], axis=-1)
     if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 89.9:
         raise ValueError(
-            f"anchor points must lie where {system.to_string()} holds, got {places[0]}"
+            f"anchor points must lie where {system.to_string()} holds, got {points[0]}"
         )
-    accuracy = step.accuracy if step.accuracy is not None and step.accuracy >= 0 else math.nan
+    accuracy = transformer.accuracy
+    if accuracy is None or accuracy < 0:
+        return lonlat, math.nan
     return lonlat, float(accuracy)
 
 
 def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:
+    """Fit the azimuth of +y, rad, and return the sum of squared distances from the mean, m²."""
     a = (lane - lane.mean(axis=0))[:, :2]
     b = (enu - enu.mean(axis=0))[:, :2]
     spread = float((a**2).sum())

@@ -1,12 +1,14 @@
 """Alarms, truth and run-views on the Earth: GeoJSON, GeoPackage, KML, GPX, CSV and GeoTIFF.
 
-Alarms leave as evidence points: a place where the radar saw something, with its confidence and what processing it came
-from. They are never drawn as areas, and an empty place between them says nothing.
+Alarms are exported as evidence points: positions where the radar saw something, with the confidence
+and the processing that they came from. They are never drawn as areas, and ground without a point is
+not thereby free of hazards.
 """
 
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
@@ -23,16 +25,18 @@ from flgpr.geo.anchor import Anchor, transform_lonlat
 from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value, write_features, write_table
 
 STATEMENT = (
-    "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
-    "not thereby free of hazards."
+    "Evidence points of a radar: something reflected here. They are not hazard areas, and ground "
+    "without a point is not thereby free of hazards."
 )
+_QUANTITY = "magnitude over the gain background, no unit; no-data where no scan looked"
 _UNWRITTEN = "it could not be written, is there room on the disk?"
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 NATURES = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}
+_NOT_IN_XML = re.compile(r"[\x00-\x08\x0b-\x1f\ud800-\udfff]")
 _KML = "http://www.opengis.net/kml/2.2"
 _GPX = "http://www.topografix.com/GPX/1/1"
 
@@ -40,12 +44,33 @@ _GPX = "http://www.topografix.com/GPX/1/1"
 def georeference(
     table: pd.DataFrame, anchor: Anchor, kind: str, processing_id: str, time: str | None = None
 ) -> pd.DataFrame:
-    """Put a table with x and y, of the ``kind`` "alarms", "truth" or "objects", on the Earth.
+    """Return a table of lane positions with their positions on the Earth.
 
-    It gets ``longitude``, ``latitude`` (WGS 84, degrees), ``height`` (ellipsoidal, m; NaN where the anchor has none),
-    ``anchor_sigma`` (m, one standard deviation in the worst direction by the anchor alone), ``crs``, ``time`` (ISO 8601
-    with a time zone), ``processing_id`` (what the rows came from, such as a manifest's digest) and ``nature``; x and y
-    stay, as ``lane_x`` and ``lane_y``.
+    Parameters
+    ----------
+    table : DataFrame
+        Columns x and y, m, and any others.
+    anchor : Anchor
+        Where the lane lies.
+    kind : {"alarms", "truth", "objects"}
+        What the rows are.
+    processing_id : str
+        What the rows came from, such as a manifest's digest.
+    time : str, optional
+        ISO 8601 with a time zone.
+
+    Returns
+    -------
+    DataFrame
+        The table with ``longitude``, ``latitude`` (WGS 84, degrees), ``height`` (ellipsoidal, m;
+        NaN where the anchor has none), ``anchor_sigma`` (m, one standard deviation in the worst
+        direction by the anchor alone), ``crs``, ``time``, ``processing_id`` and ``nature``; x and y
+        are ``lane_x`` and ``lane_y``.
+
+    Raises
+    ------
+    ValueError
+        If the kind is unknown, x or y is missing, or the identity or time is not valid.
     """
     if kind not in _KEYS:
         raise ValueError(f"kind must be one of {', '.join(_KEYS)}, got {kind!r}")
@@ -57,11 +82,12 @@ def georeference(
     stamp = "" if time is None else _stamp(time)
     x = table["x"].to_numpy(dtype=np.float64)
     y = table["y"].to_numpy(dtype=np.float64)
-    places = anchor.to_geodetic(np.stack([x, y, np.zeros_like(x)], axis=-1)).reshape(-1, 3)
+    on_ground = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    geodetic = anchor.to_geodetic(on_ground).reshape(-1, 3)
     out = table.rename(columns={"x": "lane_x", "y": "lane_y"}).reset_index(drop=True)
-    out["longitude"] = places[:, 0]
-    out["latitude"] = places[:, 1]
-    out["height"] = places[:, 2] if anchor.heights_known else np.nan
+    out["longitude"] = geodetic[:, 0]
+    out["latitude"] = geodetic[:, 1]
+    out["height"] = geodetic[:, 2] if anchor.heights_known else np.nan
     out["anchor_sigma"] = anchor.uncertainty(x, y)
     out["crs"] = "EPSG:4326"
     out["time"] = stamp
@@ -73,26 +99,70 @@ def georeference(
 def write_earth_geojson(
     points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None
 ) -> None:
-    """Write points of :func:`georeference` as GeoJSON (RFC 7946), ``about`` in its member ``flgpr``."""
+    """Write points as GeoJSON (RFC 7946).
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+    about : mapping, optional
+        Entries for the file's member ``flgpr``.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     names = ["longitude", "latitude", "height"]
-    places = [
-        [round(lon, 9), round(lat, 9), *([round(height, 4)] if np.isfinite(height) else [])]
-        for lon, lat, height in points[names].to_numpy(dtype=float).tolist()
-    ]
+    coordinates = []
+    for longitude, latitude, height in points[names].to_numpy(dtype=float).tolist():
+        point = [round(longitude, 9), round(latitude, 9)]
+        if np.isfinite(height):
+            point.append(round(height, 4))
+        coordinates.append(point)
     head = {"flgpr": {"statement": STATEMENT, **dict(about or {})}}
-    write_features(path, places, points.drop(columns=names), head)
+    write_features(path, coordinates, points.drop(columns=names), head)
 
 
 def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
-    """Write points of :func:`georeference` as CSV, whole or not at all.
+    """Write points as CSV.
 
     Cells that a spreadsheet would take for formulas are quoted (:func:`flgpr.store.write_table`).
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
     """
     write_table(points, path)
 
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
-    """Write points of :func:`georeference` as KML 2.2 placemarks under a title; the file is whole or absent."""
+    """Write points as KML 2.2 placemarks.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+    title : str
+        Title of the document.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     document, add = _document(_KML, "kml")
     body = add(document, "Document")
     add(body, "name", title)
@@ -109,13 +179,24 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
         # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground
         # instead.
         add(add(mark, "Point"), "coordinates", f"{row['longitude']:.9f},{row['latitude']:.9f}")
-    write_whole(
-        Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n"
-    )
+    _write_document(document, path)
 
 
 def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
-    """Write points of :func:`georeference` as GPX 1.1 waypoints, for a receiver in the hand; whole or absent."""
+    """Write points as GPX 1.1 waypoints, for a hand-held receiver.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     document, add = _document(_GPX, "gpx", version="1.1", creator="flgpr")
     if (points["nature"] == NATURES["alarms"]).any():
         add(add(document, "metadata"), "desc", STATEMENT)
@@ -124,21 +205,23 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
         if row["time"]:
             add(mark, "time", row["time"])
         add(mark, "name", _name_of(row, number))
-        add(
-            mark,
-            "desc",
-            f"{row['nature']}: x {row['lane_x']:.3f} m, y {row['lane_y']:.3f} m in the lane",
-        )
-    write_whole(
-        Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n"
-    )
+        position = f"x {row['lane_x']:.3f} m, y {row['lane_y']:.3f} m in the lane"
+        add(mark, "desc", f"{row['nature']}: {position}")
+    _write_document(document, path)
+
+
+def _write_document(document: ElementTree.Element, path: str | Path) -> None:
+    """Write an XML document to a file, which holds its old content or all of the new one."""
+    text = ElementTree.tostring(document, encoding="utf-8", xml_declaration=True)
+    write_whole(Path(path), text + b"\n")
 
 
 def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
-    """Begin an XML document of a name space; with what adds an element to another, text made fit for XML."""
+    """Return a new XML document of a name space, and a function that adds elements of it."""
     ElementTree.register_namespace("", space)
 
     def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
+        """Add an element with text to another and return it."""
         child = ElementTree.SubElement(parent, f"{{{space}}}{tag}", attributes)
         child.text = None if text is None else printable(str(text))
         return child
@@ -147,20 +230,37 @@ def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
 
 
 def printable(text: str) -> str:
-    """Replace what XML does not allow in a text by question marks."""
-    return "".join(
-        c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff") else "?" for c in text
-    )
+    """Return a text with question marks for the characters that XML does not allow."""
+    return _NOT_IN_XML.sub("?", text)
 
 
 def _name_of(row: Mapping[Any, Any], number: int) -> str:
-    return next(
-        (row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}"
-    )
+    """Return the name of a point, or its number from 1 if it has none."""
+    for key in _KEYS.values():
+        if isinstance(row.get(key), str):
+            return str(row[key])
+    return f"{number + 1}"
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
-    """Write points of :func:`georeference` as a GeoPackage of one layer, whole or absent (geopandas, pyogrio)."""
+    """Write points as a GeoPackage of one layer.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+    layer : str
+        Name of the layer.
+
+    Raises
+    ------
+    MissingExtraError
+        Without geopandas and pyogrio, the extra ``gis``.
+    OSError
+        If the file cannot be written.
+    """
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
     frame = geopandas.GeoDataFrame(
@@ -172,26 +272,30 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
 
 
 def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
-    """Write the outline of a lane as a GeoPackage of one polygon, WGS 84; whole or absent (geopandas, pyogrio)."""
+    """Write the outline of a lane as a GeoPackage of one polygon, WGS 84.
+
+    Without geopandas and pyogrio it is a MissingExtraError.
+    """
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
-    polygon = optional("shapely.geometry", "gis").Polygon(anchor.to_geodetic(corners(lane))[:, :2])
-    told = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
-    frame = geopandas.GeoDataFrame(told, geometry=[polygon], crs="EPSG:4326")
+    geometry = optional("shapely.geometry", "gis")
+    polygon = geometry.Polygon(anchor.to_geodetic(corners(lane))[:, :2])
+    attributes = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
+    frame = geopandas.GeoDataFrame(attributes, geometry=[polygon], crs="EPSG:4326")
     _write_layer(frame, Path(path), "lane")
 
 
 def _write_layer(frame: Any, path: Path, layer: str) -> None:
-    """Write a layer as a GeoPackage that tells no time of writing: the same points give the same bytes."""
+    """Write a layer as a GeoPackage without the time of writing: equal points give equal bytes."""
     pyogrio = optional("pyogrio", "gis")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
-    with whole_output(path, replace=True) as partial, _disk_errors():
+    with atomic_output(path, replace=True) as partial, _disk_errors():
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
 
 
 @contextmanager
 def _disk_errors() -> Iterator[None]:
-    """Take what a library of maps says when it cannot write for what it mostly means."""
+    """Turn an error of GDAL without a number, which mostly means a full disk, into that error."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -201,20 +305,50 @@ def _disk_errors() -> Iterator[None]:
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
-    """Corners of a lane at its mean ground, (4, 3), m, going round."""
-    x, y = (lane.x_min, lane.x_max), (lane.y_min, lane.y_max)
-    return np.array([[x[i], y[k], 0.0] for i, k in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    """Return the corners of a lane at its mean ground, in order around it (4, 3), m."""
+    return np.array(
+        [
+            [lane.x_min, lane.y_min, 0.0],
+            [lane.x_max, lane.y_min, 0.0],
+            [lane.x_max, lane.y_max, 0.0],
+            [lane.x_min, lane.y_max, 0.0],
+        ]
+    )
 
 
 def write_geotiff(
     view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str, crs: str | None = None
 ) -> float:
-    """Write a run-view (..., y, x) as GeoTIFF: one band of magnitudes per polarization and sub-band.
+    """Write a run-view as GeoTIFF, one band of magnitudes per polarization and sub-band.
 
-    The raster keeps the lane's pixels, turned by its geotransform, so nothing is resampled; what is given back is the
-    largest misfit of that, m, for a map is not quite a turned lane. ``processing_id`` is kept as a tag, ``crs`` is a
-    projected reference system, by default the UTM zone. The file is whole or absent. It needs rasterio
-    (MissingExtraError), and a view of at least two pixels both ways.
+    The raster keeps the lane's pixels, turned by its geotransform, so that nothing is resampled.
+
+    Parameters
+    ----------
+    view : (..., y, x) DataArray
+        Run-view of at least two pixels both ways.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+    anchor : Anchor
+        Where the lane lies.
+    processing_id : str
+        What the view came from, a tag of the file.
+    crs : str, optional
+        A projected reference system, by default the UTM zone.
+
+    Returns
+    -------
+    float
+        Largest misfit of the geotransform, m: a map is not quite a turned lane.
+
+    Raises
+    ------
+    ValueError
+        If the view's axes or the system are not valid.
+    MissingExtraError
+        Without rasterio, the extra ``gis``.
+    OSError
+        If the file cannot be written.
     """
     rasterio = optional("rasterio", "gis")
     x = _axis(view, "x")
@@ -224,25 +358,28 @@ def write_geotiff(
     transform, misfit = _geotransform(x, y, anchor, crs, rasterio)
     names = ["run-view"] * len(bands)
     if view.ndim == 4:
-        first, second = (view[name].values for name in view.dims[:2])
-        names = [f"{a} {b}" for a in first for b in second]
-    middle = float(x.mean()), float(y.mean())
+        outer, inner = (view[name].values for name in view.dims[:2])
+        names = [f"{first} {second}" for first in outer for second in inner]
+    sigma = float(anchor.uncertainty(float(x.mean()), float(y.mean())))
     tags = {
         "flgpr_processing_id": processing_id,
-        "flgpr_quantity": "magnitude over the gain background, no unit; no-data where no scan looked",
-        "flgpr_anchor_sigma_m": f"{float(anchor.uncertainty(*middle)):.4g}",
+        "flgpr_quantity": _QUANTITY,
+        "flgpr_anchor_sigma_m": f"{sigma:.4g}",
         "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
         "flgpr_statement": STATEMENT,
     }
-    profile = {"driver": "GTiff", "dtype": "float32", "nodata": float("nan"), "compress": "deflate"}
-    profile |= {
+    profile = {
+        "driver": "GTiff",
+        "dtype": "float32",
+        "nodata": float("nan"),
+        "compress": "deflate",
         "width": x.size,
         "height": y.size,
         "count": len(bands),
         "crs": crs,
         "transform": transform,
     }
-    with whole_output(Path(path), replace=True) as partial, _disk_errors():
+    with atomic_output(Path(path), replace=True) as partial, _disk_errors():
         with rasterio.open(partial, "w", **profile) as file:
             file.write(bands)
             file.update_tags(**tags)
@@ -253,7 +390,7 @@ def write_geotiff(
 
 
 def _check_written(path: Path, bands: NDArray[np.float32], rasterio: Any) -> None:
-    """Read a raster again: the library that writes it tells of no full disk."""
+    """Read a raster again, because the library that writes it does not report a full disk."""
     try:
         with rasterio.open(path) as file:
             same = np.array_equal(file.read(), bands, equal_nan=True)
@@ -264,30 +401,28 @@ def _check_written(path: Path, bands: NDArray[np.float32], rasterio: Any) -> Non
 
 
 def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:
+    """Fit the affine map from pixels to a projected system, and return its largest misfit, m."""
     columns, rows = np.meshgrid(np.linspace(0, x.size, 5), np.linspace(0, y.size, 5))
-    dx = x[1] - x[0]
-    dy = y[1] - y[0]
-    lane = np.stack(
-        [x[0] + (columns - 0.5) * dx, y[-1] - (rows - 0.5) * dy, np.zeros_like(rows)], axis=-1
-    )
-    target = transform_lonlat(anchor.to_geodetic(lane)[..., :2], crs).reshape(-1, 2)
-    middle = target.mean(axis=0)
+    across = x[0] + (columns - 0.5) * (x[1] - x[0])
+    along = y[-1] - (rows - 0.5) * (y[1] - y[0])
+    lane = np.stack([across, along, np.zeros_like(rows)], axis=-1)
+    projected = transform_lonlat(anchor.to_geodetic(lane)[..., :2], crs).reshape(-1, 2)
+    # Eastings and northings are large numbers: the fit is made about their mean.
+    middle = projected.mean(axis=0)
     design = np.stack([columns.ravel(), rows.ravel(), np.ones(columns.size)], axis=1)
-    found, *_ = np.linalg.lstsq(design, target - middle, rcond=None)
-    misfit = float(np.linalg.norm(design @ found - (target - middle), axis=1).max())
-    (a, d), (b, e), (c, f) = found
+    coefficients, *_ = np.linalg.lstsq(design, projected - middle, rcond=None)
+    residual = design @ coefficients - (projected - middle)
+    misfit = float(np.linalg.norm(residual, axis=1).max())
+    (a, d), (b, e), (c, f) = coefficients
     return rasterio.Affine(a, b, c + middle[0], d, e, f + middle[1]), misfit
 
 
 def _axis(view: xr.DataArray, name: str) -> Any:
+    """Return an axis of a run-view, which must be uniform and rising."""
     values = np.asarray(view[name].values, dtype=np.float64)
+    has_axes = view.dims[-2:] == ("y", "x") and values.size >= 2
     step = np.diff(values)
-    if (
-        view.dims[-2:] != ("y", "x")
-        or values.size < 2
-        or step.min() <= 0
-        or np.ptp(step) > 1e-6 * step.mean()
-    ):
+    if not has_axes or step.min() <= 0 or np.ptp(step) > 1e-6 * step.mean():
         raise ValueError(
             f"view must have the dimensions (..., y, x), both uniform and rising; {name} is not"
         )
@@ -295,6 +430,7 @@ def _axis(view: xr.DataArray, name: str) -> Any:
 
 
 def _stamp(time: str) -> str:
+    """Return a time in ISO 8601, which must have a time zone."""
     try:
         moment = datetime.fromisoformat(time)
     except ValueError:

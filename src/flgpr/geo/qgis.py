@@ -1,6 +1,7 @@
-"""A project of QGIS over layers that lie beside it: GeoPackages of points and of the lane's outline, and a GeoTIFF.
+"""QGIS projects over GeoPackages of points, the outline of a lane, and a GeoTIFF.
 
-The elements are those of QGIS 3 ("QGIS File Formats" in its user manual); what is left out QGIS fills in.
+The elements are those of QGIS 3 ("QGIS File Formats" in its user manual). QGIS fills in what is
+left out.
 """
 
 from __future__ import annotations
@@ -11,30 +12,31 @@ from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
 from flgpr.geo.export import printable
 
-#: anchors of viridis, evenly spaced
+#: colours of viridis, evenly spaced
 _VIRIDIS = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
-_CLASSES = 5
+_CLASSES = 5  # of points that are drawn by a number
+_DOCTYPE = b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 _SHAPES = {"metal": "square", "plastic": "triangle", "simulant": "diamond"}
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer of a project: ``name``, ``file`` beside the project, ``crs``, and how it is drawn (elements)."""
+    """A layer of a project."""
 
     name: str
-    file: str
-    crs: str
+    file: str  #: name of a file in the project's folder
+    crs: str  #: reference system
     geometry: str  #: "Point", "Polygon", or "" for a raster
-    style: ElementTree.Element
+    style: ElementTree.Element  #: how it is drawn
 
     @property
     def source(self) -> str:
-        """Where QGIS finds it, from the project's folder."""
+        """Source of the layer for QGIS, relative to the project's folder."""
         return f"./{self.file}|layername={self.name}" if self.geometry else f"./{self.file}"
 
 
@@ -45,9 +47,23 @@ def project(
     extent: tuple[float, float, float, float],
     layers: Sequence[Layer],
 ) -> bytes:
-    """Write a project (XML of a ``.qgs``) that shows ``layers``, the first on top, in ``crs`` over an extent in it.
+    """Return a project, the XML of a ``.qgs`` file.
 
-    ``extent`` is least and largest easting and northing: (x_min, y_min, x_max, y_max).
+    Parameters
+    ----------
+    title, about : str
+        Title and description of the project.
+    crs : str
+        Reference system in which it is shown.
+    extent : tuple of float
+        Least easting and northing, largest easting and northing, m.
+    layers : sequence of Layer
+        The layers, the first on top.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
     """
     root = ElementTree.Element("qgis", {"projectname": printable(title), "version": "3.22.0"})
     _put(root, "title", title)
@@ -56,41 +72,41 @@ def project(
     _put(metadata, "abstract", about)
     _reference(_put(root, "projectCrs"), crs)
     tree = _put(root, "layer-tree-group")
-    held = ElementTree.Element("projectlayers")
+    map_layers = ElementTree.Element("projectlayers")
     for number, layer in enumerate(layers):
         provider = "ogr" if layer.geometry else "gdal"
         identity = f"flgpr_{number}_{layer.name}"
-        told = {"id": identity, "name": layer.name, "source": layer.source, "providerKey": provider}
-        _put(tree, "layer-tree-layer", **told, checked="Qt::Checked", expanded="1")
-        held.append(_map_layer(layer, identity, provider))
+        _put(
+            tree,
+            "layer-tree-layer",
+            id=identity,
+            name=layer.name,
+            source=layer.source,
+            providerKey=provider,
+            checked="Qt::Checked",
+            expanded="1",
+        )
+        map_layers.append(_map_layer(layer, identity, provider))
     canvas = _put(root, "mapcanvas", name="theMapCanvas")
     _put(canvas, "units", "meters")
     box = _put(canvas, "extent")
     for name, value in zip(("xmin", "ymin", "xmax", "ymax"), extent, strict=True):
         _put(box, name, f"{value:.3f}")
     _reference(_put(canvas, "destinationsrs"), crs)
-    root.append(held)
+    root.append(map_layers)
     properties = _put(root, "properties")
     _put(_put(properties, "Paths"), "Absolute", "false", type="bool")
     _put(_put(properties, "SpatialRefSys"), "ProjectionsEnabled", "1", type="int")
     ElementTree.indent(root)
-    return (
-        b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
-        + ElementTree.tostring(root, "utf-8")
-        + b"\n"
-    )
+    return _DOCTYPE + ElementTree.tostring(root, "utf-8") + b"\n"
 
 
 def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
-    """Draw points by a number: five classes of as many points each, the larger the value, the brighter and larger."""
-    known = np.asarray(values, dtype=np.float64)
-    known = known[np.isfinite(known)]
-    edges = (
-        np.unique(np.quantile(known, np.linspace(0, 1, _CLASSES + 1)))
-        if known.size
-        else np.zeros(1)
-    )
-    edges = np.append(edges, edges[-1]) if edges.size == 1 else edges
+    """Return a style that draws points by a number, brighter and larger for larger values.
+
+    There are five classes of as many points each.
+    """
+    edges = _class_edges(np.asarray(values, dtype=np.float64))
     renderer = _renderer("graduatedSymbol", attr=column, graduatedMethod="GraduatedColor")
     ranges = _put(renderer, "ranges")
     symbols = _put(renderer, "symbols")
@@ -99,22 +115,28 @@ def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
         label = f"{low:.3g} to {high:.3g}"
         limits = {"lower": repr(float(low)), "upper": repr(float(high))}
         _put(ranges, "range", **limits, symbol=str(number), label=label, render="true")
-        _marker(
-            symbols,
-            number,
-            "circle",
-            _VIRIDIS[round(share * (len(_VIRIDIS) - 1))],
-            1.2 + 2.3 * share,
-        )
-    _put(
-        _put(renderer, "orderby"), "orderByClause", f'"{column}"', asc="1", nullsFirst="1"
-    )  # the largest on top
+        colour = _VIRIDIS[round(share * (len(_VIRIDIS) - 1))]
+        _marker(symbols, number, "circle", colour, 1.2 + 2.3 * share)
+    # Points are drawn in this order, so that the largest values are on top.
+    order = _put(renderer, "orderby")
+    _put(order, "orderByClause", f'"{column}"', asc="1", nullsFirst="1")
     renderer.set("enableorderby", "1")
     return renderer
 
 
+def _class_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the edges of classes of as many finite values each, at least two edges."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return np.zeros(2)
+    edges = np.unique(np.quantile(finite, np.linspace(0, 1, _CLASSES + 1)))
+    if edges.size == 1:
+        return np.append(edges, edges[-1])
+    return edges
+
+
 def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
-    """Draw targets or objects by their ``kind``, each with the shape that the viewer gives it."""
+    """Return a style that draws targets or objects by their ``kind``, with the viewer's shapes."""
     renderer = _renderer("categorizedSymbol", attr="kind")
     categories = _put(renderer, "categories")
     symbols = _put(renderer, "symbols")
@@ -125,42 +147,50 @@ def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
 
 
 def outline() -> ElementTree.Element:
-    """Draw an area by its border alone."""
+    """Return a style that draws the border of an area."""
     renderer = _renderer("singleSymbol")
-    symbol = _put(
-        _put(renderer, "symbols"), "symbol", type="fill", name="0", alpha="1", clip_to_extent="1"
-    )
+    symbols = _put(renderer, "symbols")
+    symbol = _put(symbols, "symbol", type="fill", name="0", alpha="1", clip_to_extent="1")
     options = {
         "style": "no",
         "outline_color": "255,140,0,255",
         "outline_style": "dash",
         "outline_width": "0.6",
+        "outline_width_unit": "MM",
     }
-    _symbol_layer(symbol, "SimpleFill", options | {"outline_width_unit": "MM"})
+    _symbol_layer(symbol, "SimpleFill", options)
     return renderer
 
 
 def shaded(band: int, low: float, high: float) -> ElementTree.Element:
-    """Draw one band of a raster, counted from 1, in viridis between two values."""
-    limits = {"classificationMin": repr(float(low)), "classificationMax": repr(float(high))}
-    kind = {"type": "singlebandpseudocolor", "band": str(band), "alphaBand": "-1", "opacity": "1"}
-    renderer = ElementTree.Element("rasterrenderer", kind | limits)
-    ramp = {"colorRampType": "INTERPOLATED", "classificationMode": "1", "clip": "0"}
-    ends = {"minimumValue": repr(float(low)), "maximumValue": repr(float(high))}
-    shader = _put(_put(renderer, "rastershader"), "colorrampshader", **ramp, **ends)
+    """Return a style that draws a band of a raster, from 1, in viridis between two values."""
+    least = repr(float(low))
+    largest = repr(float(high))
+    attributes = {
+        "type": "singlebandpseudocolor",
+        "band": str(band),
+        "alphaBand": "-1",
+        "opacity": "1",
+        "classificationMin": least,
+        "classificationMax": largest,
+    }
+    renderer = ElementTree.Element("rasterrenderer", attributes)
+    ramp = {
+        "colorRampType": "INTERPOLATED",
+        "classificationMode": "1",
+        "clip": "0",
+        "minimumValue": least,
+        "maximumValue": largest,
+    }
+    shader = _put(_put(renderer, "rastershader"), "colorrampshader", **ramp)
     for value, colour in zip(np.linspace(low, high, len(_VIRIDIS)), _VIRIDIS, strict=True):
-        _put(
-            shader,
-            "item",
-            value=repr(float(value)),
-            label=f"{value:.3g}",
-            color=colour,
-            alpha="255",
-        )
+        item = {"value": repr(float(value)), "label": f"{value:.3g}"}
+        _put(shader, "item", **item, color=colour, alpha="255")
     return renderer
 
 
 def _map_layer(layer: Layer, identity: str, provider: str) -> ElementTree.Element:
+    """Return the element of a layer: its source, reference system and style."""
     kind = {"type": "vector", "geometry": layer.geometry} if layer.geometry else {"type": "raster"}
     entry = ElementTree.Element("maplayer", kind)
     _put(entry, "id", identity)
@@ -177,14 +207,17 @@ def _map_layer(layer: Layer, identity: str, provider: str) -> ElementTree.Elemen
 
 
 def _reference(parent: ElementTree.Element, crs: str) -> None:
+    """Add a reference system to an element."""
     system = _put(parent, "spatialrefsys")
-    _put(system, "wkt", CRS(crs).to_wkt())  # a project of the name alone has no reference system
+    # With the name alone QGIS shows a project without a reference system.
+    _put(system, "wkt", CRS(crs).to_wkt())
     _put(system, "authid", crs)
 
 
 def _renderer(kind: str, **attributes: str) -> ElementTree.Element:
-    always = {"type": kind, "symbollevels": "0", "forceraster": "0", "enableorderby": "0"}
-    return ElementTree.Element("renderer-v2", always | attributes)
+    """Return a style of a layer of points or areas, without its symbols."""
+    defaults = {"type": kind, "symbollevels": "0", "forceraster": "0", "enableorderby": "0"}
+    return ElementTree.Element("renderer-v2", defaults | attributes)
 
 
 def _marker(
@@ -195,22 +228,29 @@ def _marker(
     size: float,
     filled: bool = True,
 ) -> None:
+    """Add the symbol of a point; the colour is ``#rrggbb``, the size in mm."""
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    own = f"{red},{green},{blue},{255 if filled else 0}"
-    border = ("0,0,0,255", "0.3") if filled else (f"{red},{green},{blue},255", "0.6")
-    options = {"name": shape, "color": own, "outline_color": border[0], "outline_width": border[1]}
     symbol = _put(symbols, "symbol", type="marker", name=str(number), alpha="1", clip_to_extent="1")
-    units = {"size_unit": "MM", "outline_width_unit": "MM"}
-    _symbol_layer(
-        symbol, "SimpleMarker", options | units | {"size": f"{size:.2g}", "outline_style": "solid"}
-    )
+    options = {
+        "name": shape,
+        "color": f"{red},{green},{blue},{255 if filled else 0}",
+        "outline_color": "0,0,0,255" if filled else f"{red},{green},{blue},255",
+        "outline_width": "0.3" if filled else "0.6",
+        "size_unit": "MM",
+        "outline_width_unit": "MM",
+        "size": f"{size:.2g}",
+        "outline_style": "solid",
+    }
+    _symbol_layer(symbol, "SimpleMarker", options)
 
 
 def _symbol_layer(symbol: ElementTree.Element, kind: str, options: Mapping[str, str]) -> None:
-    """Give a symbol its only layer; its options stand there twice, as QGIS reads them since 3.22 and before."""
-    layer = ElementTree.SubElement(
-        symbol, "layer", {"class": kind, "pass": "0", "enabled": "1", "locked": "0"}
-    )
+    """Add the only layer of a symbol.
+
+    Its options are there twice, as ``Option`` for QGIS since 3.22 and as ``prop`` for older ones.
+    """
+    attributes = {"class": kind, "pass": "0", "enabled": "1", "locked": "0"}
+    layer = ElementTree.SubElement(symbol, "layer", attributes)
     values = _put(layer, "Option", type="Map")
     for name, value in options.items():
         _put(values, "Option", name=name, value=value, type="QString")
@@ -221,8 +261,8 @@ def _symbol_layer(symbol: ElementTree.Element, kind: str, options: Mapping[str, 
 def _put(
     parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str
 ) -> ElementTree.Element:
-    child = ElementTree.SubElement(
-        parent, tag, {name: printable(value) for name, value in attributes.items()}
-    )
+    """Add an element with text and attributes fit for XML, and return it."""
+    printable_attributes = {name: printable(value) for name, value in attributes.items()}
+    child = ElementTree.SubElement(parent, tag, printable_attributes)
     child.text = None if text is None else printable(text)
     return child

@@ -1,4 +1,4 @@
-"""An anchor without surveyed points: the lane begins at a track's first fix and runs along the track."""
+"""Anchors without surveyed points: the lane begins at a track's first fix and runs along it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
 
 FloatArray = NDArray[np.float64]
-_LEAST = 0.5  # m that a track must reach from its first fix, to have a direction
+_LEAST_REACH = 0.5  # distance that a track must reach from its first fix to have a direction, m
 
 
 def anchor_from_fixes(
@@ -22,8 +22,8 @@ def anchor_from_fixes(
     """Tie a lane to a satellite receiver's own track.
 
     The lane's origin is the first plausible fix, its +y points to the fix that is farthest from it,
-    along the course of a straight line or drive. How well that ties the lane is not known: the
-    receiver's fixes are all there is.
+    along the course of a straight line or drive. The uncertainty is not known, because nothing but
+    the receiver's fixes says where the lane lies.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def anchor_from_fixes(
     Returns
     -------
     anchor, notes
-        The anchor, whose uncertainty is NaN, and what it was made of, in words.
+        The anchor, whose uncertainty is NaN, and sentences that say what it was made of.
 
     Raises
     ------
@@ -44,37 +44,39 @@ def anchor_from_fixes(
         If fewer than two fixes are plausible, or none lies half a metre from the first.
     """
     points = np.asarray(fixes, dtype=np.float64).reshape(-1, 3)
-    finite = np.isfinite(points).all(axis=1) & (np.abs(points[:, 1]) < 89.9)
-    known = points[finite]
-    if len(known) < 2:
+    is_finite = np.isfinite(points).all(axis=1) & (np.abs(points[:, 1]) < 89.9)
+    finite = points[is_finite]
+    if len(finite) < 2:
         raise ValueError(
-            f"an anchor from the track needs two finite fixes or more, got {len(known)} of {len(points)}"
+            "an anchor from the track needs two finite fixes or more, "
+            f"got {len(finite)} of {len(points)}"
         )
-    numbers = (
-        np.arange(len(points)) if number is None else np.round(np.asarray(number, dtype=np.float64))
-    )
-    middle = _anchor_at(_middle(known), 0.0)
-    local = middle.from_geodetic(known)
+    from_zero = np.arange(len(points))
+    numbers = from_zero if number is None else np.round(np.asarray(number, dtype=np.float64))
+    local = _anchor_at(_median_position(finite), 0.0).from_geodetic(finite)
     pose = np.concatenate([local, np.zeros_like(local)], axis=1)
-    limits = MotionLimits(scans=int(LARGEST))  # fixes may be as many traces apart as they like
-    motion = judge_poses(pose, None, limits, numbers[finite])
-    trusted = local[motion.plausible]
-    away = np.hypot(*(trusted - trusted[0])[:, :2].T)
-    farthest = int(away.argmax())
-    if away[farthest] < _LEAST:
+    limits = MotionLimits(scans=int(LARGEST))  # any number of traces may lie between two fixes
+    motion = judge_poses(pose, None, limits, numbers[is_finite])
+
+    plausible = finite[motion.plausible]
+    plausible_local = local[motion.plausible]
+    distance = np.hypot(*(plausible_local - plausible_local[0])[:, :2].T)
+    farthest = int(distance.argmax())
+    if distance[farthest] < _LEAST_REACH:
         raise ValueError(
-            f"an anchor from the track needs one that goes {_LEAST:g} m away from its first fix, got {away.max():.3g} m"
+            f"an anchor from the track needs one that goes {_LEAST_REACH:g} m away from its first "
+            f"fix, got {distance.max():.3g} m"
         )
-    origin = known[motion.plausible][0]
+    origin = plausible[0]
     start = _anchor_at((float(origin[0]), float(origin[1]), float(origin[2])), 0.0)
-    east, north, _ = start.from_geodetic(known[motion.plausible][farthest])
+    east, north, _ = start.from_geodetic(plausible[farthest])
     azimuth = math.atan2(east, north)
     degrees = round(math.degrees(azimuth), 2) % 360.0
-    left_out = len(points) - len(trusted)
+    left_out = len(points) - len(plausible)
     notes = [
-        f"the lane follows from the track: its origin is the first fix, {origin[1]:.7f} N {origin[0]:.7f} E, its +y "
-        f"points {degrees:.2f}° from north to the fix farthest from it, {away[farthest]:.4g} m "
-        "away; how well that is known the track does not tell"
+        f"the lane follows from the track: its origin is the first fix, {origin[1]:.7f} N "
+        f"{origin[0]:.7f} E, its +y points {degrees:.2f}° from north to the fix farthest from it, "
+        f"{distance[farthest]:.4g} m away; how well that is known the track does not tell"
     ]
     if left_out:
         notes.append(
@@ -83,13 +85,20 @@ def anchor_from_fixes(
     return _anchor_at(start.origin, azimuth), notes
 
 
-def _middle(points: FloatArray) -> tuple[float, float, float]:
-    """Return the median place; longitudes are taken around the first so that the date line does no harm."""
-    around = points[0, 0] + (points[:, 0] - points[0, 0] + 180.0) % 360.0 - 180.0
-    return float(np.median(around)), float(np.median(points[:, 1])), float(np.median(points[:, 2]))
+def _median_position(points: FloatArray) -> tuple[float, float, float]:
+    """Return the median longitude, latitude and height.
+
+    Longitudes are taken within half a turn of the first, so that the date line does no harm.
+    """
+    first = points[0, 0]
+    longitude = first + (points[:, 0] - first + 180.0) % 360.0 - 180.0
+    latitude = points[:, 1]
+    height = points[:, 2]
+    return float(np.median(longitude)), float(np.median(latitude)), float(np.median(height))
 
 
 def _anchor_at(origin: tuple[float, float, float], azimuth: float) -> Anchor:
+    """Return an anchor at a position, degrees and m, of unknown uncertainty."""
     return Anchor(
         origin=origin,
         azimuth=azimuth,

@@ -89,6 +89,7 @@ def _tapered_pattern(reach: float) -> Callable[[FloatArray, FloatArray], FloatAr
     """Return the amplitude of an antenna that falls as a cosine and ends at a distance, m."""
 
     def amplitude(position: FloatArray, pixels: FloatArray) -> FloatArray:
+        """Return the amplitude at pixels (pixel, 3)."""
         distance = np.hypot(*(pixels[:, :2] - position[:2]).T) / reach
         taper = np.cos(np.pi / 2 * np.minimum(distance, 1)) ** 2
         return np.asarray(np.where(distance < 1, taper, 0.0))

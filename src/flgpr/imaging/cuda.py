@@ -11,7 +11,7 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
-from flgpr.imaging.engines import Engine
+from flgpr.imaging.engine import Engine
 from flgpr.imaging.plan import Plan
 from flgpr.kernels import gpu
 from flgpr.kernels.layout import padded

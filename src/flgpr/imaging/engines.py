@@ -11,47 +11,19 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.sparse import csr_array
 
+from flgpr.imaging.engine import Engine
 from flgpr.imaging.plan import Layout, Plan, make_plan
+from flgpr.jit.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, aligned, row_size
 from flgpr.kernels.profiles import Geometry, polynomial_degree
-from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
 FEW = 1 << 15
 """Sums, or transform slots, below which no other thread is woken: a tenth of a millisecond."""
-
-
-class Engine:
-    """Compute the adjoint and the forward sums of checked arrays, in the memory of the host."""
-
-    method = "profile"
-    width: int
-
-    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
-        """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone).
-
-        ``out`` holds all pixels or the first ones.
-        """
-        raise NotImplementedError
-
-    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
-        """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
-        raise NotImplementedError
-
-    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Allocate memory for images."""
-        return np.empty(shape, dtype)
-
-    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> tuple[float, float]:
-        """Refuse: sums on the CPU have no transfers to leave out."""
-        raise ValueError(
-            f"device must be 'cuda' to time {rows} rows of {subbands} sub-bands {repeats} times, "
-            "got 'cpu'"
-        )
 
 
 class DirectEngine(Engine):

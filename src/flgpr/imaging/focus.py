@@ -1,4 +1,4 @@
-"""A focused image of a run: by one scan or over the aperture of many, of ground, section or volume."""
+"""A focused image of a run, by a scan or over the aperture of many: ground, section or volume."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class FocusedImage:
 
 
 def _unshown(items: Any, label: str, total: int) -> Iterable[Any]:  # noqa: ARG001
-    """Pass items through."""
+    """Return items as they are, without showing progress."""
     return items
 
 
@@ -60,22 +60,9 @@ def focus(
         If the view does not fit the run, or has too many pixels.
     """
     chosen = chosen_scans(run, view.scans)
-    if view.polarizations:
-        known = [str(label) for label in run["polarization"].values]
-        unknown = [label for label in view.polarizations if label not in known]
-        if unknown:
-            raise ValueError(
-                f"polarization must be one of the run's, {', '.join(known)}, got {', '.join(unknown)}"
-            )
-        run = run.sel(polarization=list(view.polarizations))
+    run = _with_polarizations(run, view.polarizations)
+    view = _with_permittivity(run, view)
     pose = run["pose"].values[chosen]
-    if view.permittivity is None:
-        if run.attrs.get("sounding") == "ground-coupled":
-            raise ValueError(
-                "permittivity must be told for antennas that are coupled to the ground; `flgpr calibrate permittivity` "
-                "finds it by focus"
-            )
-        view = replace(view, permittivity=1.0)
     axes, spacing = view_axes(run, view, pose, pixels)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
     weights = np.zeros(run.sizes["scan"])
@@ -91,33 +78,65 @@ def focus(
     values = aperture_image(
         run, grid, track(blocks, "scans focused", len(blocks)), weights, view.reach, **options
     )
-    title = f"{run.attrs.get('title') or title}, {chosen.size} scan{'s' * (chosen.size > 1)}"
-    about = {
-        "title": title,
+    scan_word = "scan" if chosen.size == 1 else "scans"
+    attributes = {
+        "title": f"{run.attrs.get('title') or title}, {chosen.size} {scan_word}",
         "permittivity": view.permittivity,
         "half_space": view.half_space or 0.0,
+        "window": view.window,
+        "band_hz": list(view.band or run["frequency"].values[[0, -1]]),
     }
     image = xr.DataArray(
         values,
         dims=("polarization", "z", "y", "x"),
         coords={"polarization": run["polarization"].values.astype(str), **axes},
-        attrs=about
-        | {"window": view.window, "band_hz": list(view.band or run["frequency"].values[[0, -1]])},
+        attrs=attributes,
         name="image",
     )
     return FocusedImage(image, spacing, chosen.size)
 
 
+def _with_polarizations(run: xr.Dataset, selected: tuple[str, ...]) -> xr.Dataset:
+    """Return the run with the selected polarizations, or a ValueError; none selected are all."""
+    if not selected:
+        return run
+    known = [str(label) for label in run["polarization"].values]
+    unknown = [label for label in selected if label not in known]
+    if unknown:
+        raise ValueError(
+            f"polarization must be one of the run's, {', '.join(known)}, got {', '.join(unknown)}"
+        )
+    return run.sel(polarization=list(selected))
+
+
+def _with_permittivity(run: xr.Dataset, view: View) -> View:
+    """Return the view with a permittivity: air's, or a ValueError where there is ground."""
+    if view.permittivity is not None:
+        return view
+    if run.attrs.get("sounding") == "ground-coupled":
+        raise ValueError(
+            "permittivity must be given for antennas that are coupled to the ground; "
+            "`flgpr calibrate permittivity` finds it by focus"
+        )
+    return replace(view, permittivity=1.0)
+
+
 def scan_weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the share of the way that each scan stands for; in a survey, of the way along its own line."""
-    place = run["pose"].values[scans, :3]
+    """Return the share of the way that each scan stands for, of mean one.
+
+    In a survey it is the share of the way along the scan's own line.
+    """
+    position = run["pose"].values[scans, :3]
     starts = run.attrs.get(LINE_STARTS)
     if not starts:
-        return way_weights(place)
+        return way_weights(position)
     line = np.searchsorted(np.asarray(starts), scans, side="right")
     weights = np.zeros(scans.size)
-    for one in np.unique(line):
-        own = line == one
-        steps = np.hypot(*np.diff(place[own, :2], axis=0).T)
-        weights[own] = way_weights(place[own]) * (steps.mean() if steps.size else 0.0)
-    return np.asarray(weights / weights.mean()) if weights.sum() > 0 else np.ones(scans.size)
+    for number in np.unique(line):
+        on_line = line == number
+        steps = np.hypot(*np.diff(position[on_line, :2], axis=0).T)
+        mean_step = steps.mean() if steps.size else 0.0
+        weights[on_line] = way_weights(position[on_line]) * mean_step
+    if not weights.sum() > 0:
+        return np.ones(scans.size)
+    return np.asarray(weights / weights.mean())

@@ -21,7 +21,10 @@ def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:
 
 
 def grid_ahead(run: xr.Dataset, poses: NDArray[np.float64]) -> Grid:
-    """Return a coarse grid of the scan frame: 1 to 5 heights ahead of the array, 1.2 to each side."""
+    """Return a coarse grid of the scan frame.
+
+    It reaches from 1 to 5 heights ahead of the array, and 1.2 heights to each side.
+    """
     antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
     height = float(poses[:, 2].mean() + antennas[:, 2].mean())
     scale = height if height > 0 else max(float(np.ptp(antennas, axis=0).max()), _LEAST_HEIGHT)
@@ -33,6 +36,7 @@ def covered_ground(grid: Grid, poses: NDArray[np.float64]) -> Lane:
 
     They hold whichever way the vehicle heads.
     """
-    seen = np.concatenate([scan_to_lane(grid.corners(), pose)[:, :2] for pose in poses])
-    (left, first), (right, last) = seen.min(axis=0), seen.max(axis=0)
-    return Lane(float(left), float(right), float(first), float(last))
+    corners = np.concatenate([scan_to_lane(grid.corners(), pose)[:, :2] for pose in poses])
+    x_min, y_min = corners.min(axis=0)
+    x_max, y_max = corners.max(axis=0)
+    return Lane(float(x_min), float(x_max), float(y_min), float(y_max))

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from flgpr.imaging.engines import Engine, make_engine
+from flgpr.imaging.engine import Engine
+from flgpr.imaging.engines import make_engine
 from flgpr.imaging.plan import Pattern, lay_out
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency

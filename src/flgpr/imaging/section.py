@@ -41,11 +41,12 @@ class LineSection:
         scans = chosen_scans(run, None)
         pose = run["pose"].values[scans]
         self._axis = int(np.ptp(pose[:, 1]) >= np.ptp(pose[:, 0]))
-        course = pose[:, self._axis]
-        low, high = along or (float(course.min()), float(course.max()))
+        position = pose[:, self._axis]
+        low, high = along or (float(position.min()), float(position.max()))
         if not (high > low and 0 <= delays[0] < delays[1]):
             raise ValueError(
-                f"along and delays must have limits that increase, got {low:g}, {high:g} m and {delays} s"
+                f"along and delays must have limits that increase, got {low:g}, {high:g} m and "
+                f"{delays} s"
             )
         self._run = run
         self._middle = (pose[:, 0].mean(), pose[:, 1].mean())

@@ -22,12 +22,12 @@ class View:
     """What to image.
 
     Each of ``x``, ``y``, ``z`` (lane frame, m) is a pair of limits or one value; two pairs are a
-    plane, three a volume. What is not told follows from the run: the ground ahead of antennas that
+    plane, three a volume. What is not given follows from the run: the ground ahead of antennas that
     stand above it, else the section below the line, down to the end of the record; ``z`` alone
     bounds that section or sets the height of that ground. ``scans`` are the first and the last that
     are summed, default all; ``spacing`` (m) is by default a quarter of the wavelength, or what
     gives 300 000 pixels. ``permittivity`` is that of all between antennas and pixels, 1 by default;
-    for antennas that are coupled to the ground it must be told. ``half_space`` is that of ground
+    for antennas that are coupled to the ground it must be given. ``half_space`` is that of ground
     below z = 0, at whose surface paths are refracted. Antennas farther than ``reach`` (m) from a
     pixel, level with the ground, do not help to image it.
     """
@@ -46,7 +46,13 @@ class View:
 
 
 def chosen_scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
-    """Return the complete scans within limits, both counted."""
+    """Return the complete scans within limits, both included.
+
+    Raises
+    ------
+    ValueError
+        If the limits are none of the run's scans, or no scan within them is complete.
+    """
     count = run.sizes["scan"]
     first, last = limits or (0, count - 1)
     if not 0 <= first <= last < count:
@@ -65,57 +71,108 @@ def chosen_scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.
 def view_axes(
     run: xr.Dataset, view: View, pose: NDArray[np.float64], pixels: int
 ) -> tuple[dict[str, NDArray[np.float64]], float]:
-    """Return the pixels' axes and their spacing, m; about so many pixels where no spacing is given."""
-    frequency = run["frequency"].values
-    slow = math.sqrt(view.half_space or view.permittivity or 1.0)
+    """Return the pixels' axes and their spacing.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    view : View
+        What to image.
+    pose : ndarray (scan, 6)
+        Poses of the scans that are summed, m and rad.
+    pixels : int
+        About how many pixels there are where no spacing is given.
+
+    Returns
+    -------
+    axes : dict of ndarray
+        Pixel centres along x, y and z, m.
+    spacing : float
+        Spacing of the pixels, m.
+
+    Raises
+    ------
+    ValueError
+        If limits are missing or do not increase, or the spacing gives too few or too many pixels.
+    """
+    slowness = math.sqrt(view.half_space or view.permittivity or 1.0)
+    limits = _view_limits(run, view, pose, slowness)
+    spans = {axis: value for axis, value in limits.items() if isinstance(value, tuple)}
+    _check_spans(spans)
+    spacing = view.spacing
+    if spacing is None:
+        spacing = _default_spacing(run, view, spans, pixels, slowness)
+    if not (math.isfinite(spacing) and spacing > 0):
+        raise ValueError(f"spacing must be positive, got {spacing:g} m")
+    counts = {axis: round((high - low) / spacing) + 1 for axis, (low, high) in spans.items()}
+    if math.prod(counts.values()) > MOST_PIXELS or min(counts.values()) < 2:
+        count_words = " x ".join(f"{axis} {count}" for axis, count in counts.items())
+        raise ValueError(
+            f"spacing must give 2 pixels or more along an axis and {MOST_PIXELS:g} in all, "
+            f"got {count_words}"
+        )
+    axes = {}
+    for axis in "xyz":
+        limit = limits[axis]
+        if isinstance(limit, tuple):
+            axes[axis] = np.round(limit[0] + spacing * np.arange(counts[axis]), 9)
+        else:
+            axes[axis] = np.array([float(limit)])
+    return axes, spacing
+
+
+def _view_limits(
+    run: xr.Dataset, view: View, pose: NDArray[np.float64], slowness: float
+) -> dict[str, Extent]:
+    """Return the limits along every axis, m, those that follow from the run among them."""
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
-    height = (
-        pose[:, 2].mean()
-        + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
-    )
+    antenna_height = (
+        run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()
+    ) / 2
+    height = pose[:, 2].mean() + antenna_height
     if view.x is None and view.y is None:
         above = height > 0 and run.attrs.get("sounding") != "ground-coupled"
-        usual = _ground_ahead(run, pose) if above else _section_below(run, pose, slow)
+        usual = _ground_ahead(run, pose) if above else _section_below(run, pose, slowness)
         limits = usual if view.z is None else usual | {"z": view.z}
     elif view.z is None:
         limits["z"] = 0.0
-    told = {axis: value for axis, value in limits.items() if value is not None}
-    missing = [axis for axis in "xyz" if axis not in told]
+    complete = {axis: value for axis, value in limits.items() if value is not None}
+    missing = [axis for axis in "xyz" if axis not in complete]
     if missing:
         raise ValueError(
-            f"{' and '.join(missing)} must be told beside the others, a value or two limits, got none"
+            f"{' and '.join(missing)} must be given beside the others, a value or two limits, "
+            "got none"
         )
-    wide = {axis: value for axis, value in told.items() if isinstance(value, tuple)}
-    if len(wide) < 2:
+    return complete
+
+
+def _check_spans(spans: dict[str, tuple[float, float]]) -> None:
+    """Raise a ValueError for fewer than two axes with limits, or limits that do not increase."""
+    if len(spans) < 2:
         raise ValueError(
-            f"two of x, y and z must have two limits to make a picture, got {', '.join(wide) or 'none'}"
+            "two of x, y and z must have two limits to make a picture, "
+            f"got {', '.join(spans) or 'none'}"
         )
-    for axis, (low, high) in wide.items():
+    for axis, (low, high) in spans.items():
         if not (math.isfinite(low) and math.isfinite(high) and high > low):
             raise ValueError(f"{axis} must have limits that increase, got {low:g}, {high:g}")
-    spacing = view.spacing
-    if spacing is None:
-        band = view.band or (frequency[0], frequency[-1])
-        size = math.prod(high - low for low, high in wide.values())
-        spacing = max(
-            SPEED_OF_LIGHT / slow / (2 * (band[0] + band[1])), (size / pixels) ** (1 / len(wide))
-        )
-        spacing = float(f"{spacing:.2g}")
-    if not (math.isfinite(spacing) and spacing > 0):
-        raise ValueError(f"spacing must be positive, got {spacing:g} m")
-    counts = {axis: round((high - low) / spacing) + 1 for axis, (low, high) in wide.items()}
-    if math.prod(counts.values()) > MOST_PIXELS or min(counts.values()) < 2:
-        told_of = " x ".join(f"{axis} {count}" for axis, count in counts.items())
-        raise ValueError(
-            f"spacing must give 2 pixels or more along an axis and {MOST_PIXELS:g} in all, got {told_of}"
-        )
-    axes = {
-        axis: np.round(told[axis][0] + spacing * np.arange(counts[axis]), 9)  # type: ignore[index]
-        if axis in counts
-        else np.array([float(told[axis])])  # type: ignore[arg-type]
-        for axis in "xyz"
-    }
-    return axes, spacing
+
+
+def _default_spacing(
+    run: xr.Dataset,
+    view: View,
+    spans: dict[str, tuple[float, float]],
+    pixels: int,
+    slowness: float,
+) -> float:
+    """Return a quarter of the mean wavelength, or what gives ``pixels``, m, to two digits."""
+    frequency = run["frequency"].values
+    lowest, highest = view.band or (frequency[0], frequency[-1])
+    size = math.prod(high - low for low, high in spans.values())
+    quarter_wave = SPEED_OF_LIGHT / slowness / (2 * (lowest + highest))
+    spacing = max(quarter_wave, (size / pixels) ** (1 / len(spans)))
+    return float(f"{spacing:.2g}")
 
 
 def _ground_ahead(run: xr.Dataset, pose: NDArray[np.float64]) -> dict[str, Extent | None]:
@@ -125,7 +182,7 @@ def _ground_ahead(run: xr.Dataset, pose: NDArray[np.float64]) -> dict[str, Exten
 
 
 def _section_below(
-    run: xr.Dataset, pose: NDArray[np.float64], slow: float
+    run: xr.Dataset, pose: NDArray[np.float64], slowness: float
 ) -> dict[str, Extent | None]:
     """Return the limits of the section below a line, m, down to the end of the record."""
     along = "x" if np.ptp(pose[:, 0]) > np.ptp(pose[:, 1]) else "y"
@@ -133,17 +190,22 @@ def _section_below(
     limits: dict[str, Extent | None] = {axis: float(ends[axis].mean()) for axis in "xy"}
     limits[along] = float(ends[along].min()), float(ends[along].max())
     top = max(float(pose[:, 2].max()), 0.0)
-    limits["z"] = (min(float(pose[:, 2].min()), 0.0) - _recorded_depth(run, slow), top)
+    limits["z"] = (min(float(pose[:, 2].min()), 0.0) - _recorded_depth(run, slowness), top)
     return limits
 
 
-def _recorded_depth(run: xr.Dataset, slow: float) -> float:
-    """Return how deep a wave goes by the end of the record, m, or by the tones' repetition where there is no record."""
+def _recorded_depth(run: xr.Dataset, slowness: float) -> float:
+    """Return how deep a wave goes by the end of the record, m.
+
+    Where there is no record it is the repetition of the tones' echoes that counts.
+    """
     frequency = run["frequency"].values
     window = run.attrs.get("time_window_s")
     first = run.attrs.get("first_sample_s")
     if window is not None and first is not None and window + first > 0:
         last = float(window) + float(first)
+    elif frequency.size > 1:
+        last = 1 / float(np.diff(frequency).mean())
     else:
-        last = 1 / float(np.diff(frequency).mean()) if frequency.size > 1 else _ONE_TONE
-    return SPEED_OF_LIGHT / slow * last / 2
+        last = _ONE_TONE
+    return SPEED_OF_LIGHT / slowness * last / 2

@@ -24,6 +24,7 @@ import numpy as np
 from numba import config, typeof
 from numpy.typing import NDArray
 
+from flgpr.jit.compiled import cache_folder
 from flgpr.kernels import relevance
 from flgpr.kernels.background import (
     add_clipped,
@@ -34,7 +35,6 @@ from flgpr.kernels.background import (
     root_mean_square,
     subtract_and_divide,
 )
-from flgpr.kernels.compiled import cache_folder
 from flgpr.kernels.filters import _sort, median_of_ranks
 from flgpr.kernels.focus import focus
 from flgpr.kernels.hermitian import eigen_3x3
@@ -45,6 +45,7 @@ from flgpr.kernels.transform import Spectrum, compress, expand
 
 
 def _array(kind: type, dimensions: int) -> NDArray[Any]:
+    """Return an empty array of a type and a number of dimensions."""
     return np.empty((0,) * dimensions, kind)
 
 

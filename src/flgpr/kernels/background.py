@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 from flgpr.kernels.filters import sorted_order
-from flgpr.kernels.threads import shared
 
 _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 
@@ -35,6 +35,7 @@ def _near(limit: float) -> float:
 
 @njit(cache=True)
 def _clipped(pixel: Any, limit: float, threshold: float) -> Any:
+    """Return a pixel clipped to a magnitude ``limit`` if its power is above ``threshold``."""
     value = np.complex128(pixel)
     if value.real * value.real + value.imag * value.imag > threshold:
         magnitude = abs(value)

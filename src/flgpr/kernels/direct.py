@@ -8,14 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import shared
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 
 _TWO_PI = 2.0 * math.pi
 
 
 @njit(cache=True)
 def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
+    """Return the two-way amplitude of a pair at a pixel, one without gains."""
     return gain[a, p] * gain[b, p] if gain.shape[1] > 0 else 1.0
 
 

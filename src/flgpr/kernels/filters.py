@@ -19,8 +19,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import share, shared
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import share, shared
 
 # bins of a level of the histograms, of three, that make up one of the level above; lanes of a
 # vector
@@ -35,7 +35,7 @@ _ORDER = ir.VectorType(ir.IntType(32), _FAN)
 
 @njit(cache=True)
 def sorted_order(values: Any) -> Any:
-    """Order of float32 values from small to large: a radix sort of their bits."""
+    """Return the order of float32 values from small to large: a radix sort of their bits."""
     n = values.size
     bits = values.view(np.uint32)
     keys = np.empty(n, np.uint32)
@@ -73,6 +73,7 @@ def _row(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
 
 
 def _spread(builder: Any, value: Any, number: Any = _SHORT) -> Any:
+    """Return a vector that holds a number in every place."""
     none = ir.Constant(ir.VectorType(number, _FAN), ir.Undefined)
     first = builder.insert_element(
         none, builder.trunc(value, number), ir.Constant(ir.IntType(32), 0)
@@ -259,6 +260,7 @@ def _median_rows(
 
 @njit(cache=True)
 def _bin_width(pixels: int) -> int:
+    """Return the ranks in a bin of the finest histogram."""
     return (pixels + _FAN**3 - 1) // _FAN**3
 
 

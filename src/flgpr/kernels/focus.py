@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numba import float32
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 from flgpr.kernels.geometry import cos_sin
-from flgpr.kernels.threads import shared
 
 
 # Neither is compiled by fast mathematics: then the sums differed between a process that compiles

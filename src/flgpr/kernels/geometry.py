@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numba import float32, uint32, uint64
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 from flgpr.kernels.layout import BLOCK
-from flgpr.kernels.threads import shared
 
 _TURN32 = 4294967296.0
 

@@ -42,6 +42,7 @@ else:
 
     @cuda.jit(device=True)
     def _parts(word):  # type: ignore[no-untyped-def]
+        """Split a 64-bit word into the real and the imaginary part that it holds."""
         return int_as_float(int32(uint32(word))), int_as_float(int32(uint32(word >> uint64(32))))
 
 
@@ -77,7 +78,7 @@ def locate(pixels, antenna, medium, per_turn, carrier, gain, delay, phasor):  # 
 
 @cuda.jit(device=True)
 def _turned(value, sign):  # type: ignore[no-untyped-def]
-    """Value, or its conjugate where the sign is negative."""
+    """Return a value, or its conjugate where the sign is negative."""
     return complex64(complex(value.real, sign * value.imag))
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import shared
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 
 _SWEEPS = 12  # six reach machine precision; quadratic convergence
 

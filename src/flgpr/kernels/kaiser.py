@@ -31,7 +31,7 @@ class Window:
 
 
 def transform(width: int, beta: float, frequency: FloatArray) -> FloatArray:
-    """Fourier transform of the window; ``frequency`` in cycles per bin."""
+    """Return the Fourier transform of the window at ``frequency`` in cycles per bin."""
     argument = beta**2 - (math.pi * width * frequency) ** 2
     root = np.sqrt(np.abs(argument))
     safe = np.where(root < 1e-6, 1.0, root)

@@ -36,45 +36,56 @@ class _Code:
         self.vector = ir.VectorType(_FLOAT, lanes)
 
     def data(self, kind: Any, array: Any) -> Any:
+        """Return the pointer to an array's numbers."""
         return self.context.make_array(kind)(self.context, self.builder, array).data
 
     def _at(self, data: Any, index: Any, kind: Any) -> Any:
+        """Return the pointer to an entry, as one of another type."""
         step = ir.Constant(_INDEX, 4)
         return cgutils.pointer_add(
             self.builder, data, self.builder.mul(index, step), kind.as_pointer()
         )
 
     def number(self, data: Any, index: Any, kind: Any = _FLOAT) -> Any:
+        """Return one number of an array."""
         return self.builder.load(self._at(data, index, kind), align=4)
 
     def spread(self, value: Any, vector: Any = None) -> Any:
+        """Return a vector that holds a value in every place."""
         empty = ir.Constant(vector or self.vector, ir.Undefined)
         first = self.builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), self.lanes), None)
         return self.builder.shuffle_vector(first, empty, zeros)
 
     def shuffle(self, value: Any, order: list[int], other: Any = None) -> Any:
+        """Return a vector of some places of one or two vectors, in an order."""
         other = ir.Constant(value.type, ir.Undefined) if other is None else other
         return self.builder.shuffle_vector(
             value, other, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
         )
 
     def load(self, data: Any, index: Any, vector: Any = None) -> Any:
+        """Return a vector from an array."""
         return self.builder.load(self._at(data, index, vector or self.vector), align=4)
 
     def store(self, value: Any, data: Any, index: Any) -> None:
+        """Write a vector into an array."""
         self.builder.store(value, self._at(data, index, value.type), align=4)
 
     def add(self, a: Any, b: Any) -> Any:
+        """Return the sum of two vectors."""
         return self.builder.fadd(a, b, flags=_FUSED)
 
     def sub(self, a: Any, b: Any) -> Any:
+        """Return the difference of two vectors."""
         return self.builder.fsub(a, b, flags=_FUSED)
 
     def mul(self, a: Any, b: Any) -> Any:
+        """Return the product of two vectors."""
         return self.builder.fmul(a, b, flags=_FUSED)
 
     def plus(self, index: Any, step: int) -> Any:
+        """Return an index some entries further on."""
         return self.builder.add(index, ir.Constant(_INDEX, step))
 
 
@@ -149,12 +160,18 @@ def combine_antennas(  # type: ignore[no-untyped-def]
         first = builder.mul(row, ir.Constant(_INDEX, 2 + width))
         with cgutils.for_range(builder, ir.Constant(_INDEX, BLOCK // _VECTOR), intp=_INDEX) as loop:
             k = builder.mul(loop.index, ir.Constant(_INDEX, _VECTOR))
-            at = [builder.add(args[n], k) for n in (3, 4)]
-            d = builder.sub(builder.add(*(code.load(delays, n, index_vector) for n in at)), origin)
+            at_tx = builder.add(args[3], k)
+            at_rx = builder.add(args[4], k)
+            delay_tx = code.load(delays, at_tx, index_vector)
+            delay_rx = code.load(delays, at_rx, index_vector)
+            d = builder.sub(builder.add(delay_tx, delay_rx), origin)
             bin_ = builder.add(base, builder.lshr(d, shift))
             starts = builder.mul(bin_, ir.Constant(index_vector, [numbers] * _VECTOR))
             code.store(starts, target, builder.add(row, k))
-            (ci, cj), (si, sj) = ([code.load(rows, n) for n in at] for rows in (cosines, sines))
+            ci = code.load(cosines, at_tx)
+            cj = code.load(cosines, at_rx)
+            si = code.load(sines, at_tx)
+            sj = code.load(sines, at_rx)
             where = builder.add(first, k)
             code.store(code.sub(code.mul(ci, cj), code.mul(si, sj)), out, where)
             code.store(code.add(code.mul(si, cj), code.mul(ci, sj)), out, code.plus(where, BLOCK))
@@ -248,7 +265,7 @@ def _fields_of(
 
 @intrinsic
 def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Transpose of :func:`gather_pairs`: add one pixel's value to the profiles of several pairs.
+    """Add one pixel's value to the profiles of several pairs: the transpose of gather_pairs.
 
     ``value[at:]`` holds the real parts of all channels before the imaginary parts.
     """
@@ -291,7 +308,7 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
 
 @intrinsic
 def butterfly(_context, source, at, gap, target, to, step, twiddle, turn, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """One radix-4 butterfly of an inverse Fourier transform on lane rows.
+    """Compute one radix-4 butterfly of an inverse Fourier transform on lane rows.
 
     Reads the rows at ``at + i·gap`` and writes those at ``to + i·step`` (i = 0..3), times the
     twiddle factors 1, w, w², w³ with w = ``twiddle[turn]``, found at ``turn``, ``2·turn`` and
@@ -315,10 +332,12 @@ def butterfly(_context, source, at, gap, target, to, step, twiddle, turn, channe
         data, out, table = (code.data(sig.args[i], args[i]) for i in (0, 3, 6))
 
         def read(i: int) -> tuple[Any, Any]:
+            """Return real and imaginary parts of input row ``i``."""
             spot = builder.add(args[1], builder.mul(args[2], ir.Constant(_INDEX, i)))
             return code.load(data, spot), code.load(data, code.plus(spot, half))
 
         def write(i: int, value: tuple[Any, Any]) -> None:
+            """Write output row ``i``, turned by its twiddle factor."""
             spot = builder.add(args[4], builder.mul(args[5], ir.Constant(_INDEX, i)))
             if i:
                 entry = builder.mul(args[7], ir.Constant(_INDEX, 2 * i))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 from flgpr.kernels.relevance import _logistic
 
 _NEWTON = 200  # steps between two entries

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 BLOCK = 64
 """Pixels that are worked on together; pixel arrays are padded to a multiple."""

@@ -28,13 +28,13 @@ def sample_moments(X: NDArray[Any], ddof: int = 0) -> Moments:
 
 
 def ledoit_wolf_moments(X: NDArray[Any]) -> Moments:
-    """Sample mean, covariance shrunk to a multiple of the identity (Ledoit & Wolf 2004)."""
+    """Return mean, and covariance shrunk to a multiple of the identity (Ledoit & Wolf 2004)."""
     mean = X.mean(axis=0)
     return mean, _fold(ledoit_wolf(_composite(X - mean), assume_centered=True)[0], X)
 
 
 def oas_moments(X: NDArray[Any]) -> Moments:
-    """Sample mean, covariance shrunk by the oracle approximation (Chen et al. 2010)."""
+    """Return mean, and covariance shrunk by the oracle approximation (Chen et al. 2010)."""
     mean = X.mean(axis=0)
     return mean, _fold(oas(_composite(X - mean), assume_centered=True)[0], X)
 
@@ -138,11 +138,12 @@ ESTIMATORS: dict[str, Callable[[NDArray[Any]], Moments]] = {
 
 
 def _composite(X: NDArray[Any]) -> NDArray[np.float64]:
+    """Return samples with real and imaginary parts side by side."""
     return np.hstack([X.real, X.imag]) if np.iscomplexobj(X) else X
 
 
 def _fold(covariance: NDArray[np.float64], X: NDArray[Any]) -> NDArray[Any]:
-    """Covariance of a circular vector from that of its real and imaginary parts, stacked."""
+    """Return a circular vector's covariance from that of its stacked real and imaginary parts."""
     if not np.iscomplexobj(X):
         return covariance
     n = X.shape[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flgpr.kernels.threads import shared
+from flgpr.jit.threads import shared
 
 INNER = 1
 OUTER = 2

@@ -13,7 +13,7 @@ import numpy as np
 from numba import float32, uint32, uint64
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 from flgpr.kernels.geometry import antenna_rows
 from flgpr.kernels.lanes import combine_antennas, gather_pairs, spread_pairs
 from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, padded, row_size
@@ -52,7 +52,7 @@ class Geometry(NamedTuple):
 
 
 def polynomial_degree(width: int) -> int:
-    """Degree of the taps' polynomials that loses nothing in single precision."""
+    """Return the degree of the taps' polynomials that loses nothing in single precision."""
     return width + 3
 
 

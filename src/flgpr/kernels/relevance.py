@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 _NEWTON = 60
 _TINY = 1e-300
@@ -68,7 +68,9 @@ def _logistic(c: Any, target: Any, residual: Any, curvature: Any) -> float:
 
 @njit(cache=True)
 def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any:
-    """Newton's method with line search to the mode of the weights (Tipping 2001, Sec. 3).
+    """Return Laplace's approximation about the mode of the weights (Tipping 2001, Sec. 3).
+
+    The mode is found by Newton's method with line search.
 
     ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}, ``alpha`` (k,) precisions, ``mean``
     (k,) start.
@@ -130,7 +132,7 @@ def best_variance(s: float, q: float, rate: float) -> float:
 
 @njit(cache=True)
 def _gain(s: float, q: float, rate: float) -> float:
-    """Rise of the log evidence when a basis function enters with its best variance."""
+    """Return the rise of the log evidence when a basis function enters with its best variance."""
     if s <= 0 or q * q <= s + rate:
         return 0.0
     variance = best_variance(s, q, rate)
@@ -139,13 +141,14 @@ def _gain(s: float, q: float, rate: float) -> float:
 
 
 def single(rows: Any) -> Any:
-    """Basis functions and their squares in single precision, stacked: half as much to read."""
+    """Return basis functions and their squares in single precision: half as much to read."""
     values = rows.astype(np.float32)
     return np.stack((values, values * values))
 
 
 @njit(cache=True)
 def _gains(s: Any, q: Any, allowed: Any, active: Any, rate: float) -> Any:
+    """Return the gain of every basis function, zero for active ones and those not allowed."""
     inside = np.zeros(s.size, np.bool_)
     inside[active] = True
     gain = np.zeros(s.size)
@@ -175,7 +178,7 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
 
 @njit(cache=True)
 def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
-    """Gain of all basis functions as :func:`entries` has it, in single precision."""
+    """Return the gain of all basis functions as :func:`entries` has it, in single precision."""
     covariance = posterior.covariance
     residual = posterior.residual
     curvature = posterior.curvature
@@ -442,5 +445,5 @@ def climb(
 
 
 def penalised(fit: Ascent, rate: float) -> float:
-    """Log evidence with the log prior of the variances, up to a constant."""
+    """Return the log evidence with the log prior of the variances, up to a constant."""
     return fit.evidence - 0.5 * rate * (1 / fit.alpha).sum()

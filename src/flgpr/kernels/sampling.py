@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 
 def bilinear(
@@ -23,6 +23,7 @@ def bilinear(
 
 @njit(nogil=True, cache=True)
 def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
+    """Fill ``out`` (image, point) by bilinear interpolation; NaN outside an image."""
     ny, nx = images.shape[1:]
     for i in range(row.size):
         inside = (

@@ -13,7 +13,7 @@ import numpy as np
 from numba import uint64
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 from flgpr.kernels.lanes import butterfly
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}

@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 
 
 def boxcar(position: FloatArray) -> FloatArray:
-    """Weigh all tones alike; ``position`` in [-1, 1] across the band."""
+    """Return equal weights of all tones; ``position`` in [-1, 1] across the band."""
     return np.ones_like(position)
 
 
@@ -21,7 +21,7 @@ def hann(position: FloatArray) -> FloatArray:
 
 
 def hamming(position: FloatArray) -> FloatArray:
-    """Weigh by a raised cosine on a pedestal of 0.08; ``position`` in [-1, 1] across the band."""
+    """Return a raised cosine on a pedestal of 0.08; ``position`` in [-1, 1] across the band."""
     return np.asarray(0.54 + 0.46 * np.cos(np.pi * position), dtype=np.float64)
 
 

@@ -62,7 +62,7 @@ from flgpr.store import (
 )
 from flgpr.store.bundle import PARTIAL
 from flgpr.store.files import write_whole
-from flgpr.store.outputs import held_folder, tell_finished
+from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.tables import write_table
 
 PathLike = str | Path
@@ -185,7 +185,7 @@ class LiveRun:
         """
         _check_output(self.output)
         self.output.mkdir(parents=True, exist_ok=True)
-        with held_folder(self.output):
+        with locked_folder(self.output):
             for partial in self.output.glob(f"*{PARTIAL}"):  # of a process that was killed
                 partial.unlink()
             return self._run()
@@ -467,7 +467,7 @@ class LiveRun:
         counts = dict(intake.counts)
         table = detector.table()
         if not self._frames and (self.output / REPORT_FILE).is_file():
-            tell_finished(self.output, "--fresh makes it anew")
+            log_finished(self.output, "--fresh makes it again")
             return LiveReport(counts, _percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
         report = LiveReport(counts, _percentiles(self._latency), len(table), self._rate())

@@ -1,4 +1,7 @@
-"""The proving ground: lanes that every machine makes alike, sealed test truth, and detectors side by side on them."""
+"""The proving ground: detectors side by side on lanes that every machine makes alike.
+
+The truth of the test lanes is sealed.
+"""
 
 from flgpr.lazy import face
 

@@ -1,4 +1,4 @@
-"""Figures of the proving ground: who finds what on every tier, and every split by group of targets."""
+"""Figures of the proving ground: who finds what on every tier, and every split by group."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
         What :func:`flgpr.proving_ground.score_entries` gives; the opening split at the FAR of
         comparison is drawn.
     narrow : bool
-        Two panels beside each other, which can be read on a phone, and not all of them.
+        Whether to draw two panels side by side, which can be read on a phone, in place of all.
 
     Returns
     -------
@@ -46,9 +46,9 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
         A panel per kind of target. Entries stand in the order of their Pd of all mines on the first
         tier, the oracles above them. What chance finds at most is shaded.
     """
-    shown = scores[
-        (scores["split"] == opening_split(ground)) & (scores["far_allowed"] == ground.table.far)
-    ]
+    is_shown = scores["split"] == opening_split(ground)
+    is_shown &= scores["far_allowed"] == ground.table.far
+    shown = scores[is_shown]
     tiers = [tier for tier in ground.table.tiers if (shown["tier"] == tier).any()]
     entries = _entries_from_below(shown, tiers)
     kinds = _kinds(ground, shown)
@@ -57,9 +57,7 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
     width = 3.9 if narrow else 1.5 + 1.55 * columns
     height = 0.5 + rows * (0.6 + ROW * len(entries))
     figure = Figure(figsize=(width, height), layout="constrained")
-    panels = np.atleast_1d(
-        figure.subplots(rows, columns, sharey=True, sharex=True, squeeze=False)
-    ).ravel()
+    panels = figure.subplots(rows, columns, sharey=True, sharex=True, squeeze=False).ravel()
     for panel, kind in zip(panels, kinds, strict=False):
         _draw_kind(panel, shown[shown["group"] == kind], kind, tiers, entries)
     for panel in panels[len(kinds) :]:
@@ -77,43 +75,45 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
 
 
 def _entries_from_below(shown: pd.DataFrame, tiers: Sequence[str]) -> list[str]:
-    """Order entries by their Pd of all mines, that of the first tier first, the oracles last, which is on top."""
+    """Return the entries in the order of their Pd of all mines, by the first tier first.
+
+    The oracles are the last, which stand on top.
+    """
     mines = shown[shown["group"] == MINES].pivot_table(index="entry", columns="tier", values="pd")
-    ordered = (
-        mines.reindex(columns=list(tiers)).fillna(-1.0).sort_values(list(tiers), kind="stable")
-    )
+    by_tier = mines.reindex(columns=list(tiers)).fillna(-1.0)
+    ordered = by_tier.sort_values(list(tiers), kind="stable")
     entries = [str(name) for name in ordered.index if name not in ORACLES]
-    return [*entries, *(name for name in ORACLES if name in ordered.index)]
+    oracles = [name for name in ORACLES if name in ordered.index]
+    return entries + oracles
 
 
 def _kinds(ground: Ground, shown: pd.DataFrame) -> list[str]:
-    """List the kinds of targets that were scored."""
-    groups = dict.fromkeys(str(group) for group in shown["group"])
-    kinds = [
-        group
-        for group in groups
-        if group not in (MINES, *ground.sites) and not group.startswith(BODY)
-    ]
-    return [
-        *(kind for kind in KINDS if kind in kinds),
-        *(kind for kind in kinds if kind not in KINDS),
-    ]
+    """Return the kinds of targets that were scored, in the order of their panels."""
+    kinds = []
+    for group in dict.fromkeys(str(name) for name in shown["group"]):
+        is_site = group in ground.sites
+        if group != MINES and not is_site and not group.startswith(BODY):
+            kinds.append(group)
+    usual = [kind for kind in KINDS if kind in kinds]
+    unusual = [kind for kind in kinds if kind not in KINDS]
+    return usual + unusual
 
 
 def _draw_kind(
-    panel: Axes, own: pd.DataFrame, kind: str, tiers: Sequence[str], entries: list[str]
+    panel: Axes, scores: pd.DataFrame, kind: str, tiers: Sequence[str], entries: list[str]
 ) -> None:
-    """Draw the panel of one kind of target."""
+    """Draw the panel of one kind of target, whose scores are given."""
     places = np.arange(len(entries), dtype=float)
-    panel.barh(
-        places[::2], 1.06, left=-0.03, height=1.0, color="0.95", zorder=0
-    )  # rows that the eye can follow
-    panel.axvspan(-0.03, float(own["chance"].max()), color="0.8", zorder=1, lw=0)
-    shifts = np.linspace(SPREAD / 2, -SPREAD / 2, len(tiers)) if len(tiers) > 1 else np.zeros(1)
+    # Every second row is shaded, so that the eye can follow it.
+    panel.barh(places[::2], 1.06, left=-0.03, height=1.0, color="0.95", zorder=0)
+    panel.axvspan(-0.03, float(scores["chance"].max()), color="0.8", zorder=1, lw=0)
+    shifts = np.zeros(1)
+    if len(tiers) > 1:
+        shifts = np.linspace(SPREAD / 2, -SPREAD / 2, len(tiers))
     counts = []
     for number, (tier, shift) in enumerate(zip(tiers, shifts, strict=True)):
         marker, colour, filling = MARKS[number % len(MARKS)]
-        rows = own[own["tier"] == tier].set_index("entry").reindex(entries)
+        rows = scores[scores["tier"] == tier].set_index("entry").reindex(entries)
         panel.hlines(
             places + shift, rows["pd_low"], rows["pd_high"], color=colour, lw=1.2, zorder=2
         )
@@ -131,7 +131,7 @@ def _draw_kind(
 
 
 def _legend(ground: Ground, tiers: Sequence[str]) -> list[Line2D | Patch]:
-    """Make the entries of the legend."""
+    """Return the entries of the legend."""
     handles: list[Line2D | Patch] = []
     for number, tier in enumerate(tiers):
         marker, colour, filling = MARKS[number % len(MARKS)]
@@ -143,16 +143,31 @@ def _legend(ground: Ground, tiers: Sequence[str]) -> list[Line2D | Patch]:
 
 
 def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
-    """Draw Pd of every entry with its interval and chance, of all mines and of every site and kind."""
-    own = scores[(scores["split"] == split) & (scores["far_allowed"] == ground.table.far)]
-    entries = list(own[own["group"] == MINES].sort_values("pd", kind="stable")["entry"])
-    groups = [group for group in dict.fromkeys(own["group"]) if not group.startswith(BODY)]
-    figure = Figure(
-        figsize=(2.2 + 1.7 * len(groups), 1.1 + 0.3 * len(entries)), layout="constrained"
-    )
+    """Draw Pd of every entry with its interval and chance, by group of targets.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    scores : DataFrame
+        Scores of that tier.
+    split : str
+        Name of the split.
+
+    Returns
+    -------
+    Figure
+        A panel for all mines, every site and every kind.
+    """
+    of_split = scores[(scores["split"] == split) & (scores["far_allowed"] == ground.table.far)]
+    mines = of_split[of_split["group"] == MINES]
+    entries = list(mines.sort_values("pd", kind="stable")["entry"])
+    groups = [group for group in dict.fromkeys(of_split["group"]) if not group.startswith(BODY)]
+    size = (2.2 + 1.7 * len(groups), 1.1 + 0.3 * len(entries))
+    figure = Figure(figsize=size, layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(groups), sharey=True))
     for axis, group in zip(axes, groups, strict=True):
-        rows = own[own["group"] == group].set_index("entry").reindex(entries)
+        rows = of_split[of_split["group"] == group].set_index("entry").reindex(entries)
         places = np.arange(len(entries))
         value = rows["pd"].to_numpy()
         axis.hlines(places, rows["pd_low"], rows["pd_high"], color="C0", lw=2)

@@ -1,4 +1,4 @@
-"""What the proving ground is: lanes, the part each plays, and splits, from a description of a few kilobytes."""
+"""What the proving ground is: lanes and splits, from a description of a few kilobytes."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from flgpr.store.files import existing, faults_of
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
 """The packaged descriptions, the first by default."""
 ALL_TIERS = "all"
-"""What stands for every tier where one may be chosen."""
+"""The name that chooses every tier."""
 MINES = "mines"
 """Name of the group of all mines in the scores."""
 BODY = "body "
-"""What stands before the name of a packaged body in the names of groups."""
+"""Prefix of the groups of targets with one packaged body."""
 
 
 class LaneRow(Table):
-    """Lanes of one design: what they are for, how many at which sites, what lies in them, what differs from the rest.
+    """Lanes of one design: what they are for, how many at which sites, and what lies in them.
 
-    ``targets`` are sort, depth of the top (m) and number; ``surface`` and ``errors`` change entries
-    of the scene's surface and of the sensor's errors, ``sensor`` entries of the sensor. A lane that
-    is there already has a ``run`` store, its ``truth`` and its borders x_min, x_max, y_min, y_max
-    (m) instead; "sample" is the packaged full-wave one.
+    ``targets`` are sort, depth of the top (m) and number. ``surface``, ``errors`` and ``sensor``
+    change entries of the scene's surface, of the sensor's errors and of the sensor. A lane that is
+    there already has a ``run`` store, its ``truth`` and its borders x_min, x_max, y_min, y_max (m)
+    instead; "sample" is the packaged full-wave one.
     """
 
     part: Literal["train", "validate", "test"]
@@ -56,14 +56,18 @@ class LaneRow(Table):
     errors: dict[str, float] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _told(self) -> LaneRow:
+    def _complete(self) -> LaneRow:
+        """Refuse a stored lane that lacks one of its entries."""
         if bool(self.run) != (self.borders is not None) or bool(self.run) != bool(self.truth):
             raise ValueError("run, truth and borders must be given together")
         return self
 
 
 class Fold(Table):
-    """Patterns of the names of lanes to train on, less those ``without``, and of lanes to test on."""
+    """Patterns of the names of lanes to train on and to test on.
+
+    Lanes that match a pattern of ``without`` are not trained on.
+    """
 
     train: tuple[str, ...]
     without: tuple[str, ...] = ()
@@ -91,27 +95,28 @@ class TierRow(Table):
 
 
 class Description(Table):
-    """The description, as its file has it; in what it means its comments say more."""
+    """The description, as its file has it; the comments of the file say what its entries mean."""
 
     name: str
     version: int
     sensor: str
-    recipe: str = ""  #: stands in for the packaged entries' wang2007, the others do not enter then
+    #: recipe in place of wang2007 of the packaged entries, of which no others enter then
+    recipe: str = ""
     halo: float
     fars: tuple[float, ...]
     far: float
     reference: str
     scene: dict[str, Any]
     sites: dict[str, str] = Field(default_factory=dict)  #: of a ground without tiers
-    tiers: dict[str, TierRow] = Field(
-        default_factory=dict
-    )  #: grounds of the same design at other sites, scored apart
+    #: grounds of the same design at other sites, scored apart
+    tiers: dict[str, TierRow] = Field(default_factory=dict)
     sorts: dict[str, dict[str, str]]
     lanes: dict[str, LaneRow]
     splits: dict[str, SplitRow]
 
     @model_validator(mode="after")
     def _check_tiers(self) -> Description:
+        """Refuse tiers that are not of one design."""
         if bool(self.sites) == bool(self.tiers):
             raise ValueError("sites must be given, or tiers that have their own, and not both")
         names = {tuple(row.sites) for row in self.tiers.values()}
@@ -135,21 +140,24 @@ class Description(Table):
 
 @dataclass(frozen=True)
 class GroundLane:
-    """A lane of the ground: what is to be simulated, or a run store and its truth that are there."""
+    """A lane of the ground: a scene that is simulated, or a run store with its truth."""
 
     name: str  #: tier if the ground has tiers, site, design and number
     site: str  #: the site's name on the ground
     part: str  #: "train", "validate" or "test"; the truth of the last is sealed
     lane: Lane  #: its borders
     seed: int  #: of everything random in it
-    scene: Scene = field(repr=False)  #: what is there; of a stored lane nothing is told
+    scene: Scene = field(repr=False)  #: what is there; empty for a stored lane
     sensor: Sensor = field(repr=False)  #: what sees it
     stored: tuple[Path, Path] | None = None  #: run store and truth of a lane that is there
     tier: str = ""  #: the tier it belongs to, if the ground has tiers
 
     @property
     def name_in_tier(self) -> str:
-        """Site, design and number, the same in every tier: what the patterns of splits are compared with."""
+        """Site, design and number, the same in every tier.
+
+        The patterns of splits match this name.
+        """
         return self.name.removeprefix(f"{self.tier}-") if self.tier else self.name
 
     @property
@@ -163,15 +171,16 @@ class GroundLane:
         return self.lane.y_max - self.lane.y_min
 
     def truth(self) -> pd.DataFrame:
-        """Make the table of its targets."""
-        return (
-            draw_world(self.scene, self.seed).truth()
-            if self.stored is None
-            else read_table(self.stored[1], "truth")
-        )
+        """Return the table of its targets."""
+        if self.stored is None:
+            return draw_world(self.scene, self.seed).truth()
+        return read_table(self.stored[1], "truth")
 
     def truth_with_bodies(self) -> pd.DataFrame:
-        """Make the table of its targets with the packaged ``body`` of each, empty for a generic mine of its kind."""
+        """Return the table of its targets with the packaged ``body`` of each.
+
+        It is empty for a generic mine of its kind.
+        """
         truth = self.truth()
         if self.stored is not None:
             return truth.assign(body="")
@@ -182,22 +191,22 @@ class GroundLane:
         return truth.assign(body=[targets[number].body or "" for number in numbers])
 
     def make(self, store: Path) -> None:
-        """Simulate it into a run store, or link the one that is there."""
+        """Simulate it into a run store, or link the store that is there."""
         if self.stored is None:
             simulate_to_store(self.scene, self.sensor, self.seed, store, blind=True)
         else:
-            open_run(self.stored[0])  # refuses what is none
+            open_run(self.stored[0])  # refuses what is no run store
             write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(self.lane))
             store.symlink_to(self.stored[0].resolve(), target_is_directory=True)
 
 
 @dataclass(frozen=True)
 class Ground:
-    """A proving ground, or one tier of it: its description, and whether it is the quick form."""
+    """A proving ground, or one tier of it."""
 
-    table: Description
-    quick: bool
-    text: str = field(repr=False)  #: what it was read from
+    table: Description  #: its description
+    quick: bool  #: whether it is the quick form
+    text: str = field(repr=False)  #: the TOML text that it was read from
     tier: str = ""  #: the tier whose lanes alone it has; empty for all lanes
 
     @property
@@ -219,7 +228,7 @@ class Ground:
         return self.table.tiers[self.tier].title if self.tier else ""
 
     def chosen_tiers(self, chosen: str | None = None) -> list[Ground]:
-        """Give the tiers, or the one that is chosen, as grounds of their own; one without tiers is its own only one.
+        """Return the tiers, or the chosen one, as grounds; without tiers, the ground itself.
 
         Parameters
         ----------
@@ -247,22 +256,34 @@ class Ground:
     def matching(
         self, patterns: tuple[str, ...], without: tuple[str, ...] = ()
     ) -> list[GroundLane]:
-        """Find lanes by patterns of their names, without that of the tier, in the ground's order."""
+        """Return the lanes whose names match patterns, in the ground's order.
 
-        def fits(lane: GroundLane, some: tuple[str, ...]) -> bool:
-            return any(fnmatchcase(lane.name_in_tier, pattern) for pattern in some)
+        Parameters
+        ----------
+        patterns : tuple of str
+            Patterns of names without that of the tier.
+        without : tuple of str
+            Patterns of lanes to leave out.
+        """
 
-        return [
-            lane for lane in self.lanes.values() if fits(lane, patterns) and not fits(lane, without)
-        ]
+        def matches(lane: GroundLane, of_patterns: tuple[str, ...]) -> bool:
+            return any(fnmatchcase(lane.name_in_tier, pattern) for pattern in of_patterns)
+
+        lanes = []
+        for lane in self.lanes.values():
+            if matches(lane, patterns) and not matches(lane, without):
+                lanes.append(lane)
+        return lanes
 
     def tested(self, split: str) -> list[GroundLane]:
-        """List the lanes that a split is scored on."""
-        return [
-            lane for fold in self.table.splits[split].folds for lane in self.matching(fold.test)
-        ]
+        """Return the lanes that a split is scored on."""
+        lanes = []
+        for fold in self.table.splits[split].folds:
+            lanes += self.matching(fold.test)
+        return lanes
 
     def _make_lanes(self) -> Iterator[GroundLane]:
+        """Yield all lanes: tier by tier, site by site, design by design."""
         preset = load_sensor(self.table.sensor)
         for tier, sites in self._sites_by_tier().items():
             for site, (design, row) in itertools.product(sites, self.table.lanes.items()):
@@ -277,42 +298,43 @@ class Ground:
                 for number in range(1, row.copies + 1):
                     name = f"{prefix}-{number}"
                     seed = zlib.crc32(f"{self.title} {name}".encode())
-                    named = scene.model_copy(update={"name": name})
+                    own_scene = scene.model_copy(update={"name": name})
                     yield GroundLane(
-                        name, site, row.part, scene.lane, seed, named, sensor, tier=tier
+                        name, site, row.part, scene.lane, seed, own_scene, sensor, tier=tier
                     )
 
     def _sites_by_tier(self) -> dict[str, dict[str, str]]:
-        """Give the packaged sites by their names on the ground, for the tiers whose lanes it has."""
+        """Return the packaged sites by their names on the ground, for its tiers."""
         if not self.table.tiers:
             return {"": self.table.sites}
-        return {
-            name: row.sites for name, row in self.table.tiers.items() if self.tier in ("", name)
-        }
+        sites = {}
+        for name, row in self.table.tiers.items():
+            if self.tier in ("", name):
+                sites[name] = row.sites
+        return sites
 
     def _tier_surface(self, tier: str, design: str) -> dict[str, float]:
-        """Entries of the surface that a tier changes in lanes of a design."""
+        """Return the entries of the surface that a tier changes in lanes of a design."""
         return self.table.tiers[tier].surface.get(design, {}) if tier else {}
 
     def _scene(self, site: str, row: LaneRow, tier_surface: dict[str, float]) -> Scene:
-        """Put what a design lays onto a packaged site."""
+        """Return the scene of a design at a packaged site."""
         table = self.table
         unknown = {sort for sort, _, _ in row.targets} - set(table.sorts)
         if unknown:
             raise ValueError(
                 f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}"
             )
-        draws = [
-            {**table.sorts[sort], "depth": depth, "count": count}
-            for sort, depth, count in row.targets
-        ]
+        draws = []
+        for sort, depth, count in row.targets:
+            draws.append({**table.sorts[sort], "depth": depth, "count": count})
         surface = {**table.scene.get("surface", {}), **row.surface, **tier_surface}
-        own = {"site": site, "length": row.length, "draws": draws, "surface": surface}
-        return Scene.model_validate({**table.scene, **own})
+        entries = {"site": site, "length": row.length, "draws": draws, "surface": surface}
+        return Scene.model_validate({**table.scene, **entries})
 
 
 def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) -> GroundLane:
-    """Make a lane of a run store and a truth that are there."""
+    """Return a lane of a run store and a truth that are there."""
     if row.borders is None:
         raise ValueError(f"lane {name} must have borders, for it is one that is there already")
     files = sample_files() if row.run == "sample" else (Path(row.run), Path(row.truth))
@@ -320,7 +342,7 @@ def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) 
 
 
 def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
-    """Change the entries of the sensor and of its errors that a design names."""
+    """Return the sensor with the entries that a design changes."""
     entries = preset.model_dump()
     return Sensor.model_validate(
         {**entries, **row.sensor, "errors": entries["errors"] | row.errors}
@@ -328,27 +350,34 @@ def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
 
 
 def sample_files() -> tuple[Path, Path]:
-    """Run store and truth of the packaged full-wave lane."""
+    """Return the run store and the truth of the packaged full-wave lane."""
     return sample_lane() / "run.zarr", sample_lane() / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
-    """Read a packaged description, or one of your own from a file, or its text; one not valid is a ValueError.
+    """Read a description of a proving ground.
 
-    The quick form has the sites of the table ``quick``, of each tier if there are tiers, and the
-    lanes and splits that it names, some of them its own, with its entries laid over theirs.
+    Parameters
+    ----------
+    quick : bool
+        Whether to return the quick form. It has the sites of the table ``quick``, of each tier if
+        there are tiers, and the lanes and splits that it names, some of them its own, with its
+        entries laid over theirs.
+    source : str or path, optional
+        Name of a packaged description, by default the first; a file; or the text itself.
+
+    Returns
+    -------
+    Ground
+        The ground with all of its tiers.
+
+    Raises
+    ------
+    ValueError
+        If the description is not valid, or has no quick form.
     """
     name = GROUNDS[0] if source is None else str(source)
-    if isinstance(source, str) and name not in GROUNDS:
-        text = source
-    else:
-        packaged = resources.files("flgpr.proving_ground") / f"{name}.toml"
-        with faults_of(name):
-            text = (
-                packaged.read_text("utf-8")
-                if name in GROUNDS
-                else read_named(existing(name, "proving ground")).decode("utf-8")
-            )
+    text = _description_text(name, source)
     with faults_of(name if isinstance(source, Path) else "ground"):
         data = parse_toml(text)
     over = data.pop("quick", {})
@@ -361,23 +390,37 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
     try:
         return Ground(Description.model_validate(data), quick, text)
     except ValidationError as error:
-        faults = "; ".join(describe_fault(one, Description, "ground") for one in error.errors())
-        raise ValueError(faults) from None
+        faults = [describe_fault(fault, Description, "ground") for fault in error.errors()]
+        raise ValueError("; ".join(faults)) from None
+
+
+def _description_text(name: str, source: str | Path | None) -> str:
+    """Return the TOML text of a description: a packaged one, a file, or the text itself."""
+    if name in GROUNDS:
+        packaged = resources.files("flgpr.proving_ground") / f"{name}.toml"
+        with faults_of(name):
+            return packaged.read_text("utf-8")
+    if isinstance(source, str):
+        return source
+    with faults_of(name):
+        return read_named(existing(name, "proving ground")).decode("utf-8")
 
 
 def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Lay the table ``quick`` over a description: the lanes and splits that it names alone, and its sites."""
-    for part in ("lanes", "splits"):
-        data[part] = {
-            name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()
-        }
+    """Lay the table ``quick`` over a description, of which only what the table names stays."""
+    for table in ("lanes", "splits"):
+        quick_rows = {}
+        for name, entries in over.pop(table, {}).items():
+            quick_rows[name] = data[table].get(name, {}) | entries
+        data[table] = quick_rows
     if "sites" in over:
         data["sites"] = over.pop("sites")
     for tier, entries in over.pop("tiers", {}).items():
         data["tiers"][tier] = data["tiers"].get(tier, {}) | entries
     for row in data.get("tiers", {}).values():
-        surface = row.get("surface", {})
-        row["surface"] = {
-            design: entries for design, entries in surface.items() if design in data["lanes"]
-        }
+        surface = {}
+        for design, entries in row.get("surface", {}).items():
+            if design in data["lanes"]:
+                surface[design] = entries
+        row["surface"] = surface
     return merge_tables(data, over)

@@ -1,4 +1,4 @@
-"""What is left to gain: a detector that knows every mine's own echo and the clutter's covariance."""
+"""What is left to gain: a detector that knows every mine's echo and the clutter's covariance."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from flgpr.store import open_run, write_whole
 from flgpr.trials import open_truth
 
 ORACLE = "oracle.csv"
+"""File of what the oracle finds on a ground without tiers."""
 STEP = 0.2  # m between places, and between the nine pixels of a chip
 RADIUS = 0.75  # m; of false alarms nearer than this the largest counts
 FloatArray = NDArray[np.float64]
@@ -36,15 +37,15 @@ ComplexArray = NDArray[np.complex64]
 
 @dataclass(frozen=True)
 class Looks:
-    """Looks at places: number of the place, distance ahead (m), and chip (look, value)."""
+    """Looks at places."""
 
-    place: NDArray[np.int64]
-    ahead: FloatArray
-    chip: ComplexArray
+    place: NDArray[np.int64]  #: (look,) number of the place
+    ahead: FloatArray  #: (look,) distance ahead, m
+    chip: ComplexArray  #: (look, value)
 
 
 def oracle_file(ground: Ground) -> str:
-    """Name the file that takes what the oracle finds on a ground, or on one tier of it."""
+    """Return the name of the file of what the oracle finds on a ground, or on one tier of it."""
     return f"oracle-{ground.tier}.csv" if ground.tier else ORACLE
 
 
@@ -54,7 +55,7 @@ def run_oracle(
     how: RunOptions = DEFAULTS,
     tier: str | None = None,
 ) -> pd.DataFrame:
-    r"""Tell for every mine of the test lanes at how many false alarms it would be found by who knows it beforehand.
+    r"""Compute at how many false alarms each mine is found by a detector that knows its echo.
 
     Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and
     sub-bands, 3 x 3 pixels 0.2 m apart. Known are the mine's own s_k, what its body returns through
@@ -69,8 +70,8 @@ def run_oracle(
     (Van Trees, "Detection, Estimation, and Modulation Theory", part I, 1968, Sec. 4.2 and 4.4).
     Each mine's statistic is tried on the site's target-free lane, too, at every place, with the
     looks nearest in distance: local maxima that reach the mine's own value are the false alarms at
-    which it is found. So dependent looks count as they are; what knew of that, too, could still do
-    a little better.
+    which it is found. So dependent looks count as they are; a detector that knew their dependence,
+    too, could still do a little better.
 
     Parameters
     ----------
@@ -100,8 +101,8 @@ def run_oracle(
     """
     home = Path(folder)
     tiers = read_ground(home).chosen_tiers(tier)
-    for part in tiers:
-        needed = _needed(part)
+    for ground in tiers:
+        needed = _needed(ground)
         if not needed:
             raise ValueError(
                 "sites must have test lanes without targets, whose false alarms count, got none "
@@ -114,13 +115,12 @@ def run_oracle(
                 f"{', '.join(missing)}"
             )
     truth = open_truth(home / "lanes" / SEALED, passphrase(tiers[0]))[0]
-    return pd.concat(
-        [_look_at_tier(part, home, recipe, how, truth) for part in tiers], ignore_index=True
-    )
+    tables = [_look_at_tier(ground, home, recipe, how, truth) for ground in tiers]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _needed(ground: Ground) -> list[str]:
-    """Name the lanes that the oracle looks at."""
+    """Return the names of the lanes that the oracle looks at."""
     names = []
     for site in ground.sites:
         bare, tested = _lanes(ground, site)
@@ -130,117 +130,182 @@ def _needed(ground: Ground) -> list[str]:
 
 
 def _look_at_tier(
-    ground: Ground, home: Path, recipe: str, how: RunOptions, truth: pd.DataFrame
+    ground: Ground, folder: Path, recipe: str, options: RunOptions, truth: pd.DataFrame
 ) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
     jobs: list[tuple[Any, ...]] = []
+    sites = []
     for site in ground.sites:
         bare, tested = _lanes(ground, site)
-        if bare is not None and tested:
-            names = [lane.name for lane in (bare, *tested)]
-            rows = truth[truth["lane"].isin(names)].to_dict("list")
-            jobs.append(
-                ((ground.quick, ground.text), str(home.resolve()), recipe, site, names, rows)
-            )
-    name = f"oracle, {ground.tier}" if ground.tier else "oracle"
-    with how.executor() as executor:
-        tables = {
-            one["lane"]: one["found"]
-            for one in how.track(executor.run(_of_site, jobs), name, len(jobs))
-        }
-    found = pd.DataFrame([row for job in jobs for row in tables[job[3]]])
+        if bare is None or not tested:
+            continue
+        names = [lane.name for lane in (bare, *tested)]
+        targets = truth[truth["lane"].isin(names)].to_dict("list")
+        description = (ground.quick, ground.text)
+        sites.append(site)
+        jobs.append((description, str(folder.resolve()), recipe, site, names, targets))
+    label = f"oracle, {ground.tier}" if ground.tier else "oracle"
+    rows_of_site = {}
+    with options.executor() as executor:
+        for report in options.track(executor.run(_look_at_site, jobs), label, len(jobs)):
+            rows_of_site[report["lane"]] = report["found"]
+    rows = []
+    for site in sites:
+        rows += rows_of_site[site]
+    table = pd.DataFrame(rows)
     if ground.tier:
-        found = found.assign(tier=ground.tier)
-    write_whole(home / oracle_file(ground), found.to_csv(index=False, float_format="%.6g"))
-    return found
+        table = table.assign(tier=ground.tier)
+    write_whole(folder / oracle_file(ground), table.to_csv(index=False, float_format="%.6g"))
+    return table
 
 
 def _lanes(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
-    """Find a site's test lane without targets, and those with some on ground, and seen by an array, like its own."""
-    some = [
-        lane
-        for lane in ground.lanes.values()
-        if (lane.site, lane.part, lane.stored) == (site, "test", None)
-    ]
-    bare = next((lane for lane in some if lane.empty), None)
+    """Return a site's test lane without targets, and those with some that are like it.
+
+    Their ground, and the array that sees them, are like those of the lane without targets.
+    """
+    simulated = []
+    for lane in ground.lanes.values():
+        if lane.site == site and lane.part == "test" and lane.stored is None:
+            simulated.append(lane)
+    bare = next((lane for lane in simulated if lane.empty), None)
     if bare is None:
         return None, []
-    like = [
-        one for one in some if (one.sensor, one.scene.surface) == (bare.sensor, bare.scene.surface)
-    ]
-    return bare, [lane for lane in like if not lane.empty]
+    with_targets = []
+    for lane in simulated:
+        is_like = lane.sensor == bare.sensor and lane.scene.surface == bare.scene.surface
+        if is_like and not lane.empty:
+            with_targets.append(lane)
+    return bare, with_targets
 
 
-def _of_site(
-    form: tuple[bool, str],
-    home: str,
+def _look_at_site(
+    description: tuple[bool, str],
+    folder: str,
     recipe: str,
     site: str,
     names: Sequence[str],
     truth: dict[str, list[Any]],
 ) -> Report:
-    """Find the false alarms per m² of every mine of a site; the first of the lanes is the one without."""
-    (bare, *tested), rows = (load_ground(*form).lanes[name] for name in names), pd.DataFrame(truth)
-    clutter = Clutter(_cleaned(home, bare, recipe), bare.lane)
-    found = []
+    """Find the false alarms per m² of every mine of a site.
+
+    The first of the lanes is the one without targets.
+    """
+    ground = load_ground(*description)
+    bare, *tested = (ground.lanes[name] for name in names)
+    targets = pd.DataFrame(truth)
+    clutter = Clutter(_cleaned(folder, bare, recipe), bare.lane)
+    rows = []
     for lane in tested:
-        mines = rows[rows["lane"] == lane.name]
-        seen, own = _mines(_cleaned(home, lane, recipe), lane, mines)
-        for number, mine in enumerate(mines.to_dict("records")):
-            at = seen.place == number
-            rates = clutter.rates(seen.ahead[at], seen.chip[at], own[at])
-            about = {"target_id": mine["target_id"], "kind": mine["kind"], "looks": int(at.sum())}
-            about |= {"body": mine["body"]} if "body" in mine else {}
-            found.append({"site": site, "lane": lane.name, **about, **rates})
-    return {"lane": site, "found": found}
+        mines = targets[targets["lane"] == lane.name]
+        looks, echoes = _mines(_cleaned(folder, lane, recipe), lane, mines)
+        for number, target in enumerate(mines.to_dict("records")):
+            at_mine = looks.place == number
+            row: dict[str, Any] = {"site": site, "lane": lane.name}
+            row |= {"target_id": target["target_id"], "kind": target["kind"]}
+            row["looks"] = int(at_mine.sum())
+            if "body" in target:
+                row["body"] = target["body"]
+            row |= clutter.rates(looks.ahead[at_mine], looks.chip[at_mine], echoes[at_mine])
+            rows.append(row)
+    return {"lane": site, "found": rows}
 
 
 class Clutter:
-    """Target-free ground of a site, by all looks at its places; covariances are those of a metre of distance ahead."""
+    """Target-free ground of a site, by all looks at its places.
+
+    Covariances are those of a metre of distance ahead.
+
+    Parameters
+    ----------
+    setup : LaneSetup
+        The lane with its background.
+    lane : Lane
+        Its borders.
+    """
 
     def __init__(self, setup: LaneSetup, lane: Lane) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
         metre = self.looks.ahead.astype(int)
-        self._inverse = {
-            int(one): _inverted(self.looks.chip[metre == one]) for one in np.unique(metre)
-        }
-        for one, inverse in self._inverse.items():
-            self.looks.chip[metre == one] = _evened(self.looks.chip[metre == one], inverse)
+        self._inverse = {}
+        for number in np.unique(metre):
+            self._inverse[int(number)] = _inverted(self.looks.chip[metre == number])
+        for number, inverse in self._inverse.items():
+            chips = self.looks.chip[metre == number]
+            self.looks.chip[metre == number] = _evened(chips, inverse)
 
     def inverse(self, ahead: float) -> NDArray[np.complex128]:
-        """Give the inverse covariance (value, value) at a distance, or at the nearest that was seen."""
-        return self._inverse[min(self._inverse, key=lambda metre: abs(metre + 0.5 - ahead))]
+        """Return the inverse covariance (value, value) at a distance (m).
 
-    def rates(self, ahead: FloatArray, chip: ComplexArray, own: ComplexArray) -> dict[str, float]:
-        """Count false alarms per m² that reach a mine's statistics, from its looks and its own echoes in them."""
-        filters = np.array([self.inverse(y) @ echo for y, echo in zip(ahead, own, strict=True)])
-        even = np.array(
-            [_evened(one[None], self.inverse(y))[0] for y, one in zip(ahead, chip, strict=True)]
-        )
-        of_mine = _statistics(np.einsum("kc,kc->k", filters.conj(), even)[None])
-        values = np.stack(
-            [self._nearest(y) @ one.conj() for y, one in zip(ahead, filters, strict=True)], axis=1
-        )
-        counts = [
-            _maxima(one.reshape(self.grid.ny, self.grid.nx), float(level[0]))
-            for level, one in zip(of_mine, _statistics(values), strict=True)
-        ]
-        return {"far": counts[0] / self.area, "far_phase": counts[1] / self.area, "area": self.area}
+        At a distance that was not seen it is that of the nearest one.
+        """
+
+        def off(metre: int) -> float:
+            return abs(metre + 0.5 - ahead)
+
+        return self._inverse[min(self._inverse, key=off)]
+
+    def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
+        """Compute the false alarms per m² that reach a mine's statistics.
+
+        Parameters
+        ----------
+        ahead : (look,) ndarray
+            Distances ahead of the looks at the mine, m.
+        chip : (look, value) ndarray of complex
+            The looks.
+        echo : (look, value) ndarray of complex
+            The mine's own echo in them.
+
+        Returns
+        -------
+        dict
+            ``far`` and ``far_phase`` (per m²) without and with the phase, and ``area`` (m²).
+        """
+        filters = []
+        evened = []
+        for y, look, look_echo in zip(ahead, chip, echo, strict=True):
+            inverse = self.inverse(y)
+            filters.append(inverse @ look_echo)
+            evened.append(_evened(look[None], inverse)[0])
+        filter_array = np.array(filters)
+        at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(evened))[None]
+        levels = _statistics(at_mine)
+
+        columns = []
+        for y, look_filter in zip(ahead, filter_array, strict=True):
+            columns.append(self._nearest(y) @ look_filter.conj())
+        maps = _statistics(np.stack(columns, axis=1))
+        counts = []
+        for level, statistic in zip(levels, maps, strict=True):
+            over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
+            counts.append(_maxima(over_ground, float(level[0])))
+        without_phase, with_phase = counts
+        return {
+            "far": without_phase / self.area,
+            "far_phase": with_phase / self.area,
+            "area": self.area,
+        }
 
     def _nearest(self, ahead: float) -> ComplexArray:
-        """Chips (place, value) of every place's look that is nearest to a distance; zero for places never seen."""
+        """Return the chips (place, value) of every place's look that is nearest to a distance.
+
+        They are zero for places never seen.
+        """
+        # Of the looks at one place the nearest comes last, and so is the one that stays.
         order = np.lexsort((-np.abs(self.looks.ahead - ahead), self.looks.place))
         chips = np.zeros((self.grid.nx * self.grid.ny, self.looks.chip.shape[1]), np.complex64)
-        chips[self.looks.place[order]] = self.looks.chip[
-            order
-        ]  # of one place's looks the nearest is the last
+        chips[self.looks.place[order]] = self.looks.chip[order]
         return chips
 
 
 def _inverted(chip: ComplexArray) -> NDArray[np.complex128]:
-    """Invert the covariance of chips (look, value), a thousandth of its mean power added to its diagonal."""
+    """Invert the covariance of chips (look, value).
+
+    A thousandth of its mean power is added to its diagonal.
+    """
     covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
     load = 1e-3 * np.trace(covariance).real / len(covariance)
     return np.asarray(np.linalg.inv(covariance + load * np.eye(len(covariance))))
@@ -252,22 +317,36 @@ def _evened(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray
     return np.asarray(chip / np.sqrt(np.maximum(power, 1e-12))[:, None], dtype=np.complex64)
 
 
-def _cleaned(home: str, lane: GroundLane, recipe: str) -> LaneSetup:
+def _cleaned(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
     """Return a lane with its background."""
-    run = open_run(Path(home) / "lanes" / f"{lane.name}.zarr")
+    run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
     setup = LaneSetup(run, load_recipe(recipe), lane.lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
     return setup
 
 
 def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
-    """Cut the chips about places (place, 3), in the lane frame (m), out of all scans that see them."""
-    parts = []
+    """Cut the chips about places out of all scans that see them.
+
+    Parameters
+    ----------
+    setup : LaneSetup
+        A lane with its background.
+    points : (place, 3) ndarray
+        Places in the lane frame, m.
+
+    Returns
+    -------
+    Looks
+        Scan after scan.
+    """
+    looks = []
     for index in range(len(setup.cleaned)):
         image = setup.cleaned.coherent(index)
-        seen, where = _seen(setup, points, image)
-        parts.append(Looks(seen, where[:, 1], _chips(image.values, setup.cleaned.grid, where)))
-    return _joined(parts)
+        numbers, places = _in_sight(setup, points, image)
+        chips = _chips(image.values, setup.cleaned.grid, places)
+        looks.append(Looks(numbers, places[:, 1], chips))
+    return _joined(looks)
 
 
 def _mines(setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame) -> tuple[Looks, ComplexArray]:
@@ -275,57 +354,71 @@ def _mines(setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame) -> tuple[Loo
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
     cleaned = setup.cleaned
     points = ground_points(mines)
-    parts = []
-    own = []
-    for index, scan in enumerate(int(one) for one in cleaned.imager.scans):
+    looks = []
+    echoes = []
+    for index, scan in enumerate(cleaned.imager.scans.tolist()):
         image = cleaned.coherent(index)
-        seen, where = _seen(setup, points, image)
-        if len(seen):
-            echo = cleaned.imager.image(scan, simulator.bodies(scan)).values
-            echo = echo / (cleaned.gains[index][..., None, None] * cleaned.background.gain)
-            parts.append(Looks(seen, where[:, 1], _chips(image.values, cleaned.grid, where)))
-            own.append(_chips(echo.astype(np.complex64), cleaned.grid, where))
-    return _joined(parts), np.concatenate(own)
+        numbers, places = _in_sight(setup, points, image)
+        if not len(numbers):
+            continue
+        echo = cleaned.imager.image(scan, simulator.bodies(scan)).values
+        echo = echo / (cleaned.gains[index][..., None, None] * cleaned.background.gain)
+        chips = _chips(image.values, cleaned.grid, places)
+        looks.append(Looks(numbers, places[:, 1], chips))
+        echoes.append(_chips(echo.astype(np.complex64), cleaned.grid, places))
+    return _joined(looks), np.concatenate(echoes)
 
 
-def _joined(parts: Sequence[Looks]) -> Looks:
+def _joined(looks: Sequence[Looks]) -> Looks:
+    """Join the looks of scans."""
     return Looks(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("place", "ahead", "chip")
-        )
+        place=np.concatenate([of_scan.place for of_scan in looks]),
+        ahead=np.concatenate([of_scan.ahead for of_scan in looks]),
+        chip=np.concatenate([of_scan.chip for of_scan in looks]),
     )
 
 
-def _seen(
+def _in_sight(
     setup: LaneSetup, points: FloatArray, image: xr.DataArray
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Tell which places have their chips in what the run-view takes of an image, and where in the scan frame."""
-    where = lane_to_scan(points, np.asarray(image.attrs["pose"]))[:, :2]
+    """Return the numbers of the places whose chips an image shows, and their x and y.
+
+    They count as far ahead as the run-view takes looks; x and y are in the scan frame, m.
+    """
+    places = lane_to_scan(points, np.asarray(image.attrs["pose"]))[:, :2]
     x_min, x_max, y_min, _ = setup.cleaned.grid.extent()
     edge = 2 * STEP
-    far = setup.recipe.run_view.y_max
-    inside = (where[:, 0] > x_min + edge) & (where[:, 0] < x_max - edge)
-    seen = np.flatnonzero(inside & (where[:, 1] > y_min + edge) & (where[:, 1] <= far))
-    return seen, where[seen]
+    y_max = setup.recipe.run_view.y_max
+    inside_x = (places[:, 0] > x_min + edge) & (places[:, 0] < x_max - edge)
+    inside_y = (places[:, 1] > y_min + edge) & (places[:, 1] <= y_max)
+    numbers = np.flatnonzero(inside_x & inside_y)
+    return numbers, places[numbers]
 
 
-def _chips(image: ComplexArray, grid: Grid, where: FloatArray) -> ComplexArray:
-    """Cut values (place, polarization x sub-band x 9) of the pixels nearest to places and about them."""
-    row = np.round((where[:, 1] - grid.y_min) / grid.dy)
-    column = np.round((where[:, 0] - grid.x_min) / grid.dx)
-    down, across = (np.round(STEP * np.arange(-1, 2) / step) for step in (grid.dy, grid.dx))
-    rows, columns = row[:, None, None] + down[:, None], column[:, None, None] + across
-    cut = image[:, :, rows.astype(int), columns.astype(int)]
-    return np.ascontiguousarray(
-        np.moveaxis(cut, 2, 0).reshape(len(where), math.prod(image.shape[:2]) * 9)
-    )
+def _chips(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
+    """Cut chips out of an image: the pixels nearest to places and those about them.
+
+    Returns
+    -------
+    (place, value) ndarray of complex
+        Values go through polarization, sub-band and nine pixels.
+    """
+    row = np.round((places[:, 1] - grid.y_min) / grid.dy)
+    column = np.round((places[:, 0] - grid.x_min) / grid.dx)
+    down = np.round(STEP * np.arange(-1, 2) / grid.dy)
+    across = np.round(STEP * np.arange(-1, 2) / grid.dx)
+    rows = (row[:, None, None] + down[:, None]).astype(int)
+    columns = (column[:, None, None] + across).astype(int)
+    cut = np.moveaxis(image[:, :, rows, columns], 2, 0)
+    return np.ascontiguousarray(cut.reshape(len(places), math.prod(image.shape[:2]) * 9))
 
 
 def _statistics(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
     """Sum log-likelihood ratios of filtered looks (place, look): phases unknown, and known."""
     z = 2 * np.abs(values)
-    return (np.log(ive(0, z)) + z).sum(axis=1), 2 * values.real.sum(axis=1)
+    unknown = (np.log(ive(0, z)) + z).sum(axis=1)
+    known = 2 * values.real.sum(axis=1)
+    return unknown, known
 
 
 def _maxima(values: FloatArray, level: float) -> int:
@@ -333,8 +426,5 @@ def _maxima(values: FloatArray, level: float) -> int:
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
-    return int(
-        np.count_nonzero(
-            (values >= level) & (values == maximum_filter(values, footprint=disc, mode="nearest"))
-        )
-    )
+    largest_about = maximum_filter(values, footprint=disc, mode="nearest")
+    return int(np.count_nonzero((values >= level) & (values == largest_about)))

@@ -1,4 +1,7 @@
-"""Running detectors on the proving ground: lanes made once, each trained on some, frozen, and tried on others."""
+"""Running detectors on the proving ground.
+
+Lanes are made once. Every detector is trained on some, frozen, and tried on others.
+"""
 
 from __future__ import annotations
 
@@ -41,48 +44,69 @@ ORACLES = {
     ),
     "oracle-phase": ("far_phase", "knows the phases, too"),
 }
-"""What :func:`flgpr.proving_ground.oracle.run_oracle` gives, as rows of the table: column, title."""
+"""Rows of the table by :func:`flgpr.proving_ground.oracle.run_oracle`: its column, and a title."""
 Costs = dict[str, dict[str, float]]
 """Processor seconds and peak bytes by lane, and of every training."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A detector that enters: a recipe's text, or a folder of alarm lists made elsewhere."""
+    """A detector that enters: a recipe, or alarm lists made elsewhere."""
 
     name: str
     title: str
-    text: str = ""
-    alarms: Path | None = None
+    text: str = ""  #: TOML text of the recipe
+    alarms: Path | None = None  #: folder of the alarm lists; None for a recipe
 
 
 def packaged_entries(ground: Ground) -> dict[str, Entry]:
-    """Read the packaged entries: packaged recipes with what this ground's array or the entry asks for changed.
+    """Return the packaged entries of a ground by name.
 
-    Some are changed further for the quick form, whose few mines would not teach them anything.
+    They are packaged recipes in which some text is replaced, for the array of the ground or by the
+    entry. More is replaced for the quick form, whose few mines would teach them nothing.
+
+    Raises
+    ------
+    ValueError
+        If what is to be replaced does not stand exactly once in a recipe.
     """
-    told = tomllib.loads(
-        (resources.files("flgpr.proving_ground") / "entries.toml").read_text("utf-8")
-    )
-    found = {}
-    own = ground.table.recipe
-    for name, row in told.items():
-        if own and (row["recipe"] != "wang2007" or "replace" in row):
+    packaged = resources.files("flgpr.proving_ground") / "entries.toml"
+    rows = tomllib.loads(packaged.read_text("utf-8"))
+    entries = {}
+    own_recipe = ground.table.recipe
+    for name, row in rows.items():
+        if own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
             continue  # made for another array
-        text = recipe_text(own or row["recipe"])
-        for old, new in (*row.get("replace", []), *(row.get("quick", []) if ground.quick else [])):
+        text = recipe_text(own_recipe or row["recipe"])
+        replacements = list(row.get("replace", []))
+        if ground.quick:
+            replacements += row.get("quick", [])
+        for old, new in replacements:
             if text.count(old) != 1:
                 raise ValueError(
                     f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}"
                 )
             text = text.replace(old, new)
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
-        found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
-    return found
+        entries[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
+    return entries
 
 
 def find_entry(what: str | Path, ground: Ground) -> Entry:
-    """Find a packaged entry by its name, a recipe (packaged or TOML), or a folder with alarm lists of one's own."""
+    """Return an entry.
+
+    Parameters
+    ----------
+    what : str or path
+        Name of a packaged entry or recipe, a recipe's file, or a folder with alarm lists.
+    ground : Ground
+        The ground.
+
+    Raises
+    ------
+    ValueError
+        If there is no such entry.
+    """
     entries = packaged_entries(ground)
     if str(what) in entries:
         return entries[str(what)]
@@ -98,7 +122,7 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
 
 
 def read_ground(folder: Path) -> Ground:
-    """Read the ground that a benchmark's folder is of."""
+    """Read the ground of a benchmark's folder; a ValueError if it is none."""
     if not Folder(folder).has(MARK):
         raise ValueError(f"folders must be those of `flgpr benchmark run`, got {folder}")
     quick = bool(Folder(folder).json(MARK)["quick"])
@@ -106,79 +130,121 @@ def read_ground(folder: Path) -> Ground:
 
 
 def passphrase(ground: Ground) -> str:
-    """Passphrase of the sealed truth: public, for it guards against accidents, not against who means to look."""
+    """Return the passphrase of the sealed truth.
+
+    It is public: the seal guards against accidents, not against who means to look.
+    """
     return f"the truth of {ground.title}"
 
 
 def make_lanes(
-    ground: Ground, home: Path, how: RunOptions, tiers: Sequence[Ground] | None = None
+    ground: Ground, folder: Path, options: RunOptions, tiers: Sequence[Ground] | None = None
 ) -> None:
-    """Simulate the lanes that are not there yet, of all tiers or of some.
+    """Simulate the lanes that are not there yet.
 
-    The truth of all test lanes is sealed, that of the others lies beside. Fingerprints are taken of
-    all lanes that are there, those of other tiers too.
+    The truth of all test lanes is sealed, that of the others lies beside them. Fingerprints are
+    taken of all lanes that are there.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    folder : Path
+        Takes the lanes.
+    options : RunOptions
+        Who does the work.
+    tiers : sequence of Ground, optional
+        The tiers whose lanes are made; by default all.
     """
-    seal_tested(ground, home)
+    seal_tested(ground, folder)
     chosen = ground.chosen_tiers() if tiers is None else tiers
-    wanted = [name for tier in chosen for name in tier.lanes]
-    left = [name for name in wanted if not _is_made(home, name)]
-    with how.executor() as executor:
-        jobs = [(ground.quick, ground.text, name, str(home.resolve())) for name in left]
-        for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
+    missing = []
+    for tier in chosen:
+        missing += [name for name in tier.lanes if not _is_made(folder, name)]
+    with options.executor() as executor:
+        jobs = [(ground.quick, ground.text, name, str(folder.resolve())) for name in missing]
+        for _ in options.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
             pass
-    prints = home / PRINTS
-    held = Folder(home).read_if_listed(PRINTS)
-    known = (
-        {} if held is None else parse_columns(held).set_index("sha256", drop=False).to_dict("index")
-    )
-    rows = [
-        known.get(read_manifest(home / f"{name}.zarr")["sha256"]) or fingerprint(home, name)
-        for name in ground.lanes
-        if _is_made(home, name)
-    ]
-    write_whole(prints, pd.DataFrame(rows).to_csv(index=False, float_format="%.7g"))
+    _write_fingerprints(ground, folder)
 
 
-def _is_made(home: Path, name: str) -> bool:
-    return (home / f"{name}.zarr").is_dir()
+def _write_fingerprints(ground: Ground, folder: Path) -> None:
+    """Write the fingerprints of all lanes that are there; known ones are not taken anew."""
+    present = Folder(folder).read_if_listed(PRINTS)
+    known: dict[Any, Any] = {}
+    if present is not None:
+        known = parse_columns(present).set_index("sha256", drop=False).to_dict("index")
+    rows = []
+    for name in ground.lanes:
+        if _is_made(folder, name):
+            digest = read_manifest(folder / f"{name}.zarr")["sha256"]
+            rows.append(known.get(digest) or fingerprint(folder, name))
+    write_whole(folder / PRINTS, pd.DataFrame(rows).to_csv(index=False, float_format="%.7g"))
 
 
-def seal_tested(ground: Ground, home: Path) -> None:
+def _is_made(folder: Path, name: str) -> bool:
+    """Return whether a lane is there."""
+    return (folder / f"{name}.zarr").is_dir()
+
+
+def seal_tested(ground: Ground, folder: Path) -> None:
     """Seal the truth of all test lanes, if that was not done yet."""
-    home.mkdir(parents=True, exist_ok=True)
-    if not (home / SEALED).is_file():
-        tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
-        tables = [_truth(lane, with_bodies=bool(ground.table.tiers)) for lane in tested]
-        borders = {lane.name: lane.lane for lane in tested}
-        seal_truth(
-            pd.concat(tables, ignore_index=True),
-            borders,
-            home / SEALED,
-            passphrase(ground),
-            halo=ground.table.halo,
-        )
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / SEALED).is_file():
+        return
+    tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
+    tables = [_truth(lane, with_bodies=bool(ground.table.tiers)) for lane in tested]
+    borders = {lane.name: lane.lane for lane in tested}
+    seal_truth(
+        pd.concat(tables, ignore_index=True),
+        borders,
+        folder / SEALED,
+        passphrase(ground),
+        halo=ground.table.halo,
+    )
 
 
-def make_lane(quick: bool, ground: str, name: str, home: str) -> Report:
-    """Simulate one lane, with its truth beside it unless that is sealed."""
+def make_lane(quick: bool, ground: str, name: str, folder: str) -> Report:
+    """Simulate one lane, with its truth beside it unless that is sealed.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether the ground is the quick form.
+    ground : str
+        TOML text of the ground.
+    name : str
+        Name of the lane.
+    folder : str
+        Takes the lane.
+
+    Returns
+    -------
+    Report
+        The name of the ``lane``.
+    """
     lane = load_ground(quick, ground).lanes[name]
-    folder = Path(home)
     if lane.part != "test":
-        write_table(lane.truth(), folder / f"{name}-truth.csv")
-    lane.make(folder / f"{name}.zarr")
+        write_table(lane.truth(), Path(folder) / f"{name}-truth.csv")
+    lane.make(Path(folder) / f"{name}.zarr")
     return {"lane": name}
 
 
 def _truth(lane: GroundLane, with_bodies: bool) -> pd.DataFrame:
+    """Return the targets of a lane, named so that those of all lanes are different."""
     truth = lane.truth_with_bodies() if with_bodies else lane.truth()
     return truth.assign(lane=lane.name, target_id=lane.name + "-" + truth["target_id"])
 
 
-def fingerprint(home: Path, name: str) -> dict[str, Any]:
-    """Tell a lane's digest, and the rms of its echoes by polarization, by which machines of other bits are compared."""
-    store = home / f"{name}.zarr"
+def fingerprint(folder: Path, name: str) -> dict[str, Any]:
+    """Return a lane's digest, and the rms of its echoes by polarization.
+
+    By the rms lanes of machines are compared that compute other bits.
+    """
+    store = folder / f"{name}.zarr"
     run = open_run(store)
-    level = np.sqrt(np.nanmean(np.abs(run["signal"].values) ** 2, axis=(0, 2, 3), dtype=float))
+    power = np.abs(run["signal"].values) ** 2
+    level = np.sqrt(np.nanmean(power, axis=(0, 2, 3), dtype=float))
     labels = [str(label) for label in run["polarization"].values]
     return {
         "lane": name,
@@ -188,156 +254,203 @@ def fingerprint(home: Path, name: str) -> dict[str, Any]:
 
 
 def read_costs(folder: Path) -> Costs:
-    """Read what an entry took, nothing if it has not begun."""
+    """Read what an entry cost; empty if it has not begun."""
     return dict(Folder(folder).json(COSTS)) if Folder(folder).has(COSTS) else {}
 
 
-class Course:
-    """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
+class _EntryRun:
+    """The run of an entry over a ground.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    entry : Entry
+        An entry that is a recipe.
+    lanes : Path
+        The folder that has the lanes.
+    folder : Path
+        Takes what the entry makes.
+    options : RunOptions
+        Who does the work.
+    """
 
     def __init__(
-        self, ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOptions
+        self, ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions
     ) -> None:
         self.ground = ground
-        self.home = home
+        self.lanes = lanes
         self.folder = folder
-        self.how = how
+        self.options = options
         self.recipe = parse_recipe(entry.text, entry.name)
         self.file = folder / "recipe.toml"
         write_whole(self.file, entry.text)
         self.costs = read_costs(folder)
 
     def run(self) -> None:
-        """Write the alarms of every split, fold by fold; those that are there are left alone."""
+        """Write the alarms of every split, fold by fold; folds that are there are left alone."""
         for split, row in self.ground.table.splits.items():
             (self.folder / split).mkdir(exist_ok=True)
-            folds = [
-                self.folder / split / f"fold-{number}.csv"
-                for number in range(1, len(row.folds) + 1)
-            ]
-            for fold, path in zip(row.folds, folds, strict=True):
-                if not path.is_file():
-                    known = self.ground.matching(fold.train, fold.without)
-                    write_table(self._alarms(known, self.ground.matching(fold.test)), path)
-            parts = [
-                read_table_in(self.folder, path.relative_to(self.folder), "alarms")
-                for path in folds
-            ]
-            write_table(pd.concat(parts, ignore_index=True), self.folder / split / ALARMS)
+            tables = []
+            for number, fold in enumerate(row.folds, 1):
+                name = f"{split}/fold-{number}.csv"
+                if not (self.folder / name).is_file():
+                    trained_on = self.ground.matching(fold.train, fold.without)
+                    tested = self.ground.matching(fold.test)
+                    write_table(self._alarms(trained_on, tested), self.folder / name)
+                tables.append(read_table_in(self.folder, name, "alarms"))
+            write_table(pd.concat(tables, ignore_index=True), self.folder / split / ALARMS)
             write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
 
-    def _alarms(self, known: Sequence[GroundLane], tested: Sequence[GroundLane]) -> pd.DataFrame:
-        """Train on lanes, detect on others and give the alarms of these, with their lane."""
-        model = (
-            self._trained(known)
-            if self.recipe.learning() or self.recipe.detector is not None
-            else None
-        )
+    def _alarms(
+        self, trained_on: Sequence[GroundLane], tested: Sequence[GroundLane]
+    ) -> pd.DataFrame:
+        """Train on lanes, detect on others, and return the alarms of these with their lane."""
+        model = None
+        if self.recipe.learning() or self.recipe.detector is not None:
+            model = self._trained(trained_on)
         results = self.folder / "results"
-        with self._spending(results) as (how, spent):
-            runs, borders = self._files(tested)
-            detect_survey(
-                runs, recipe_text(self.file), results, borders, model, report=False, how=how
-            )
-        self.costs |= spent
-        found = [
-            read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name)
-            for one in tested
-        ]
+        runs, borders = self._files(tested)
+        with self._counting_costs(results) as (options, costs):
+            text = recipe_text(self.file)
+            detect_survey(runs, text, results, borders, model, report=False, options=options)
+        self.costs |= costs
+        tables = []
+        for lane in tested:
+            table = read_table_in(results, f"{lane.name}/alarms.csv", "alarms")
+            tables.append(table.assign(lane=lane.name))
         shutil.rmtree(results)
-        return pd.concat(found, ignore_index=True)
+        return pd.concat(tables, ignore_index=True)
 
-    def _trained(self, known: Sequence[GroundLane]) -> Path:
-        """Train on lanes, unless that was done, and give the model."""
-        name = sha256(json.dumps([lane.name for lane in known]).encode())[:12]
+    def _trained(self, trained_on: Sequence[GroundLane]) -> Path:
+        """Train on lanes, unless that was done, and return the model."""
+        lane_names = [lane.name for lane in trained_on]
+        name = sha256(json.dumps(lane_names).encode())[:12]
         model = self.folder / "models" / name
-        if not model.is_dir():
-            with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
-                runs, borders, truths = self._files(known, "-truth.csv")
-                text = recipe_text(self.file)
-                others: list[dict[str, Path]] = [{} for _ in runs]
-                lanes = training_lanes(
-                    parse_recipe(text), runs, truths, borders, others, how.max_memory
-                )
-                radius = self.ground.table.halo
-                train_on_lanes(text, lanes, model, (), radius, how, overwrite=True)
-            self.costs[f"training {name}"] = {
-                "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),
-                "peak_bytes": max(one["peak_bytes"] for one in spent.values()),
-            }
+        if model.is_dir():
+            return model
+        with self._counting_costs(model.with_name(f"{name}-costs")) as (options, costs):
+            runs, borders, truths = self._files(trained_on, "-truth.csv")
+            text = recipe_text(self.file)
+            no_others: list[dict[str, Path]] = [{} for _ in runs]
+            lanes = training_lanes(
+                parse_recipe(text), runs, truths, borders, no_others, options.max_memory
+            )
+            radius = self.ground.table.halo
+            train_on_lanes(text, lanes, model, (), radius, options, overwrite=True)
+        self.costs[f"training {name}"] = {
+            "processor_seconds": sum(cost["processor_seconds"] for cost in costs.values()),
+            "peak_bytes": max(cost["peak_bytes"] for cost in costs.values()),
+        }
         return model
 
-    def _files(self, lanes: Sequence[GroundLane], *more: str) -> list[list[Path]]:
-        """List the runs and the borders of lanes, and files of other endings."""
-        return [
-            [self.home / f"{lane.name}{end}" for lane in lanes]
-            for end in (".zarr", "-lane.toml", *more)
-        ]
+    def _files(self, lanes: Sequence[GroundLane], *endings: str) -> list[list[Path]]:
+        """Return the runs and the borders of lanes, and their files of other endings."""
+        files = []
+        for ending in (".zarr", "-lane.toml", *endings):
+            files.append([self.lanes / f"{lane.name}{ending}" for lane in lanes])
+        return files
 
     @contextmanager
-    def _spending(self, folder: Path) -> Iterator[tuple[RunOptions, Costs]]:
-        """Give what counts processor time and memory by lane, and the counts, which a folder keeps after a stop."""
-        path = folder / COSTS
-        spent = read_costs(folder)
+    def _counting_costs(self, folder: Path) -> Iterator[tuple[RunOptions, Costs]]:
+        """Yield options that count processor time and memory by lane, and the counts.
+
+        The counts are written to a folder, so that a stop does not lose them.
+        """
+        costs = read_costs(folder)
 
         def note(report: Report) -> None:
-            own = spent.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
-            own["processor_seconds"] += report["processor_seconds"]
-            own["peak_bytes"] = max(own["peak_bytes"], report["peak_bytes"])
+            cost = costs.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
+            cost["processor_seconds"] += report["processor_seconds"]
+            cost["peak_bytes"] = max(cost["peak_bytes"], report["peak_bytes"])
 
         try:
-            yield replace(self.how, note=note), spent
+            yield replace(self.options, note=note), costs
         finally:
             folder.mkdir(parents=True, exist_ok=True)
-            write_whole(path, json.dumps(spent, indent=1) + "\n")
+            write_whole(folder / COSTS, json.dumps(costs, indent=1) + "\n")
 
 
-def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOptions) -> None:
-    """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
+def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions) -> None:
+    """Train an entry, freeze it and write its alarms, or copy alarm lists made elsewhere.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    entry : Entry
+        The entry.
+    lanes : Path
+        The folder that has the lanes.
+    folder : Path
+        Takes what the entry makes. What another recipe or program made there is deleted.
+    options : RunOptions
+        Who does the work.
+    """
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
-        shutil.rmtree(folder)  # what another recipe or program found
-    _tell(ground, entry, folder)
+        shutil.rmtree(folder)
+    _write_about(ground, entry, folder)
     if entry.alarms is None:
-        Course(ground, entry, home, folder, how).run()
+        _EntryRun(ground, entry, lanes, folder, options).run()
         return
     for split, table in submitted(ground, entry.alarms).items():
         (folder / split).mkdir(exist_ok=True)
         write_table(table, folder / split / ALARMS)
 
 
-def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
-    """Read the alarm lists SPLIT.csv of a folder; each must name the lanes of its split in the column ``lane``.
+def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
+    """Read the alarm lists of a folder.
 
-    A list may hold alarms in lanes of every tier. For one tier of a ground its own alarms are
-    given, and no list that names none of its lanes.
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    folder : Path
+        Holds a list SPLIT.csv for some splits, with alarms in lanes of every tier.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        The alarms by split. For one tier of a ground there are those in its lanes alone, and no
+        list without any.
+
+    Raises
+    ------
+    ValueError
+        If a list is named after no split, or does not name the lanes of its split in the column
+        ``lane``.
     """
-    tables = {
-        path.stem: read_table_in(home, path.name, "alarms") for path in sorted(home.glob("*.csv"))
-    }
+    tables = {}
+    for path in sorted(folder.glob("*.csv")):
+        tables[path.stem] = read_table_in(folder, path.name, "alarms")
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(
-                f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, got "
-                f"{split}.csv"
+                f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, "
+                f"got {split}.csv"
             )
-        wanted = {lane.name for lane in replace(ground, tier="").tested(split)}
-        if "lane" not in table.columns or not set(table["lane"]) <= wanted:
+        lanes_of_split = {lane.name for lane in replace(ground, tier="").tested(split)}
+        if "lane" not in table.columns or not set(table["lane"]) <= lanes_of_split:
             raise ValueError(
                 f"{split}.csv must name the lanes of {split} in the column lane: "
-                f"{', '.join(sorted(wanted))}"
+                f"{', '.join(sorted(lanes_of_split))}"
             )
     if not ground.tier:
         return tables
-    in_tier = {split: table[table["lane"].isin(ground.lanes)] for split, table in tables.items()}
-    return {split: table.reset_index(drop=True) for split, table in in_tier.items() if len(table)}
+    of_tier = {}
+    for split, table in tables.items():
+        in_tier = table[table["lane"].isin(ground.lanes)]
+        if len(in_tier):
+            of_tier[split] = in_tier.reset_index(drop=True)
+    return of_tier
 
 
 def made_of(entry: Entry) -> str:
-    """Tell recipe and program apart from others."""
+    """Return a digest of an entry's recipe and of the program."""
     return sha256(json.dumps([entry.text, code_versions()]).encode())
 
 
-def _tell(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
+def _write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
     about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
@@ -355,7 +468,9 @@ def run_benchmark(
     ground: str | Path | None = None,
     tier: str | None = None,
 ) -> Path:
-    """Run detectors on the proving ground: make its lanes, train, freeze, detect; an interrupted run resumes.
+    """Run detectors on the proving ground: make its lanes, train, freeze, detect.
+
+    An interrupted run resumes.
 
     The lanes of all chosen tiers are made first. Then all entries run on one tier before the first
     runs on the next, so that a run that is interrupted leaves whole tiers behind.
@@ -392,16 +507,7 @@ def run_benchmark(
     chosen = load_ground(quick, None if ground is None else Path(ground))
     folder = Path(output)
     tiers = chosen.chosen_tiers(tier)
-    found = [find_entry(one, chosen) for one in entries] or list(packaged_entries(chosen).values())
-    if {entry.name for entry in found} & set(ORACLES):
-        raise ValueError(
-            f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives"
-        )
-    for entry in found:
-        if entry.alarms is None:
-            parse_recipe(entry.text, entry.name)
-        else:
-            submitted(chosen, entry.alarms)
+    to_run = _checked_entries(entries, chosen)
     if Folder(folder).has(MARK) and read_ground(folder) != chosen:
         raise ValueError(
             f"output must be a folder of {chosen.title} as it is now, got one of another ground: "
@@ -412,22 +518,37 @@ def run_benchmark(
     write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
     make_lanes(chosen, folder / "lanes", how, tiers)
     how = replace(how, pass_cache=folder / "kept")
-    jobs = list(itertools.product(tiers, found))
-    for part, entry in how.track(jobs, "entries", len(jobs)):
-        own_folder = entry_folder(folder, entry.name, part)
+    jobs = list(itertools.product(tiers, to_run))
+    for on_tier, entry in how.track(jobs, "entries", len(jobs)):
+        own_folder = entry_folder(folder, entry.name, on_tier)
         try:
-            run_entry(part, entry, folder / "lanes", own_folder, how)
-        except (
-            ValueError,
-            ModuleNotFoundError,
-        ) as error:  # the others shall not wait for one that cannot be trained
-            where = f" on the tier {part.tier}" if part.tier else ""
+            run_entry(on_tier, entry, folder / "lanes", own_folder, how)
+        except (ValueError, ModuleNotFoundError) as error:
+            # The others shall not wait for an entry that cannot be trained.
+            where = f" on the tier {on_tier.tier}" if on_tier.tier else ""
             warnings.warn(f"{entry.name} did not finish{where}: {error}", stacklevel=2)
-            _tell(part, entry, own_folder, str(error))
+            _write_about(on_tier, entry, own_folder, str(error))
     return folder
 
 
+def _checked_entries(names: Sequence[str | Path], ground: Ground) -> list[Entry]:
+    """Return the entries of these names, by default all packaged ones; refuse what is not valid."""
+    entries = [find_entry(name, ground) for name in names]
+    if not entries:
+        entries = list(packaged_entries(ground).values())
+    if {entry.name for entry in entries} & set(ORACLES):
+        raise ValueError(
+            f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives"
+        )
+    for entry in entries:
+        if entry.alarms is None:
+            parse_recipe(entry.text, entry.name)
+        else:
+            submitted(ground, entry.alarms)
+    return entries
+
+
 def entry_folder(folder: Path, entry: str, ground: Ground) -> Path:
-    """Folder that takes what an entry makes on a ground, or on one tier of it."""
-    own = folder / "entries" / entry
-    return own / ground.tier if ground.tier else own
+    """Return the folder of what an entry makes on a ground, or on one tier of it."""
+    of_entry = folder / "entries" / entry
+    return of_entry / ground.tier if ground.tier else of_entry

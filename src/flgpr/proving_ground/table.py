@@ -1,4 +1,4 @@
-"""Scoring what entered and setting it side by side: every Pd with its interval, its counts and what chance gives."""
+"""Scoring the entries side by side: every Pd with its interval, counts and what chance gives."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from flgpr.scoring import chance, clopper_pearson, compare, match, operating_row
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.files import existing
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import alarm_hash
 from flgpr.trials.blind import match_blind
@@ -45,7 +45,9 @@ _COUNTS = ("n_detected", "n_targets", "n_false")
 
 
 def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Score all entries of benchmark folders that were not scored yet, each time a look at the truth that is logged.
+    """Score all entries of benchmark folders.
+
+    Those that were not scored yet look at the truth, which is logged.
 
     Parameters
     ----------
@@ -69,12 +71,12 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     ValueError
         If a folder is no benchmark's, or they are of different grounds.
     """
-    homes = [Path(folder) for folder in folders]
-    ground = _ground_of(homes)
+    benchmarks = [Path(folder) for folder in folders]
+    ground = _ground_of(benchmarks)
     rows: list[dict[str, Any]] = []
     costs: list[dict[str, Any]] = []
     for tier in ground.chosen_tiers():
-        tier_rows, tier_costs = _score_tier(tier, homes)
+        tier_rows, tier_costs = _score_tier(tier, benchmarks)
         about = {"tier": tier.tier} if tier.tier else {}
         rows += [about | row for row in tier_rows]
         costs += [about | row for row in tier_costs]
@@ -87,282 +89,346 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
 
 
 def _score_tier(
-    ground: Ground, homes: Sequence[Path]
+    ground: Ground, folders: Sequence[Path]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Score all entries and the oracle on a ground or on one of its tiers: rows of scores and of costs."""
-    reference = {split: _alarms_of(homes, ground, split) for split in ground.table.splits}
+    """Return the rows of scores and of costs of a ground, or of one of its tiers."""
+    reference = {}
+    for split in ground.table.splits:
+        reference[split] = _reference_alarms(folders, ground, split)
     rows: list[dict[str, Any]] = []
     costs = []
-    for home, name in _entries(homes, ground):
-        entry = entry_folder(home, name, ground)
+    for folder, name in _entries(folders, ground):
+        entry = entry_folder(folder, name, ground)
         for split in ground.table.splits:
             if (entry / split / ALARMS).is_file():
-                rows += _kept_score(ground, home, name, split, reference[split])
+                rows += _stored_score(ground, folder, name, split, reference[split])
         costs.append(_cost(ground, name, entry))
-    for home in homes:
-        if (home / oracle_file(ground)).is_file():
-            rows += _oracle_rows(ground, parse_columns(Folder(home).read(oracle_file(ground))))
+    for folder in folders:
+        if (folder / oracle_file(ground)).is_file():
+            table = parse_columns(Folder(folder).read(oracle_file(ground)))
+            rows += _oracle_rows(ground, table)
     return rows, costs
 
 
-def _ground_of(homes: Sequence[Path]) -> Ground:
-    grounds = [read_ground(home) for home in homes]
-    if any(one != grounds[0] for one in grounds):
-        raise ValueError(
-            f"folders must all be of one ground, got {', '.join(one.title for one in grounds)}"
-        )
+def _ground_of(folders: Sequence[Path]) -> Ground:
+    """Return the ground that all folders are of."""
+    grounds = [read_ground(folder) for folder in folders]
+    if any(ground != grounds[0] for ground in grounds):
+        titles = ", ".join(ground.title for ground in grounds)
+        raise ValueError(f"folders must all be of one ground, got {titles}")
     return grounds[0]
 
 
-def _entries(homes: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str]]:
-    """Find the entries that began on a ground, or on one of its tiers: the benchmark's folder and their names."""
-    for home in homes:
-        for own in sorted((home / "entries").glob("*")):
-            if (entry_folder(home, own.name, ground) / ABOUT).is_file():
-                yield home, own.name
+def _entries(folders: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str]]:
+    """Yield folder and name of the entries that began on a ground, or on one of its tiers."""
+    for folder in folders:
+        for path in sorted((folder / "entries").glob("*")):
+            if (entry_folder(folder, path.name, ground) / ABOUT).is_file():
+                yield folder, path.name
 
 
-def _alarms_of(homes: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
-    """Alarms of the reference in a split, from the first folder that has them."""
-    for home in homes:
-        file = entry_folder(home, ground.table.reference, ground) / split / ALARMS
-        name = file.relative_to(home).as_posix()
-        if Folder(home).has(name):
-            return read_table_in(home, name, "alarms")
+def _reference_alarms(folders: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
+    """Return the alarms of the reference in a split, from the first folder that has them."""
+    for folder in folders:
+        file = entry_folder(folder, ground.table.reference, ground) / split / ALARMS
+        name = file.relative_to(folder).as_posix()
+        if Folder(folder).has(name):
+            return read_table_in(folder, name, "alarms")
     return None
 
 
-def _kept_score(
-    ground: Ground, home: Path, name: str, split: str, reference: pd.DataFrame | None
+def _stored_score(
+    ground: Ground, folder: Path, name: str, split: str, reference: pd.DataFrame | None
 ) -> list[dict[str, Any]]:
-    """Score an entry's alarms of a split, or read the score of just these alarms beside just this reference."""
-    entry = entry_folder(home, name, ground)
+    """Return the score of an entry's alarms of a split.
+
+    A score of the same alarms beside the same reference is read where it was stored.
+    """
+    entry = entry_folder(folder, name, ground)
     alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
-    other = None if reference is None or name == ground.table.reference else reference
-    sealed = home / "lanes" / SEALED
-    # Without tiers nothing is said of them, so that scores of before there were tiers are found
-    # again.
-    rules = ground.table.model_dump(mode="json", exclude=None if ground.table.tiers else {"tiers"})
-    made_of = [rules, alarm_hash(alarms), other is not None and alarm_hash(other)]
-    key = sha256(json.dumps([made_of, sha256(Folder(sealed.parent).read(sealed.name))]).encode())[
-        :12
-    ]
-    kept = entry / split / f"score-{key}.json"
-    if not Folder(entry).has(f"{split}/{kept.name}"):
+    is_reference = name == ground.table.reference
+    other = None if is_reference else reference
+    sealed = folder / "lanes" / SEALED
+    score_name = f"score-{_score_key(ground, alarms, other, sealed)}.json"
+    if not Folder(entry).has(f"{split}/{score_name}"):
         names = [lane.name for lane in ground.tested(split)]
-        looked = match_blind(alarms, sealed, passphrase(ground), some=names).matched
-        # The reference's own score was logged when it was scored; here it is only paired.
-        beside = None if other is None else match(other, looked.truth, looked.lanes, looked.halo)
-        rows = list(_rows(ground, split, looked, beside))
-        write_whole(kept, json.dumps(rows) + "\n")
+        matched = match_blind(alarms, sealed, passphrase(ground), some=names).matched
+        paired = None
+        if other is not None:
+            # The reference's own score was logged when it was scored; here it is only paired.
+            paired = match(other, matched.truth, matched.lanes, matched.halo)
+        rows = list(_rows(ground, split, matched, paired))
+        write_whole(entry / split / score_name, json.dumps(rows) + "\n")
     about = {"entry": name, "split": split}
-    return [about | row for row in Folder(entry).json(f"{split}/{kept.name}")]
+    return [about | row for row in Folder(entry).json(f"{split}/{score_name}")]
+
+
+def _score_key(
+    ground: Ground, alarms: pd.DataFrame, other: pd.DataFrame | None, sealed: Path
+) -> str:
+    """Return a digest of all that a score depends on."""
+    # Without tiers nothing is said of them, so that scores from before there were tiers are found.
+    excluded = None if ground.table.tiers else {"tiers"}
+    rules = ground.table.model_dump(mode="json", exclude=excluded)
+    made_of = [rules, alarm_hash(alarms), other is not None and alarm_hash(other)]
+    truth = sha256(Folder(sealed.parent).read(sealed.name))
+    return sha256(json.dumps([made_of, truth]).encode())[:12]
 
 
 def _rows(
     ground: Ground, split: str, matched: Match, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
-    """Give the score of all mines, of every kind of target, of every packaged body, and of the mines of every site."""
+    """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
     kind = matched.truth["kind"].astype(str)
     mines = _mines(ground, split, kind).to_numpy()
-    site = (
-        matched.truth["lane"]
-        .map({lane.name: lane.site for lane in ground.tested(split)})
-        .to_numpy()
-    )
+    site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
+    site = matched.truth["lane"].map(site_of_lane).to_numpy()
     level = chance(matched)
-    groups = {MINES: mines} | {str(one): (kind == one).to_numpy() for one in sorted(kind.unique())}
-    groups |= {name: rows.to_numpy() for name, rows in _body_groups(matched.truth).items()}
-    for name, rows in groups.items():
-        yield from _points(ground, name, matched, level, rows, reference if name == MINES else None)
+    groups = {MINES: mines}
+    for name in sorted(kind.unique()):
+        groups[str(name)] = (kind == name).to_numpy()
+    for group, rows in _body_groups(matched.truth).items():
+        groups[group] = rows.to_numpy()
+    for group, rows in groups.items():
+        paired = reference if group == MINES else None
+        yield from _points(ground, group, matched, level, rows, paired)
     for name in ground.sites:
-        own = [lane.name for lane in ground.tested(split) if lane.site == name]
-        if own and (mines & (site == name)).any():
-            part = _part_of(matched, own)
-            rows = _mines(ground, split, part.truth["kind"].astype(str)).to_numpy()
-            yield from _points(ground, name, part, chance(part), rows, None)
+        lanes = [lane.name for lane in ground.tested(split) if lane.site == name]
+        if lanes and (mines & (site == name)).any():
+            at_site = _match_of_lanes(matched, lanes)
+            rows = _mines(ground, split, at_site.truth["kind"].astype(str)).to_numpy()
+            yield from _points(ground, name, at_site, chance(at_site), rows, None)
 
 
 def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
-    """Tell which targets have each packaged body; none where the truth does not name bodies."""
+    """Return which targets have each packaged body; empty where the truth does not name bodies."""
     if "body" not in targets.columns:
         return {}
     body = targets["body"].fillna("").astype(str)
-    return {f"{BODY}{one}": body == one for one in sorted(body.unique()) if one}
+    groups = {}
+    for name in sorted(body.unique()):
+        if name:
+            groups[f"{BODY}{name}"] = body == name
+    return groups
 
 
 def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Give the score of both oracles in the splits whose targets they know; chance is that of strewn alarms."""
+    """Yield the score of both oracles in the splits whose targets they know.
+
+    Chance is that of strewn alarms.
+    """
     for name, split in itertools.product(ORACLES, ground.table.splits):
         tested = {lane.name for lane in ground.tested(split) if not lane.empty}
-        own = found[found["lane"].isin(tested)]
-        if set(own["lane"]) != tested:
+        targets = found[found["lane"].isin(tested)]
+        if set(targets["lane"]) != tested:
             continue
-        mines = _mines(ground, split, own["kind"])
-        groups = {MINES: mines} | {
-            str(one): own["kind"] == one for one in sorted(own["kind"].unique())
-        }
-        groups |= _body_groups(own)
-        groups |= {site: mines & (own["site"] == site) for site in ground.sites}
+        mines = _mines(ground, split, targets["kind"])
+        groups = {MINES: mines}
+        for kind in sorted(targets["kind"].unique()):
+            groups[str(kind)] = targets["kind"] == kind
+        groups |= _body_groups(targets)
+        for site in ground.sites:
+            groups[site] = mines & (targets["site"] == site)
+        column = ORACLES[name][0]
+        area = float(targets.drop_duplicates("site")["area"].sum())
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
-            count = int((own.loc[rows, ORACLES[name][0]] <= allowed).sum())
+            count = int((targets.loc[rows, column] <= allowed).sum())
             total = int(rows.sum())
             low, high = clopper_pearson(count, total)
-            told = {
+            yield {
+                "entry": name,
+                "split": split,
+                "group": group,
+                "far_allowed": allowed,
                 "pd": count / total,
                 "pd_low": low,
                 "pd_high": high,
                 "n_detected": count,
                 "n_targets": total,
-            }
-            told |= {
                 "chance": -math.expm1(-allowed * math.pi * ground.table.halo**2),
                 "far": allowed,
+                "n_false": int(allowed * area),
+                "area": area,
             }
-            area = float(own.drop_duplicates("site")["area"].sum())
-            about = {"entry": name, "split": split, "group": group, "far_allowed": allowed}
-            yield about | told | {"n_false": int(allowed * area), "area": area}
 
 
 def _mines(ground: Ground, split: str, kind: Any) -> Any:
-    """Tell which targets, by their kinds, are the mines that a split is scored on."""
-    wanted = ground.table.splits[split].kinds
-    return kind.isin(wanted) if wanted else kind != "simulant"
+    """Return which targets, by their kinds, are the mines that a split is scored on."""
+    kinds = ground.table.splits[split].kinds
+    return kind.isin(kinds) if kinds else kind != "simulant"
 
 
-def _part_of(matched: Match, lanes: Sequence[str]) -> Match:
-    """Match of some of the lanes alone."""
-    alarms, truth = (
-        table[table["lane"].isin(lanes)].reset_index(drop=True)
-        for table in (matched.alarms, matched.truth)
-    )
-    return match(alarms, truth, {name: matched.lanes[name] for name in lanes}, matched.halo)
+def _match_of_lanes(matched: Match, lanes: Sequence[str]) -> Match:
+    """Return the match of some of the lanes alone."""
+
+    def of_lanes(table: pd.DataFrame) -> pd.DataFrame:
+        return table[table["lane"].isin(lanes)].reset_index(drop=True)
+
+    borders = {name: matched.lanes[name] for name in lanes}
+    return match(of_lanes(matched.alarms), of_lanes(matched.truth), borders, matched.halo)
 
 
 def _points(
     ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
+    """Yield the score of a group of targets at every allowed FAR."""
     curve = level.add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
-    for allowed, (_, row) in zip(
-        fars, curve.iloc[operating_row(curve, np.array(fars))].iterrows(), strict=True
-    ):
-        told = {name: float(row[name]) for name in ("pd", "pd_low", "pd_high", "chance", "far")}
-        told |= {name: int(row[name]) for name in _COUNTS} | {"area": float(curve.attrs["area"])}
+    points = curve.iloc[operating_row(curve, np.array(fars))]
+    for allowed, (_, point) in zip(fars, points.iterrows(), strict=True):
+        row: dict[str, Any] = {"group": group, "far_allowed": allowed}
+        for name in ("pd", "pd_low", "pd_high", "chance", "far"):
+            row[name] = float(point[name])
+        for name in _COUNTS:
+            row[name] = int(point[name])
+        row["area"] = float(curve.attrs["area"])
         if allowed == ground.table.far:
-            told["pd_mean"] = float(pd_mean(curve, max(fars)))
+            row["pd_mean"] = float(pd_mean(curve, max(fars)))
             if reference is not None:
                 paired = compare(
                     matched, reference, rows, far=allowed, far_max=max(fars), draws=200
                 )
-                told |= {
-                    "only": paired.only_a,
-                    "reference_only": paired.only_b,
-                    "p": paired.p_detections,
-                }
-        yield {"group": group, "far_allowed": allowed, **told}
+                row["only"] = paired.only_a
+                row["reference_only"] = paired.only_b
+                row["p"] = paired.p_detections
+        yield row
 
 
 def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
+    """Return what an entry cost."""
     costs = read_costs(entry)
-    lanes = {lane: cost for lane, cost in costs.items() if lane in ground.lanes and cost}
-    length = sum(ground.lanes[lane].length for lane in lanes) / 1000
-    seconds = sum(cost["processor_seconds"] for cost in lanes.values())
+    of_lanes = {}
+    training_seconds = 0.0
+    for what, cost in costs.items():
+        if what in ground.lanes and cost:
+            of_lanes[what] = cost
+        if what.startswith("training"):
+            training_seconds += cost["processor_seconds"]
+    length = sum(ground.lanes[lane].length for lane in of_lanes) / 1000
+    seconds = sum(cost["processor_seconds"] for cost in of_lanes.values())
+    peaks = [cost["peak_bytes"] for cost in of_lanes.values()]
     return {
         "entry": name,
         "seconds_per_km": seconds / length if length else float("nan"),
-        "training_seconds": sum(
-            cost["processor_seconds"] for part, cost in costs.items() if part.startswith("training")
-        ),
-        "peak_bytes": max((cost["peak_bytes"] for cost in lanes.values()), default=float("nan")),
+        "training_seconds": training_seconds,
+        "peak_bytes": max(peaks, default=float("nan")),
     }
 
 
 def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
-    """Give the rows of scores or of costs that are of a tier; all of them on a ground without tiers."""
+    """Return the rows of scores or of costs that are of a tier.
+
+    On a ground without tiers these are all rows.
+    """
     return table[table["tier"] == ground.tier] if ground.tier else table
 
 
 def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
-    """Write the table of all mines at the FAR of comparison, in words and figures."""
+    """Return the table of all mines at the FAR of comparison, as text.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    scores, costs : DataFrame
+        What :func:`score_entries` returns.
+    """
     lines = [
         f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
         "chance"
     ]
     for tier in ground.chosen_tiers():
-        own = of_tier(scores, tier)
-        if len(own):
-            lines += _tier_lines(tier, own)
-    name_width = max(len(ground_tier) for ground_tier in ("", *ground.table.tiers))
+        tier_scores = of_tier(scores, tier)
+        if len(tier_scores):
+            lines += _tier_lines(tier, tier_scores)
+    name_width = max(len(name) for name in ("", *ground.table.tiers))
     lines += ["", f"{'cost':22} {'':{name_width}} processor s/km  training s  largest process MiB"]
-    for one in costs.to_dict("records"):
-        figures = f"{one['seconds_per_km']:14.0f} {one['training_seconds']:11.0f} {one['peak_bytes'] / 2**20:20.0f}"
-        lines.append(f"  {one['entry']:20} {one.get('tier', ''):{name_width}} {figures}")
+    for cost in costs.to_dict("records"):
+        name = f"  {cost['entry']:20} {cost.get('tier', ''):{name_width}}"
+        times = f"{cost['seconds_per_km']:14.0f} {cost['training_seconds']:11.0f}"
+        lines.append(f"{name} {times} {cost['peak_bytes'] / 2**20:20.0f}")
     return "\n".join(lines)
 
 
 def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
-    """Write the lines of every split of a ground, or of one of its tiers."""
+    """Return the lines of every split of a ground, or of one of its tiers."""
     lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
     chosen = scores[(scores["group"] == MINES) & (scores["far_allowed"] == ground.table.far)]
     for split, row in ground.table.splits.items():
         lines += ["", f"{split}: {row.title}"]
         ranked = chosen[chosen["split"] == split].sort_values("pd", ascending=False, kind="stable")
-        for one in ranked.to_dict("records"):
-            start = f"  {one['entry']:20} {pd_in_words(one)}"
-            lines.append(start + paired_in_words(one, f"; against {ground.table.reference} "))
+        for score in ranked.to_dict("records"):
+            start = f"  {score['entry']:20} {pd_in_words(score)}"
+            lines.append(start + paired_in_words(score, f"; against {ground.table.reference} "))
     return lines
 
 
-def pd_in_words(one: Mapping[Any, Any]) -> str:
-    """Say a Pd with its interval, counts and chance."""
-    return (
-        f"{one['pd']:.2f} ({one['pd_low']:.2f} to {one['pd_high']:.2f}), {one['n_detected']:.0f} "
-        "of "
-        f"{one['n_targets']:.0f}, {one['n_false']:.0f} false, chance {one['chance']:.2f}"
-    )
+def pd_in_words(score: Mapping[Any, Any]) -> str:
+    """Return a Pd with its interval, counts and chance, as text."""
+    interval = f"({score['pd_low']:.2f} to {score['pd_high']:.2f})"
+    counts = f"{score['n_detected']:.0f} of {score['n_targets']:.0f}, {score['n_false']:.0f} false"
+    return f"{score['pd']:.2f} {interval}, {counts}, chance {score['chance']:.2f}"
 
 
-def paired_in_words(one: Mapping[Any, Any], before: str = "") -> str:
-    """Say how it stands against the reference, mine by mine; nothing of the reference itself."""
-    p = one.get("p")
+def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
+    """Return the paired comparison with the reference as text; "" for the reference itself."""
+    p = score.get("p")
     if p is None or not np.isfinite(p):
         return ""
-    return f"{before}+{one['only']:.0f} -{one['reference_only']:.0f}, p = {p:.2g}"
+    return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {p:.2g}"
 
 
 def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
-    """Score what is not scored yet, write ``scores.csv``, ``costs.csv`` and ``index.html``, and give the table as text.
+    """Score what is not scored yet, and write the tables and the page.
 
-    The first file is the same, to the digit, for the same alarms; the second is what this machine
-    took.
+    Parameters
+    ----------
+    folders : sequence of str or path
+        Folders of ``flgpr benchmark run``.
+    output : str or path
+        Folder that takes ``scores.csv``, the same, to the digit, for the same alarms, ``costs.csv``
+        of what this machine took, and ``index.html``.
+
+    Returns
+    -------
+    str
+        The table as text.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`score_entries`.
     """
-    homes = [Path(folder) for folder in folders]
-    to = Path(output)
-    scores, costs = score_entries(homes)
-    ground = _ground_of(homes)
-    to.mkdir(parents=True, exist_ok=True)
-    write_whole(to / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
-    write_whole(to / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
-    titles, faults = _titles_and_faults(ground, homes)
-    titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
-    page = _page(ground, scores, costs, titles)
-    if (to / "index.html").is_file() and read_named(to / "index.html").decode(
-        "utf-8", "replace"
-    ) == page:
-        tell_finished(to / "index.html")
-    write_whole(to / "index.html", page)
+    benchmarks = [Path(folder) for folder in folders]
+    target = Path(output)
+    scores, costs = score_entries(benchmarks)
+    ground = _ground_of(benchmarks)
+    target.mkdir(parents=True, exist_ok=True)
+    write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
+    write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
+    titles, faults = _titles_and_faults(ground, benchmarks)
+    for name, (_, title) in ORACLES.items():
+        if name in set(scores["entry"]):
+            titles[name] = title
+    _write_page(target / "index.html", _page(ground, scores, costs, titles))
     return "\n".join([table_text(ground, scores, costs), *faults])
 
 
-def _titles_and_faults(ground: Ground, homes: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
-    """Tell by name what entries are, with what kept them from finishing, and list the latter in lines of their own."""
+def _write_page(path: Path, page: str) -> None:
+    """Write the page, and report if it was there."""
+    if path.is_file() and read_named(path).decode("utf-8", "replace") == page:
+        log_finished(path)
+    write_whole(path, page)
+
+
+def _titles_and_faults(ground: Ground, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
+    """Return the title of every entry by name, and the reasons of those that did not finish."""
     titles: dict[str, str] = {}
     faults = []
     for tier in ground.chosen_tiers():
         where = f" on the tier {tier.tier}" if tier.tier else ""
-        for home, name in _entries(homes, tier):
-            about = Folder(entry_folder(home, name, tier)).json(ABOUT)
+        for folder, name in _entries(folders, tier):
+            about = Folder(entry_folder(folder, name, tier)).json(ABOUT)
             titles.setdefault(name, about["title"])
             if about["fault"]:
                 titles[name] += f"; did not finish{where}: {about['fault']}"
@@ -373,25 +439,34 @@ def _titles_and_faults(ground: Ground, homes: Sequence[Path]) -> tuple[dict[str,
 def _page(
     ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
 ) -> str:
-    tiers = [tier for tier in ground.chosen_tiers() if len(of_tier(scores, tier))]
+    """Return the page of all tiers."""
+    tiers = []
+    for tier in ground.chosen_tiers():
+        tier_scores = of_tier(scores, tier)
+        if len(tier_scores):
+            tiers.append((tier, list(_page_splits(tier, tier_scores))))
+    heads = ["entry"]
+    heads += [f"Pd at {far:g} per m²" for far in ground.table.fars]
+    heads.append(f"against {ground.table.reference}")
+    cost_heads = ["entry"]
+    if ground.table.tiers:
+        cost_heads.append("tier")
+    cost_heads += [">processor seconds per km", ">training, s", ">largest process, MiB"]
     return render(
         "benchmark.html",
         ground=ground,
         opening=_opening(ground, scores),
         opening_split=opening_split(ground),
-        tiers=[(tier, list(_page_splits(tier, of_tier(scores, tier)))) for tier in tiers],
-        heads=["entry", *(f"Pd at {far:g} per m²" for far in ground.table.fars), f"against {ground.table.reference}"],
+        tiers=tiers,
+        heads=heads,
         titles=titles,
-        cost_heads=[
-            "entry", *(["tier"] if ground.table.tiers else []),
-            ">processor seconds per km", ">training, s", ">largest process, MiB",
-        ],
-        costs=[_cost_cells(one) for one in costs.to_dict("records")],
-    )  # fmt: skip
+        cost_heads=cost_heads,
+        costs=[_cost_cells(cost) for cost in costs.to_dict("records")],
+    )
 
 
 def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
-    """Draw the figure that opens the page of a ground with tiers, for wide screens and paper and for narrow screens."""
+    """Return the figure that opens the page of a ground with tiers, for wide and narrow screens."""
     if not ground.table.tiers:
         return {}
     return {
@@ -400,94 +475,113 @@ def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
     }
 
 
-def _cost_cells(one: Mapping[Any, Any]) -> list[str]:
-    """Write a row of the table of costs."""
-    names = [one["entry"], one["tier"]] if "tier" in one else [one["entry"]]
-    figures = [f"{one[name]:.0f}" for name in ("seconds_per_km", "training_seconds")]
-    return [*names, *figures, f"{one['peak_bytes'] / 2**20:.0f}"]
+def _cost_cells(cost: Mapping[Any, Any]) -> list[str]:
+    """Return a row of the table of costs."""
+    cells = [cost["entry"]]
+    if "tier" in cost:
+        cells.append(cost["tier"])
+    for name in ("seconds_per_km", "training_seconds"):
+        cells.append(f"{cost[name]:.0f}")
+    cells.append(f"{cost['peak_bytes'] / 2**20:.0f}")
+    return cells
 
 
 def _page_splits(
     ground: Ground, scores: pd.DataFrame
 ) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
-    """Give name, title, figure and rows of the table of every split that was run."""
+    """Yield name, title, figure and rows of the table of every split that was run."""
     for split, row in ground.table.splits.items():
         if (scores["split"] == split).any():
-            yield (
-                split,
-                row.title,
-                split_figure(ground, scores, split),
-                list(_page_rows(ground, scores, split)),
-            )
+            figure = split_figure(ground, scores, split)
+            yield split, row.title, figure, list(_page_rows(ground, scores, split))
 
 
 def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
-    mine = scores[(scores["split"] == split) & (scores["group"] == MINES)]
-    order = mine[mine["far_allowed"] == ground.table.far].sort_values(
-        "pd", ascending=False, kind="stable"
-    )["entry"]
-    mine = mine.set_index("entry", drop=False).loc[list(order)].rename_axis(None)
-    for entry, rows in mine.groupby("entry", sort=False):
-        at = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        paired = (
-            "reference"
-            if entry == ground.table.reference
-            else paired_in_words(at[ground.table.far])
-        )
-        yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired)
+    """Yield the rows of the table of a split, the largest Pd at the FAR of comparison first."""
+    mines = scores[(scores["split"] == split) & (scores["group"] == MINES)]
+    compared = mines[mines["far_allowed"] == ground.table.far]
+    order = compared.sort_values("pd", ascending=False, kind="stable")["entry"]
+    mines = mines.set_index("entry", drop=False).loc[list(order)].rename_axis(None)
+    for entry, rows in mines.groupby("entry", sort=False):
+        by_far = {row["far_allowed"]: row for row in rows.to_dict("records")}
+        paired = paired_in_words(by_far[ground.table.far])
+        if entry == ground.table.reference:
+            paired = "reference"
+        yield (str(entry), *(pd_in_words(by_far[far]) for far in ground.table.fars), paired)
 
 
 def listing(
     quick: bool = False, lanes: str | Path | None = None, ground: str | Path | None = None
 ) -> list[str]:
-    """Tell in lines what enters, which lanes there are and how they are split; with a folder whether they are alike.
+    """Return lines that list the entries, the lanes and the splits.
 
-    Lanes are the same bits, alike (the rms of the echoes of every polarization within 1e-4), or
-    other lanes than those whose fingerprints come with the package.
+    Parameters
+    ----------
+    quick : bool
+        Whether to list the quick form.
+    lanes : str or path, optional
+        Folder of lanes to compare with those whose fingerprints come with the package. They are the
+        same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes.
+    ground : str or path, optional
+        Name of a packaged ground, by default the newest, or a file.
     """
     chosen = load_ground(quick, None if ground is None else Path(ground))
     lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]
-    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries(chosen).items()]
+    for name, entry in packaged_entries(chosen).items():
+        lines.append(f"  {name:20} {entry.title}")
     if chosen.table.tiers:
         lines += ["", "tiers, each with all splits:"]
-        lines += [
-            f"  {name:20} {row.title}, at {', '.join(row.sites.values())}"
-            for name, row in chosen.table.tiers.items()
-        ]
-    lines += [
-        "",
-        "splits:",
-        *(f"  {name:20} {row.title}" for name, row in chosen.table.splits.items()),
-        "",
-        "lanes:",
-    ]
-    told = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
+        for name, tier in chosen.table.tiers.items():
+            lines.append(f"  {name:20} {tier.title}, at {', '.join(tier.sites.values())}")
+    lines += ["", "splits:"]
+    for name, split in chosen.table.splits.items():
+        lines.append(f"  {name:20} {split.title}")
+    lines += ["", "lanes:"]
+    likeness = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
     width = max(20, *(len(name) for name in chosen.lanes))
     for name, lane in chosen.lanes.items():
         line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
-        lines.append(f"{line}  {told[name]}" if told else line)
+        lines.append(f"{line}  {likeness[name]}" if likeness else line)
     return lines
 
 
-def same_lanes(ground: Ground, home: Path) -> dict[str, str]:
-    """Compare lanes with the packaged fingerprints: "same bits", "alike", "other", "not there", "not known"."""
-    ours = resources.files("flgpr.proving_ground") / "fingerprints.csv"
-    known = pd.read_csv(io.StringIO(ours.read_text("utf-8"))).set_index("lane")
-    existing(home / PRINTS, "fingerprints of lanes")
-    found = parse_columns(Folder(home).read(PRINTS)).set_index("lane")
+def same_lanes(ground: Ground, folder: Path) -> dict[str, str]:
+    """Compare lanes with the packaged fingerprints.
 
-    def compared(name: str) -> str:
+    Parameters
+    ----------
+    ground : Ground
+        The ground.
+    folder : Path
+        Folder of the lanes.
+
+    Returns
+    -------
+    dict of str to str
+        "same bits", "alike", "other", "not there" or "not known" by the name of the lane.
+    """
+    packaged = resources.files("flgpr.proving_ground") / "fingerprints.csv"
+    known = pd.read_csv(io.StringIO(packaged.read_text("utf-8"))).set_index("lane")
+    existing(folder / PRINTS, "fingerprints of lanes")
+    present = parse_columns(Folder(folder).read(PRINTS)).set_index("lane")
+    likeness = {}
+    for name in ground.lanes:
         key = f"{ground.title} {name}"
-        if name not in found.index or key not in known.index:
-            return "not there" if key in known.index else "not known"
-        one = found.loc[name]
-        other = known.loc[key]
-        if one["sha256"] == other["sha256"]:
-            return "same bits"
-        levels = [column for column in found.columns if column != "sha256"]
-        near = np.allclose(
-            one[levels].astype(float), other[levels].astype(float), rtol=1e-4, atol=0
-        )
-        return "alike" if near else "other"
+        if key not in known.index:
+            likeness[name] = "not known"
+        elif name not in present.index:
+            likeness[name] = "not there"
+        else:
+            likeness[name] = _compared(present.loc[name], known.loc[key])
+    return likeness
 
-    return {name: compared(name) for name in ground.lanes}
+
+def _compared(present: Any, known: Any) -> str:
+    """Return how alike two lanes are, by a row of each table of fingerprints."""
+    if present["sha256"] == known["sha256"]:
+        return "same bits"
+    levels = [column for column in present.index if column != "sha256"]
+    is_alike = np.allclose(
+        present[levels].astype(float), known[levels].astype(float), rtol=1e-4, atol=0
+    )
+    return "alike" if is_alike else "other"

@@ -25,13 +25,14 @@ from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model,
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
 from flgpr.model import Lane
+from flgpr.results.description import check_description
 from flgpr.results.errors import ResultError
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.results.view_files import plain_json, write_view
 from flgpr.store import canonical_json, seal, sha256
 from flgpr.store.files import check_free_folder, listed_files, read_sealed, write_whole
-from flgpr.store.notes import tell_note
-from flgpr.store.outputs import held_folder, whole_output
+from flgpr.store.notes import log_note
+from flgpr.store.outputs import atomic_output, locked_folder
 from flgpr.store.tables import parse_columns, parse_own_table, write_geojson, write_table
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def write_result(
     """
     folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with whole_output(folder, replace=True) as partial:
+    with atomic_output(folder, replace=True) as partial:
         _write_files(partial, detections, recipe_text, lane, run, model, section)
     return folder
 
@@ -193,7 +194,7 @@ def _anchor_of(reference: Any) -> Anchor | None:
     try:
         return own_anchor(reference)
     except ValueError as error:
-        tell_note(f"alarms are written in the lane frame alone: {error}")
+        log_note(f"alarms are written in the lane frame alone: {error}")
         return None
 
 
@@ -296,7 +297,7 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     data = {}
     for name, body in files.items():
         data[name] = body.encode() if isinstance(body, str) else body
-    with held_folder(folder, wait=True):
+    with locked_folder(folder, wait=True):
         _add_files(folder, data)
 
 
@@ -344,6 +345,7 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
         manifest = read_sealed(folder, MANIFEST)
         if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        check_description(manifest["run"])
         return manifest
     except OSError as error:
         raise ResultError(

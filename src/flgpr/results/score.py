@@ -139,12 +139,13 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     (n_targets,) ndarray of float
         Mean over the scans, m; NaN where depth or soil is unknown.
     """
-    if "soil" not in run:
+    soil = run.get("soil")
+    permittivity = soil.get("permittivity") if isinstance(soil, dict) else None
+    if type(permittivity) not in (int, float):
         return np.full(len(truth), np.nan)
     x = truth["x"].to_numpy(dtype=float)
     y = truth["y"].to_numpy(dtype=float)
     depth = truth["depth"].to_numpy(dtype=float)
-    permittivity = run["soil"]["permittivity"]
     shifts = []
     for pose in plausible_poses(run):
         distance = np.hypot(x - pose[0], y - pose[1])

@@ -101,7 +101,7 @@ def band(
 ) -> pd.DataFrame:
     """Compute a simultaneous confidence band of Pd over FAR by bootstrap.
 
-    Targets are drawn in clusters, lanes and blocks of lane beside them. The band is Pd ± c·s: s is
+    Targets are drawn in clusters, and so are lanes and blocks of lane. The band is Pd ± c·s: s is
     the standard deviation of the resampled curves, not less than the binomial one with two
     successes and two failures added (resampling sees no spread where all targets are found), and c
     the level's quantile of the largest standardised deviation over the whole grid, not less than
@@ -148,10 +148,7 @@ def band(
     centre = scores.pd_at(grid, once, every_block, design.area)
     curves = np.array([scores.pd_at(grid, *weights) for weights in _draws(design, draws, seed)])
 
-    n = design.clusters
-    shrunk = (centre * n + 2) / (n + 4)
-    binomial = np.sqrt(shrunk * (1 - shrunk) / (n + 4))
-    spread = np.maximum(curves.std(axis=0, ddof=1), binomial)
+    spread = np.maximum(curves.std(axis=0, ddof=1), _binomial_deviation(centre, design.clusters))
     largest_deviation = (np.abs(curves - centre) / spread).max(axis=1)
     factor = max(
         float(np.quantile(largest_deviation, level)),
@@ -167,11 +164,17 @@ def band(
         "level": level,
         "draws": draws,
         "seed": seed,
-        "clusters": n,
+        "clusters": design.clusters,
         "lanes": design.lanes,
         "factor": factor,
     }
     return result
+
+
+def _binomial_deviation(detection: FloatArray, mines: int) -> FloatArray:
+    """Return the standard deviation of Pd with two successes and two failures added."""
+    shrunk = (detection * mines + 2) / (mines + 4)
+    return np.asarray(np.sqrt(shrunk * (1 - shrunk) / (mines + 4)))
 
 
 def pd_mean_interval(

@@ -58,7 +58,20 @@ class Chance:
         return np.asarray(count_at(levels, moved) / len(moved), dtype=np.float64)
 
     def add_chance_column(self, curve: pd.DataFrame, subset: Subset = None) -> pd.DataFrame:
-        """Return a curve of the same match and subset with the chance level, ``chance``."""
+        """Return a curve with the chance level of its thresholds.
+
+        Parameters
+        ----------
+        curve : DataFrame
+            ROC table of the same match and subset.
+        subset : optional
+            Targets, see :func:`flgpr.scoring.select_targets`.
+
+        Returns
+        -------
+        DataFrame
+            The curve with the column ``chance``.
+        """
         return curve.assign(chance=self.at(curve["threshold"], subset))
 
 

@@ -166,6 +166,7 @@ def compare(
         curve = roc_of(matched, subset, area=area, frame_area=frame_area)
         with_chance = chance(matched, seed=seed).add_chance_column(curve, subset)
         by_chance.append(pd_mean_by_chance(with_chance, far_max))
+
     return Comparison(
         pd_mean_a=float(share_a.mean()),
         pd_mean_b=float(share_b.mean()),

@@ -116,11 +116,28 @@ def score_frames(
     """Score alarms that were raised frame by frame, every frame counting its area.
 
     It is the score of Fuse et al. 2018, Sec. 4, Fig. 9. A target counts once in every frame whose
-    detection area holds it. An alarm in the halo of a
-    target outside the area is neither detection nor false. In the bootstrap all looks at a target
-    are drawn together, and so are the false alarms of ten frames; exact intervals take looks as
-    independent, which they are not. The rest is as for :func:`unroll_frames` and
-    :func:`flgpr.scoring.score`, whose ``rules`` say what the halo is.
+    detection area holds it. An alarm in the halo of a target outside the area is neither detection
+    nor false. In the bootstrap all looks at a target are drawn together, and so are the false
+    alarms of ten frames. The exact intervals take looks as independent, which they are not.
+
+    Parameters
+    ----------
+    alarms, poses, truth, area
+        As for :func:`unroll_frames`.
+    rules : Rules, optional
+        Scoring rules, whose halo is that of ``unroll_frames``.
+    name, title : str
+        What the list is called, for a machine and in words.
+
+    Returns
+    -------
+    Score
+        The score, as of :func:`flgpr.scoring.score`.
+
+    Raises
+    ------
+    ValueError
+        If a table, a frame or a rule is not valid.
 
     Examples
     --------

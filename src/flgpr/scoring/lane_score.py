@@ -159,7 +159,15 @@ class Score:
     ) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Compute curve and simultaneous band of all targets, or of each group of them.
 
-        Without targets there are none.
+        Parameters
+        ----------
+        by : {"kind", "depth"}, optional
+            Property that forms the groups; by default all targets are one group, ``all``.
+
+        Returns
+        -------
+        dict of str to (DataFrame, DataFrame)
+            Curve and band by group; none without targets.
         """
         truth = self.matched.truth
         if not len(truth):
@@ -183,7 +191,15 @@ class Score:
     def operating_points(self, curve: pd.DataFrame | None = None) -> pd.DataFrame:
         """Return the rows of a curve at common false alarm rates and at the operating point.
 
-        The curve is that of all targets by default; ``far_allowed`` is each row's rate, per m².
+        Parameters
+        ----------
+        curve : DataFrame, optional
+            ROC table, by default that of all targets.
+
+        Returns
+        -------
+        DataFrame
+            Rows of the curve with ``far_allowed``, the rate of each, per m².
         """
         curve = self.curve if curve is None else curve
         far_max = self.rules.far_max
@@ -210,7 +226,15 @@ class Score:
     def worst_false_alarms(self, most: int) -> pd.DataFrame:
         """Return the labels of the most confident false alarms.
 
-        The column ``found_above`` counts the targets that are found above each.
+        Parameters
+        ----------
+        most : int
+            Number of alarms.
+
+        Returns
+        -------
+        DataFrame
+            Rows of ``labels`` with ``found_above``, the number of targets found above each.
         """
         false = self.labels[self.labels["label"] == "false"]
         worst = false.sort_values("confidence", ascending=False, kind="stable").head(most)

@@ -338,9 +338,7 @@ def match(
     in_halo = np.zeros(len(alarms), dtype=bool)
     in_halo[alarm] = True
     if assignment == "nearest":
-        order = np.lexsort((target, distance, alarm))
-        _, first_of_alarm = np.unique(alarm[order], return_index=True)
-        nearest = order[first_of_alarm]
+        nearest = _nearest_pairs(alarm, target, distance)
         alarm = alarm[nearest]
         target = target[nearest]
         distance = distance[nearest]
@@ -358,6 +356,13 @@ def match(
         false=inside & ~in_halo,
         refraction=refraction,
     )
+
+
+def _nearest_pairs(alarm: IntArray, target: IntArray, distance: FloatArray) -> IntArray:
+    """Return the pairs of alarms with their nearest targets, as numbers of pairs."""
+    order = np.lexsort((target, distance, alarm))
+    _, first_of_alarm = np.unique(alarm[order], return_index=True)
+    return np.asarray(order[first_of_alarm])
 
 
 def pairs_within(

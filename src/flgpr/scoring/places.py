@@ -79,6 +79,16 @@ class Refraction:
         """Return a truth table with its buried targets where they show in the image.
 
         They move along the line from the radar. A target of unknown depth stays.
+
+        Parameters
+        ----------
+        truth : DataFrame
+            Truth table, lane frame.
+
+        Returns
+        -------
+        DataFrame
+            The table with moved x and y, m.
         """
         lateral = truth["x"].to_numpy() - self.radar_x
         ground_range = np.hypot(lateral, self.distance)

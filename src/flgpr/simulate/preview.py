@@ -75,7 +75,7 @@ def _target_table(world: World) -> pd.DataFrame:
 
 def _object_table(world: World) -> pd.DataFrame:
     """Return kind and position of all objects."""
-    rows = [(thing.kind, thing.x, thing.y) for thing in world.objects]
+    rows = [(item.kind, item.x, item.y) for item in world.objects]
     return pd.DataFrame(rows, columns=["kind", "x", "y"])
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.kernels.threads import blas_on_one_thread
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Sensor,
@@ -136,8 +136,8 @@ class Simulator:
             layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
             channels = sum_echoes(self._single_echoes(view), array, self.frequency)
         if not array.dipoles:
-            hh, vv, cross = 0, 1, 2
-            layers = layers[[hh, cross, cross, vv]]
+            hh, vv, cross = layers
+            layers = np.stack([hh, cross, cross, vv])
         return self._received(channels + layers, index)
 
     def bodies(self, index: int) -> NDArray[np.complex64]:
@@ -153,7 +153,7 @@ class Simulator:
         return self._received(channels, index) - self._received(0 * channels, index)
 
     def _received(self, channels: NDArray[np.complex64], index: int) -> NDArray[np.complex64]:
-        """Return the sensor's polarizations of HH, HV, VH, VV, through the radar with its errors."""
+        """Return the sensor's polarizations of HH, HV, VH, VV, as its radar receives them."""
         channels = channels * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
@@ -222,12 +222,12 @@ class Simulator:
                 self._add_target(echoes, index, target, view)
         if targets_only:
             return echoes
-        for thing in self.world.objects:
-            if _in_view(thing, view.pose):
+        for scene_object in self.world.objects:
+            if _in_view(scene_object, view.pose):
                 first = len(echoes.path)
-                array = self._above(thing.x, thing.y, view.array)
-                add_object(echoes, thing, self._ground, array, self.seed)
-                self._cover(echoes, first, thing.x, thing.y, view)
+                array = self._above(scene_object.x, scene_object.y, view.array)
+                add_object(echoes, scene_object, self._ground, array, self.seed)
+                self._cover(echoes, first, scene_object.x, scene_object.y, view)
         return echoes
 
     def _add_target(self, echoes: Echoes, index: int, target: Target, view: View) -> None:
@@ -265,22 +265,22 @@ class Simulator:
         """
         grass = self.scene.grass
         ground = self._height(x, y)
-        places = np.array(echoes.place[first:]).reshape(-1, 3)
-        if not len(places):
+        positions = np.array(echoes.position[first:]).reshape(-1, 3)
+        if not len(positions):
             return
         through = np.ones((4, self.frequency.size), complex)
         if view.shadows is not None:
-            mean_height = max(places[:, 2].mean(), 0.0)
+            mean_height = max(positions[:, 2].mean(), 0.0)
             through *= view.shadows.body_factor(np.array([x, y, ground + mean_height]))
         sine = view.sine(np.array([[x, y, 0.0]])).item() if grass.grown else 0.0
-        for i, place in enumerate(places, first):
+        for i, position in enumerate(positions, first):
             factor = through
             if grass.grown:
-                above = min(max(1 - place[2] / grass.height, 0.0), 1.0)
+                above = min(max(1 - position[2] / grass.height, 0.0), 1.0)
                 hh, vv, cross = through_grass(grass, self.frequency, sine, above)
                 factor = through * np.stack([hh, vv, cross, cross])
             echoes.spectrum[i] = echoes.spectrum[i] * factor
-            echoes.place[i] = place + np.array([0.0, 0.0, ground])
+            echoes.position[i] = position + np.array([0.0, 0.0, ground])
 
     def _make_layers(self) -> list[Layer]:
         """Return all that is summed as point scatterers; further layers are added here."""
@@ -306,6 +306,7 @@ def _height_cache(terrain: Terrain) -> Callable[[float, float], float]:
 
     @functools.cache
     def height(x: float, y: float) -> float:
+        """Return the height of the ground, m."""
         return float(terrain(x, y).item())
 
     return height
@@ -422,17 +423,16 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
     bandwidth = max(tones[-1] - tones[0], sensor.tones.step)
     down_range = SPEED_OF_LIGHT / (2 * bandwidth) * slant / distance
     tx, rx = sensor.pairs()
+    aperture = float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
     if sensor.scanned:
         aperture = 2 * float(np.ptp((tx + rx)[:, 0]) / 2)
-    else:
-        aperture = float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
     return float(down_range * SPEED_OF_LIGHT / tones[-1] * slant / max(aperture, 0.1))
 
 
-def _in_view(thing: Target | SceneObject | Strip, pose: FloatArray) -> bool:
+def _in_view(scene_object: Target | SceneObject | Strip, pose: FloatArray) -> bool:
     """Return whether something stands in front of the array and not too far off."""
-    dx = thing.x - pose[0]
-    dy = thing.y - pose[1]
+    dx = scene_object.x - pose[0]
+    dy = scene_object.y - pose[1]
     forward = dx * math.sin(pose[3]) + dy * math.cos(pose[3])
     return bool(0.5 < forward < _REACH and math.hypot(dx, dy) < _REACH)
 

@@ -31,10 +31,10 @@ _TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")
 NumPy accepts many more spellings and parses some of them without a bound on memory.
 """
 _MOST_AXES = 32
-_LONGEST_AXIS = 2**53
-_ALIGN = 64
+_LONGEST_AXIS = 2**53  # up to here every reader of JSON holds integers exactly
+_ALIGN = 64  # bytes; every array begins at a multiple of it
 _LONGEST_HEAD = 2**26
-_PIECE = 2**20
+_PIECE = 2**20  # bytes that are read at a time while an array is only checked
 MOST_BUNDLE = 16 * 2**30
 """Largest bundle that is read by default, bytes."""
 

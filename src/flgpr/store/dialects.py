@@ -143,7 +143,7 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
         if _count_cells(header) == _count_cells(body[0]):
             comments = comments[:-1]
             body = [header, *body]
-            notes.append(f"the header stands behind a #: {header[:80]}")
+            notes.append(f"the header is commented out by a #: {header[:80]}")
     rows = _rows_without_comments(body, kind)
     dropped = len(comments) + len(body) - len(rows)
     if dropped:
@@ -179,7 +179,7 @@ def _is_numbers(line: str) -> bool:
     return all(_NUMBER_OR_EMPTY.fullmatch(cell) for cell in cells) and any(cells)
 
 
-def mark_of(head: str) -> str:
+def separator_of(head: str) -> str:
     """Return the separator of a header's columns: semicolons, else tabs, else commas."""
     for mark in _MARKS:
         if mark in head:
@@ -189,7 +189,7 @@ def mark_of(head: str) -> str:
 
 def _split(line: str) -> list[str]:
     """Return the cells of a line."""
-    return next(csv.reader(io.StringIO(line), delimiter=mark_of(line)), [""])
+    return next(csv.reader(io.StringIO(line), delimiter=separator_of(line)), [""])
 
 
 def _count_cells(line: str) -> int:
@@ -259,7 +259,7 @@ def _columns_by_user(
             )
         numbers = [number for number, name in enumerate(names) if name.strip() == column]
         if len(numbers) > 1:
-            raise ValueError(f"columns: {column!r} stands {len(numbers)} times in the header")
+            raise ValueError(f"columns: {column!r} is {len(numbers)} times in the header")
         if numbers:
             targets[numbers[0]] = target
     return targets

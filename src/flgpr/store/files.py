@@ -25,7 +25,18 @@ _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
 
 
 def sha256(data: bytes | memoryview) -> str:
-    """Return the SHA-256 of bytes as 64 hexadecimal digits."""
+    """Return the SHA-256 of bytes.
+
+    Parameters
+    ----------
+    data : bytes or memoryview
+        The bytes.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     return hashlib.sha256(data).hexdigest()
 
 

@@ -10,6 +10,6 @@ import logging
 LOGGER = "flgpr.notes"
 
 
-def tell_note(text: str) -> None:
+def log_note(text: str) -> None:
     """Log a line on what was found, replaced or assumed while a file was read."""
     logging.getLogger(LOGGER).info(text)

@@ -19,31 +19,31 @@ from flgpr.append_log import sync_directory
 from flgpr.store.files import replace_folder, sync_file, writing
 
 _LOG = logging.getLogger("flgpr.outputs")
-DELETE = "delete it to make it anew"
-OVERWRITE = "--overwrite makes it anew"
+DELETE = "delete it to make it again"
+OVERWRITE = "--overwrite makes it again"
 
 
 class BusyError(ValueError):
     """Another process is writing the same output."""
 
 
-def tell_finished(output: str | Path, anew: str = DELETE) -> None:
-    """Log that an output exists as this call would make it, and how to make it again (``anew``)."""
-    message = "%s is there already, made from the same: nothing was written; %s"
-    _LOG.info(message, output, anew, extra={"output": output})
+def log_finished(output: str | Path, remedy: str = DELETE) -> None:
+    """Log that an output exists as this call would make it, and the ``remedy`` to make it again."""
+    message = "%s exists already, made from the same inputs: nothing was written; %s"
+    _LOG.info(message, output, remedy, extra={"output": output})
 
 
-def other_output(
-    output: str | Path, anew: str = "move it away or choose another output"
+def output_exists_error(
+    output: str | Path, remedy: str = "move it away or choose another output"
 ) -> FileExistsError:
     """Return the error for an output path at which something else lies."""
     return FileExistsError(
-        f"output must not exist yet, got {output}, which holds something else: {anew}"
+        f"output must not exist yet, got {output}, which holds something else: {remedy}"
     )
 
 
 @contextmanager
-def held_folder(folder: Path, wait: bool = False) -> Iterator[None]:
+def locked_folder(folder: Path, wait: bool = False) -> Iterator[None]:
     """Lock a folder, made if need be, so that no other process writes there.
 
     If one does already, that is a BusyError, or with ``wait`` this process waits for it.
@@ -81,7 +81,7 @@ def _hold(folder: Path, wait: bool) -> int:
 
 
 @contextmanager
-def whole_output(path: Path, replace: bool = False, more: bool = False) -> Iterator[Path]:
+def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iterator[Path]:
     """Yield a temporary path for a file or folder, which is renamed to ``path`` if nothing fails.
 
     Parameters
@@ -109,7 +109,7 @@ def whole_output(path: Path, replace: bool = False, more: bool = False) -> Itera
         If it cannot be written; the error names the output.
     """
     partial = path.with_name(f".partial-{path.name}")
-    with writing(path), held_folder(partial):
+    with writing(path), locked_folder(partial):
         _empty(partial)
         temporary = partial / path.name
         try:
@@ -130,7 +130,7 @@ def whole_output(path: Path, replace: bool = False, more: bool = False) -> Itera
 def write_new(path: Path, data: bytes | str) -> None:
     """Write a new file, text as UTF-8; one that exists with other bytes is a FileExistsError."""
     content = data.encode() if isinstance(data, str) else data
-    with whole_output(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_bytes(content)
 
 
@@ -161,8 +161,8 @@ def _rename_unless_same(temporary: Path, output: Path, more: bool) -> None:
     if _renamed(temporary, output):
         return
     if not same_content(temporary, output, more):
-        raise other_output(output)
-    tell_finished(output)
+        raise output_exists_error(output)
+    log_finished(output)
 
 
 def _renamed(temporary: Path, output: Path) -> bool:

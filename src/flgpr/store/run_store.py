@@ -198,8 +198,8 @@ def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
 def _lazy(stored: _StoredArray) -> Any:
     """Return an array that xarray reads when it is asked for, and copies before it is changed."""
     lazy = indexing.LazilyIndexedArray(stored)
-    copied = indexing.CopyOnWriteArray(lazy)  # type: ignore[arg-type,no-untyped-call]
-    return indexing.MemoryCachedArray(copied)
+    copied = indexing.CopyOnWriteArray(lazy)  # type: ignore[arg-type]
+    return indexing.MemoryCachedArray(copied)  # type: ignore[no-untyped-call]
 
 
 def read_manifest(path: str | Path) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from flgpr.store.journal import (
     WrittenScan,
     difference,
 )
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.run_store import (
     CHECKSUM_BYTES,
     FORMAT,
@@ -431,7 +431,7 @@ def save_run(
     except RunExistsError as error:
         if not (resume and error.same):
             raise
-        tell_finished(path)
+        log_finished(path)
         return Path(path)
     with begun as writer:
         pose = run["pose"].values
@@ -439,6 +439,16 @@ def save_run(
         for scan in range(len(writer), run.sizes["scan"]):
             writer.append(run["signal"][scan].values, pose[scan], float(time[scan]))
     return Path(path)
+
+
+def is_finished(path: str | Path) -> bool:
+    """Return whether a store has its name and its writer came to an end.
+
+    A writer that was killed in between leaves its journal in the store, which the next writer takes
+    away.
+    """
+    root = Path(path)
+    return root.is_dir() and not os.path.lexists(root / JOURNAL)
 
 
 def is_stored(run: xr.Dataset, path: str | Path) -> bool:

@@ -33,7 +33,7 @@ _LARGEST_DESCRIPTION = 16 * 2**20
 
 
 class Layout(NamedTuple):
-    """How an array lies in its store: chunks of numbers in C order, which may end with a CRC-32C."""
+    """How an array lies in its store: chunks of numbers in C order, with or without a CRC-32C."""
 
     shape: tuple[int, ...]  #: of the array
     chunks: tuple[int, ...]  #: shape of a chunk

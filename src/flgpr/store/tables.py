@@ -20,12 +20,12 @@ from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 from flgpr.store.dialects import (
     TableReading,
     column_targets,
-    mark_of,
     named_columns,
+    separator_of,
     without_comments,
 )
 from flgpr.store.files import existing, faults_of, write_whole
-from flgpr.store.notes import tell_note
+from flgpr.store.notes import log_note
 from flgpr.store.text import decode_text
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
@@ -91,7 +91,7 @@ def parse_table(
             return _CHECKS[kind](parse_columns(data, *_ID_COLUMNS))
         checked, notes = _parse_dialect(data, kind, reading or TableReading())
     for note in notes:
-        tell_note(f"{Path(path).name}: {note}")
+        log_note(f"{Path(path).name}: {note}")
     checked.attrs["notes"] = notes
     return checked
 
@@ -106,8 +106,8 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     if not body.strip():
         raise ValueError(f"{kind} must have a header, got an empty file")
     head = body.splitlines()[0]
-    if mark_of(head) == "\t":
-        notes.append("columns are parted by tabs")
+    if separator_of(head) == "\t":
+        notes.append("columns are separated by tabs")
 
     known = tuple(column.name for column in _COLUMNS[kind])
     header = _header_of(head)
@@ -150,7 +150,7 @@ def _first_line(data: bytes) -> str:
 
 def _header_of(head: str) -> list[str]:
     """Return the names in the first line of a table."""
-    cells = next(csv.reader([head], delimiter=mark_of(head)), [])
+    cells = next(csv.reader([head], delimiter=separator_of(head)), [])
     return [str(plain_text(cell.strip())) for cell in cells]
 
 
@@ -186,7 +186,7 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     """
     as_text = dict.fromkeys(texts, str)
     head = _first_line(data)
-    mark = mark_of(head)
+    mark = separator_of(head)
     _check_table_size(data)
     if mark == ",":
         return unquoted(pd.read_csv(io.BytesIO(data), dtype=as_text))
@@ -225,7 +225,7 @@ def _check_table_size(data: bytes) -> None:
     Line ends and separators within quotes count, too, so that nothing needs to be parsed.
     """
     head = _first_line(data)
-    mark = mark_of(head)
+    mark = separator_of(head)
     columns = head.count(mark) + 1
     marks = data.count(mark.encode())
     rows = max(data.count(b"\n"), data.count(b"\r"))

@@ -21,7 +21,7 @@ _MARKS = ";\t,"
 _BEGIN = re.compile(r"BEGIN\b[\s,;]*([^\s,;]*)[\s,;]*", re.IGNORECASE)
 _SIGN = re.compile(r"\s*([+-])\s*")
 _BLANKS_AND_COMMAS = re.compile(r"\d,\d+\s+[-+]?\d+,\d")
-_HINT = "decimal commas are read where semicolons or tabs part the columns"
+_HINT = "decimal commas are read where semicolons or tabs separate the columns"
 
 
 class _Line(NamedTuple):
@@ -108,11 +108,19 @@ def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     return list(blocks.items())
 
 
+def _without_last_mark(rows: list[_Row]) -> list[_Row]:
+    """Leave out an empty last column: some network analysers end every line with a mark."""
+    if len(rows[0].cells) < 2 or any(row.cells[-1].strip() for row in rows):
+        return rows
+    return [row._replace(cells=row.cells[:-1]) for row in rows]
+
+
 def _parse_lines(lines: list[_Line], notes: list[str]) -> dict[str, NDArray[Any]]:
     """Return the arrays of one table, which a header may name."""
     rows = _rows(lines, notes)
     if not rows:
         raise ValueError("there is no line with values")
+    rows = _without_last_mark(rows)
     names = _header(rows[0])
     if names is not None:
         rows = rows[1:]

@@ -27,14 +27,14 @@ from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.matching import LaneLike, Match, as_lanes, match, one_of
 from flgpr.trials.ledger import (
     OPENED,
-    Book,
+    RegisterLike,
     WitnessedRegister,
     alarm_hash,
     enter,
     head_of,
-    parts_of,
-    read_book,
+    read_checked_register,
     read_register,
+    register_paths,
     require_registered,
     require_truth,
 )
@@ -72,7 +72,7 @@ Phrase = str | Callable[[], str]
 class Registration:
     """What must stand in a register before the first look at a sealed truth."""
 
-    book: Book  #: the register
+    register: RegisterLike  #: the register
     #: recipe, model: hash of the recipe whose alarms are scored, and of its model if it has one
     recipe: str
     model: str | None = None
@@ -112,7 +112,7 @@ def seal_truth(
     area: str = "union",
     by: str | None = "kind",
     show: str = "curve",
-    book: Mapping[str, str] | None = None,
+    register: Mapping[str, str] | None = None,
 ) -> Path:
     """Write an encrypted truth together with the lane and the rules it is to be scored by.
 
@@ -136,7 +136,7 @@ def seal_truth(
     show : {"curve", "targets"}
         What a score may show: operating points and counts, or also which target is found at which
         of the points. Either way no positions.
-    book : mapping, optional
+    register : mapping, optional
         ``truth``, hash of the truth in a register, and ``line``, hash of that register's last line:
         scores then demand this register, with the recipe in it.
 
@@ -157,7 +157,7 @@ def seal_truth(
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
     content = _to_seal(truth, lane, halo, area, by, show)
-    content["book"] = None if book is None else dict(book)
+    content["book"] = None if register is None else dict(register)
     content["identity"] = secrets.token_hex(16)
     passphrase = passphrase() if callable(passphrase) else passphrase
     check_passphrase(passphrase)
@@ -194,7 +194,7 @@ def seals(
     except (ValueError, OSError):
         return False, None
     sealed = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
-    return _as_json(sealed) == expected, opened.book
+    return _as_json(sealed) == expected, opened.register
 
 
 def _as_json(content: dict[str, Any]) -> Any:
@@ -261,11 +261,11 @@ class _Opened:
     truth: pd.DataFrame
     lanes: dict[str, Any]
     rules: dict[str, Any]
-    book: dict[str, str] | None  #: the register that it is bound to
+    register: dict[str, str] | None  #: the register that it is bound to
 
 
 def _enter(
-    identity: str, log: Book, **entry: Any
+    identity: str, log: RegisterLike, **entry: Any
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Enter a look into a log; return the truth's looks, this one last, and all lines."""
     lines = enter(log, lambda _: {"sealed": identity, **entry})
@@ -497,7 +497,7 @@ def match_blind(
             "sealed": opened.identity,
             "look": looks[-1]["hash"],
         }
-        heads["register"] = head_of(enter(registered.book, lambda _: opening))
+        heads["register"] = head_of(enter(registered.register, lambda _: opening))
     return BlindLook(matched, truth, opened.rules, looks, line, heads)
 
 
@@ -508,24 +508,25 @@ def _admitted(
 
     It is None for a truth without a register.
     """
-    bound = opened.book
+    bound = opened.register
     if registered is None:
         if bound is not None:
             raise ValueError(
                 f"{sealed} was sealed with a register: it is scored with --recipe and --book only"
             )
         return None
-    book = parts_of(registered.book)[0]
-    lines = read_book(registered.book)
+    register, _ = register_paths(registered.register)
+    lines = read_checked_register(registered.register)
     if bound is not None:
         if bound["line"] not in {line["hash"] for line in lines}:
             raise ValueError(
-                f"book must be the register that {sealed} was sealed with, unaltered, got {book}"
+                f"book must be the register that {sealed} was sealed with, unaltered, "
+                f"got {register}"
             )
         require_truth(
-            book, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True
+            register, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True
         )
-    line = require_registered(book, registered.recipe, registered.model)
+    line = require_registered(register, registered.recipe, registered.model)
     looks = _looks(opened.identity, read_register(log))
     entered = set()
     for entry in lines:
@@ -533,7 +534,7 @@ def _admitted(
             entered.add(entry["look"])
     if not entered <= {look["hash"] for look in looks}:
         raise ValueError(
-            f"log of {sealed} must have every look that {book} has, got one without them"
+            f"log of {sealed} must have every look that {register} has, got one without them"
         )
     if looks and datetime.fromisoformat(line["time"]) >= datetime.fromisoformat(looks[0]["time"]):
         raise ValueError(

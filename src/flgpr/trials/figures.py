@@ -179,6 +179,10 @@ def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
         Content of the file. Text is shown as it is: dollar signs in names do not make formulas.
     """
     show_dollar_signs(figure)
+    from matplotlib import rc_context
+
     stream = io.BytesIO()
-    figure.savefig(stream, format=kind, metadata=_NO_METADATA[kind])
+    # Without a salt the names of an SVG's clip paths and markers are drawn at random.
+    with rc_context({"svg.hashsalt": "flgpr"}):
+        figure.savefig(stream, format=kind, metadata=_NO_METADATA[kind])
     return stream.getvalue()

@@ -84,18 +84,18 @@ class WitnessedRegister:
     witness: Path  #: file of the witness, see :func:`flgpr.trials.check_witness`
 
 
-Book = str | Path | WitnessedRegister
+RegisterLike = str | Path | WitnessedRegister
 """A register, by its path or with its witness."""
 
 
-def parts_of(book: Book) -> tuple[Path, Path | None]:
+def register_paths(register: RegisterLike) -> tuple[Path, Path | None]:
     """Return the path of a register, and that of its witness if it has one."""
-    if isinstance(book, WitnessedRegister):
-        return book.path, book.witness
-    return Path(book), None
+    if isinstance(register, WitnessedRegister):
+        return register.path, register.witness
+    return Path(register), None
 
 
-def register(path: Book, /, **entry: Any) -> dict[str, Any]:
+def register(path: RegisterLike, /, **entry: Any) -> dict[str, Any]:
     """Append a line to a register, with the time and the hash of the line before.
 
     Parameters
@@ -120,7 +120,7 @@ def register(path: Book, /, **entry: Any) -> dict[str, Any]:
 
 
 def enter(
-    path: Book, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, Any]]
+    path: RegisterLike, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Append a line that depends on those before it, while no other process can.
 
@@ -143,7 +143,7 @@ def enter(
         If the register was altered, lacks a line that the witness saw, or is held by another
         process for 30 s.
     """
-    file, witness = parts_of(path)
+    file, witness = register_paths(path)
     with AppendLog(file, _PATIENCE) as log:
         lines = _parsed(file, log.lines)
         _finish_torn(file, log, lines)
@@ -333,9 +333,9 @@ def before_opening(lines: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
     return lines
 
 
-def read_book(book: Book) -> list[dict[str, Any]]:
+def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:
     """Read a register, which must hold every line that its witness saw of it."""
-    path, witness = parts_of(book)
+    path, witness = register_paths(register)
     lines = read_register(path)
     if witness is not None:
         check_witness(lines, witness, path)

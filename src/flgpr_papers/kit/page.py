@@ -5,8 +5,10 @@ Templates, figures that say if a run was quick, Pd at operating points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -14,6 +16,7 @@ from matplotlib.figure import Figure
 
 from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
+from flgpr.store.outputs import log_finished
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS
 
 
@@ -47,6 +50,15 @@ def study_html(template: str, **values: Any) -> str:
         open_question=OPEN,
         **values,
     )
+
+
+@contextmanager
+def telling_if_same(path: Path) -> Iterator[None]:
+    """Tell that a page or table is there already, if what is done within leaves its bytes as they are."""
+    before = path.read_bytes() if path.is_file() else None
+    yield
+    if path.read_bytes() == before:
+        log_finished(path)
 
 
 def draw(figure: Figure, quick: bool, dpi: float = 110) -> bytes:

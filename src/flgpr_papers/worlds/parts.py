@@ -8,6 +8,7 @@ from pathlib import Path
 
 from flgpr.execution.survey import DEFAULTS, RunOptions
 from flgpr.store import write_whole
+from flgpr_papers.kit.page import telling_if_same
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
 from flgpr_papers.worlds.page import page_html, short_tables
@@ -79,8 +80,10 @@ def map_worlds(
     pictures = draw_figures(folder, quick)
     for name, table in short_tables(folder).items():
         write_table(folder / f"{name}.csv", table)
-    write_whole(folder / "index.html", page_html(folder, pictures, quick))
-    return folder / "index.html"
+    page = folder / "index.html"
+    with telling_if_same(page):
+        write_whole(page, page_html(folder, pictures, quick))
+    return page
 
 
 def _take_form(folder: Path, quick: bool) -> None:

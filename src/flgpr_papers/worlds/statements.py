@@ -107,6 +107,8 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
             left.append((paper, asdict(world), str(folder)))
     for _ in track(executor.run(judge_in_world, left), "statements", len(left)):
         pass
+    # Of a study that was killed after its record was written nothing else takes its lanes away.
+    shutil.rmtree(folder / "work", ignore_errors=True)
     write_tables(folder, quick)
 
 

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.chain.stages import ComplexArray, FloatArray, Setup
 from flgpr.imaging import ScanImager
@@ -212,7 +211,7 @@ def sensor_of(setup: Setup, name: str) -> Sensor:
 
 def window_of(imager: ScanImager) -> str | tuple[float, ...] | None:
     """Return the window of an imager as a value that can be compared."""
-    window: str | NDArray[Any] | None = imager.window
+    window = imager.window
     if window is None or isinstance(window, str):
         return window
     return tuple(np.asarray(window, dtype=float).tolist())

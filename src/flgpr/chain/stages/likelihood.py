@@ -459,9 +459,7 @@ def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.floa
     return np.asarray(contrast, dtype=np.float32)
 
 
-def _whitener(
-    total: NDArray[np.complex128], count: FloatArray, metre: int, load: float
-) -> NDArray[np.complex128]:
+def _whitener(total: NDArray[Any], count: FloatArray, metre: int, load: float) -> NDArray[Any]:
     """Return what whitens the clutter of a metre and of as many about it as give a covariance.
 
     Parameters

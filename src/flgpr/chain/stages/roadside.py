@@ -35,7 +35,7 @@ MASK = "roadside"
 """Name of the pass that finds the mask."""
 FIT = "roadside.fit"
 """Name of the pass that fits what lies under it."""
-_NEEDS_WHOLE_RUN = "what outshines the lane is told by the whole run"
+_NEEDS_WHOLE_RUN = "only the whole run shows what outshines the lane"
 
 
 class RoadsideSettings(Table):
@@ -106,7 +106,7 @@ class RoadsideModel:
         return np.asarray(self.setup.results[MASK]["points"])
 
     def cleaned(self, index: int) -> ComplexArray:
-        """Return the data of a scan without the fitted response; needs the results of both passes."""
+        """Return the data of a scan without the fitted response; needs both passes' results."""
         block = self._block_of(index)
         row = int(np.flatnonzero(block["index"] == index)[0])
         data: ComplexArray = block["data"][row]

@@ -71,7 +71,7 @@ def standing_pass(
 class StandingField(ClutterStage):
     """Subtracts the median of the data over the run, fitted to every scan's gain."""
 
-    not_live_because = "what stands still is told by the whole run"
+    not_live_because = "only the whole run shows what stands still"
     Settings: ClassVar[type[Table]] = StandingSettings
 
     @classmethod

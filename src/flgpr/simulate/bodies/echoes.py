@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.threads import shared
+from flgpr.jit.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import Ray, interface_path, reflection, refracted_ray
@@ -34,14 +34,14 @@ class Echoes:
     """
 
     path: list[FloatArray] = field(default_factory=list)
-    place: list[FloatArray] = field(default_factory=list)
+    position: list[FloatArray] = field(default_factory=list)
     spectrum: list[ComplexArray] = field(default_factory=list)
     weight: list[FloatArray] = field(default_factory=list)
 
     def add(
         self,
         path: FloatArray,
-        place: FloatArray,
+        position: FloatArray,
         spectrum: NDArray[Any],
         weight: FloatArray | None = None,
     ) -> None:
@@ -51,7 +51,7 @@ class Echoes:
         ----------
         path : ndarray (pair,) or (1,)
             Electrical path there and back, m.
-        place : ndarray (3,)
+        position : ndarray (3,)
             Where the antennas' gains are taken, m.
         spectrum : ndarray (3 or 4, frequency)
             Amplitudes, m; a missing fourth row is zero.
@@ -63,7 +63,7 @@ class Echoes:
         if weight is None:
             weight = np.ones((2, path.size))
         self.path.append(path)
-        self.place.append(place)
+        self.position.append(position)
         self.spectrum.append(four_rows)
         self.weight.append(weight)
 
@@ -262,7 +262,7 @@ def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
 
 
 def add_object(
-    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState, seed: int
 ) -> None:
     """Add an object's echoes.
 
@@ -270,7 +270,7 @@ def add_object(
     ----------
     echoes : Echoes
         Where they are added.
-    thing : SceneObject
+    scene_object : SceneObject
         The object.
     ground : Ground
         The ground that it stands on.
@@ -279,101 +279,105 @@ def add_object(
     seed : int
         Draws the tilt of rocks and the twigs of bushes.
     """
-    if thing.kind == "rock":
-        _add_rock(echoes, thing, ground, array, seed)
-    elif thing.kind == "post":
-        _add_post(echoes, thing, ground, array)
-    elif thing.kind == "bush":
-        _add_bush(echoes, thing, ground, array, seed)
+    if scene_object.kind == "rock":
+        _add_rock(echoes, scene_object, ground, array, seed)
+    elif scene_object.kind == "post":
+        _add_post(echoes, scene_object, ground, array)
+    elif scene_object.kind == "bush":
+        _add_bush(echoes, scene_object, ground, array, seed)
     else:
-        _add_fiducial(echoes, thing, ground, array)
+        _add_fiducial(echoes, scene_object, ground, array)
 
 
-def _object_stream(seed: int, thing: SceneObject) -> np.random.Generator:
+def _object_stream(seed: int, scene_object: SceneObject) -> np.random.Generator:
     """Return the random stream of an object, named by its kind and place in mm."""
-    return stream(seed, thing.kind, round(thing.x * 1000), round(thing.y * 1000))
+    return stream(
+        seed, scene_object.kind, round(scene_object.x * 1000), round(scene_object.y * 1000)
+    )
 
 
 def _add_rock(
-    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState, seed: int
 ) -> None:
     """Add a half-buried stone of permittivity 6 and its image in the ground.
 
     It is a dipole, half a radius up, that saturates at the optical cross section.
     """
-    sine = incidence(thing.x, thing.y, 0.0, array)
+    sine = incidence(scene_object.x, scene_object.y, 0.0, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
     optical = ((math.sqrt(6) - 1) / (math.sqrt(6) + 1)) ** 2
     dipole = ((6 - 1) / (6 + 2)) ** 2
-    growth = 4 * dipole / optical * (k * thing.radius) ** 4
-    size = thing.radius / 2 * np.sqrt(optical * growth / (1 + growth))
-    r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * thing.radius * cosine)
+    growth = 4 * dipole / optical * (k * scene_object.radius) ** 4
+    size = scene_object.radius / 2 * np.sqrt(optical * growth / (1 + growth))
+    r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * scene_object.radius * cosine)
     copolar_h = (1 + r_h) ** 2
     copolar_v = (sine * (1 + r_v)) ** 2 + (cosine * (1 - r_v)) ** 2
     copolar = np.stack([copolar_h, copolar_v])
-    rng = _object_stream(seed, thing)
+    rng = _object_stream(seed, scene_object)
     spectrum = rotated(size * copolar, rng.normal(0, 0.2))
-    point = np.tile([thing.x, thing.y, thing.radius / 2], (array.tx.size, 1))
+    point = np.tile([scene_object.x, scene_object.y, scene_object.radius / 2], (array.tx.size, 1))
     echoes.add(_air_path(point, array), point[0], spectrum)
 
 
-def _add_post(echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState) -> None:
+def _add_post(echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState) -> None:
     """Add an upright cylinder: direct, image and corner echoes, integrated over its height."""
-    sine = incidence(thing.x, thing.y, thing.height / 2, array)
+    sine = incidence(scene_object.x, scene_object.y, scene_object.height / 2, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
-    line = np.sqrt(k * thing.radius * sine / (4 * np.pi)) * np.exp(-0.25j * np.pi)
+    line = np.sqrt(k * scene_object.radius * sine / (4 * np.pi)) * np.exp(-0.25j * np.pi)
     bounce = _CONDUCTOR * ground.reflection(sine)
     end = 1 / (2j * k * cosine)
-    foot = line * (2 * bounce * thing.height - (1 - bounce**2) * end)
+    foot = line * (2 * bounce * scene_object.height - (1 - bounce**2) * end)
     top = np.broadcast_to(line * end, bounce.shape)
     image = -line * end * bounce**2
-    towards = bisectors(thing.x, thing.y, array)
-    for z, copolar in ((0.0, foot), (thing.height, top), (-thing.height, image)):
+    towards = bisectors(scene_object.x, scene_object.y, array)
+    for z, copolar in ((0.0, foot), (scene_object.height, top), (-scene_object.height, image)):
         spectrum = _without_cross(copolar)
-        _add_ring_point(echoes, thing, thing.radius, towards, z, spectrum, array)
+        _add_ring_point(echoes, scene_object, scene_object.radius, towards, z, spectrum, array)
 
 
 def bush_scatterers(
-    thing: SceneObject, seed: int, count: int = 24
+    scene_object: SceneObject, seed: int, count: int = 24
 ) -> tuple[FloatArray, ComplexArray]:
     """Draw a bush's twigs.
 
     Returns
     -------
-    place : ndarray (twig, 3)
+    position : ndarray (twig, 3)
         Places in the lane frame, m.
     amplitude : ndarray (twig, 3) of complex
         HH, VV and cross, m: HH of the bush's ``rcs_db``, -10 dBsm unless given, cross 6 dB below.
     """
-    rng = _object_stream(seed, thing)
-    place = rng.normal(0, 0.5, (count, 3)) * thing.radius
-    place[:, 2] = rng.uniform(0.05, 1.0, count) * max(thing.height, 0.1)
-    place[:, :2] += [thing.x, thing.y]
-    rcs_db = -10.0 if thing.rcs_db is None else thing.rcs_db
+    rng = _object_stream(seed, scene_object)
+    position = rng.normal(0, 0.5, (count, 3)) * scene_object.radius
+    position[:, 2] = rng.uniform(0.05, 1.0, count) * max(scene_object.height, 0.1)
+    position[:, :2] += [scene_object.x, scene_object.y]
+    rcs_db = -10.0 if scene_object.rcs_db is None else scene_object.rcs_db
     level = 10 ** (rcs_db / 20) / math.sqrt(4 * np.pi * count)
     z = (rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3))) / math.sqrt(2)
-    return place, z * level * np.array([1.0, 1.0, 0.5])
+    return position, z * level * np.array([1.0, 1.0, 0.5])
 
 
 def _add_bush(
-    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState, seed: int
 ) -> None:
     """Add twigs whose cross section grows by 5 dB per decade of frequency."""
-    places, amplitude = bush_scatterers(thing, seed)
+    positions, amplitude = bush_scatterers(scene_object, seed)
     growth = (ground.frequency / 1e9) ** 0.25
-    for place, size in zip(places, amplitude, strict=True):
-        echoes.add(_air_path(place[None, :], array), place, size[:, None] * growth)
+    for position, size in zip(positions, amplitude, strict=True):
+        echoes.add(_air_path(position[None, :], array), position, size[:, None] * growth)
 
 
-def _add_fiducial(echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState) -> None:
+def _add_fiducial(
+    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState
+) -> None:
     """Add a corner reflector.
 
     Its cross section grows as f², the same in HH and VV, 0 dBsm at 1 GHz unless given.
     """
-    level = 10 ** ((thing.rcs_db or 0.0) / 20) / math.sqrt(4 * np.pi)
-    point = np.array([[thing.x, thing.y, thing.height]])
+    level = 10 ** ((scene_object.rcs_db or 0.0) / 20) / math.sqrt(4 * np.pi)
+    point = np.array([[scene_object.x, scene_object.y, scene_object.height]])
     spectrum = level * (ground.frequency / 1e9) * _COPOLAR[:, None]
     echoes.add(_air_path(point, array), point[0], spectrum.astype(complex))
 
@@ -433,9 +437,9 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
     if not echoes.path:
         return out
     pairs = array.tx.size
-    place = np.array(echoes.place)
-    gain = antenna_gains(place, array)
-    ray = place - array.position[:, None]
+    position = np.array(echoes.position)
+    gain = antenna_gains(position, array)
+    ray = position - array.position[:, None]
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     log_cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
     path = np.stack([np.broadcast_to(p, (pairs,)) for p in echoes.path])

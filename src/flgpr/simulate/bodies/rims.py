@@ -91,11 +91,11 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
         exterior = (first - second) % (2 * math.pi)
         if exterior <= math.pi + 1e-9:  # flat or concave
             continue
-        for near, direction in ((True, math.pi / 2 - theta), (False, math.pi / 2 + theta)):
+        for is_near, direction in ((True, math.pi / 2 - theta), (False, math.pi / 2 + theta)):
             angle = (first - direction) % (2 * math.pi)
             if angle < exterior:
                 soft, hard = wedge_coefficients(angle, exterior)
-                rims.append(Rim(corner[0], corner[1], near, -soft, hard))
+                rims.append(Rim(corner[0], corner[1], is_near, -soft, hard))
     return rims
 
 

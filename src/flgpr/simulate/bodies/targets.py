@@ -77,14 +77,14 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
     table_sine = _leaning(sine, lean, permittivity) / math.sqrt(_relative_permittivity(target))
     weight = node_weights(table_sine, separation, _aspect(azimuth, target), aspects)
     taper = _taper(target, mean_sine, ground, layer, array)
-    near = 0.5j / ground.wavenumber * taper
+    near_factor = 0.5j / ground.wavenumber * taper
     entry = ground.entry_squared(mean_sine, layer) * ground.dispersion(mean_sine, target.depth)
     # Cross amplitudes take the mean of H and V.
     entry_cross = np.sqrt(entry[0] * entry[1])
-    near_cross = (near[0] + near[1]) / 2
+    near_cross = (near_factor[0] + near_factor[1]) / 2
     entry = np.stack([*entry, entry_cross, entry_cross])
-    near = np.stack([*near, near_cross, near_cross])
-    spectra = ((basis + near * slope) * entry).astype(np.complex64)
+    near_factor = np.stack([*near_factor, near_cross, near_cross])
+    spectra = ((basis + near_factor * slope) * entry).astype(np.complex64)
     spectra = spectra.reshape(-1, 4, ground.frequency.size)
     surface = np.array([target.x, target.y, 0.0])
     path = sent.path + taken.path
@@ -148,8 +148,8 @@ def _taper(
     wave front is curved: to first order in size over range ``F + j·g/(2k0)·∂F/∂sinθ``, g being this
     growth plus 1/(2R·sinθ) for that.
     """
-    away = -bisectors(target.x, target.y, array).mean(axis=0)
-    steps = np.array([[-_STEP], [_STEP]]) * away / np.linalg.norm(away)
+    outward = -bisectors(target.x, target.y, array).mean(axis=0)
+    steps = np.array([[-_STEP], [_STEP]]) * outward / np.linalg.norm(outward)
     places = np.concatenate([np.array([target.x, target.y]) + steps, np.zeros((2, 1))], axis=1)
     gains = np.abs(antenna_gains(places, array)).swapaxes(1, 2)
     copolar_gains = gains[:, [0, 2]]  # (antenna, H and V, place)
@@ -341,8 +341,8 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
         copolar = size * entry * _strength(rim, target, sine, ground, layer)
         if cover is not None and rim.drop == 0 and not rim.near:
             copolar = copolar * cover
-        place = np.array([target.x, target.y, -depth])
-        echoes.add(sent.path + taken.path, place, rotated(copolar, across))
+        position = np.array([target.x, target.y, -depth])
+        echoes.add(sent.path + taken.path, position, rotated(copolar, across))
 
 
 def _strength(
@@ -356,8 +356,8 @@ def _strength(
         return np.array([[rim.h], [rim.v]], complex)
     gap = min(target.air_gap, 0.9 * target.height)
     layers = [(gap, 1.0), (target.height - gap, target.dielectric)]
-    near = bodies.layers_strength(sine, ground.wavenumber, ground.media[layer], layers)
-    return near if rim.near else -near
+    near_rim = bodies.layers_strength(sine, ground.wavenumber, ground.media[layer], layers)
+    return near_rim if rim.near else -near_rim
 
 
 def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:

@@ -1,1 +1,1 @@
-"""Small scenes as input of a full-wave solver of others."""
+"""Small scenes as input of a full-wave solver."""

@@ -1,4 +1,4 @@
-"""A small scene as input files of gprMax, the open full-wave solver, so that others' physics can check ours.
+"""A small scene as input files of gprMax, the open full-wave solver.
 
 Only text is written here; nothing of gprMax is needed. A run per transmitter and polarization has
 the scene, another only air: its field is the direct wave, which the reader takes off.
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
+from flgpr.simulate.bodies.rims import Profile
 from flgpr.simulate.full_wave.gprmax_grid import (
     Grid,
     GridPoint,
@@ -44,9 +45,8 @@ class Decks:
     files: dict[str, str] = field(default_factory=dict)  #: name and text of every file
     #: what the reader needs to put the results together, as JSON values
     manifest: dict[str, Any] = field(default_factory=dict)
-    omissions: list[str] = field(
-        default_factory=list
-    )  #: parts of scene and sensor that are not in the files, in words
+    #: what of scene and sensor is not in the files, in words
+    omissions: list[str] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)  #: size and cost, in words
 
 
@@ -57,7 +57,7 @@ def make_decks(
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
 ) -> Decks:
-    """Write a scene as gprMax input files; a ValueError if the model is too large or too coarse, or for some soils.
+    """Write a scene as gprMax input files.
 
     Parameters
     ----------
@@ -72,6 +72,17 @@ def make_decks(
     cells_per_wavelength, max_cells : float
         Cells per wavelength at the highest tone in the slowest soil, and those of the largest model
         that is written.
+
+    Returns
+    -------
+    Decks
+        The files, and what a reader of their results needs.
+
+    Raises
+    ------
+    ValueError
+        If the model is too large or its cells are too coarse, if a target does not lie on the lane,
+        or if a soil cannot be fitted.
     """
     if not cells_per_wavelength >= 4:
         raise ValueError(f"cells_per_wavelength must be at least 4, got {cells_per_wavelength:g}")
@@ -81,47 +92,24 @@ def make_decks(
     media = scene.soil.media(tones)
     slowest = max(float(np.sqrt(np.abs(eps)).max()) for eps in media)
     wavelength = SPEED_OF_LIGHT / tones[-1]
-    cell = min(wavelength / slowest, wavelength) / cells_per_wavelength
-    digits = 10.0 ** (math.floor(math.log10(cell)) - 1)
-    cell = round(
-        math.floor(cell / digits + 1e-9) * digits, 9
-    )  # rounded down, so that files and grids are readable
+    cell = _round_down(min(wavelength / slowest, wavelength) / cells_per_wavelength)
     antennas = vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), poses)
     grid = _grid(scene, world, antennas, cell)
-    count = math.prod(grid.shape)
-    if count > max_cells:
-        raise ValueError(
-            f"the model must have at most {max_cells:.3g} cells, got {' x '.join(map(str, grid.shape))} = {count:.3g} "
-            f"of {1000 * cell:g} mm for {' x '.join(f'{s:.1f}' for s in grid.size)} m: take a shorter or narrower "
-            "lane, track.positions closer to it, lower tones or fewer cells per wavelength"
-        )
-    relaxing = [fit_relaxation(tones, eps, 1.5 * grid.time_step) for eps in media]
+    _check_size(grid, max_cells)
+    soils = [fit_relaxation(tones, eps, 1.5 * grid.time_step) for eps in media]
     decks = Decks()
     # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three
     # cells: at 3.76 times its centre.
-    centre = min(
-        float(tones[0] + tones[-1]) / 2, wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85)
-    )
+    band_centre = float(tones[0] + tones[-1]) / 2
+    highest_centre = wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85)
+    centre = min(band_centre, highest_centre)
     window = _time_window(grid, antennas, slowest, centre)
-    decks.files[SCENE_FILE], rough = _scene_text(
-        scene, world, grid, relaxing, seed, decks.omissions
-    )
-    decks.omissions[:0] = _left_out(scene, world, sensor)
+    omissions: list[str] = []
+    decks.files[SCENE_FILE], surface = _scene_text(scene, world, grid, soils, seed, omissions)
+    decks.omissions = _left_out(scene, world, sensor) + omissions
     runs = _runs(decks, scene, sensor, poses, antennas, grid, centre, window)
-    tx, rx = sensor.pairs()
     decks.manifest = {
-        "format": FORMAT,
-        "title": scene.name,
-        "seed": seed,
-        "sensor": sensor.name,
-        "polarization": list(sensor.polarization),
-        "tones": {
-            "start": sensor.tones.start,
-            "step": sensor.tones.step,
-            "count": sensor.tones.count,
-        },
-        "tx_position": tx.tolist(),
-        "rx_position": rx.tolist(),
+        **_describe_sensor(scene, sensor, seed),
         "pose": poses.tolist(),
         "time": times.tolist(),
         "waveform": {"type": "gaussiandotnorm", "frequency": centre},
@@ -131,25 +119,76 @@ def make_decks(
             "shape": list(grid.shape),
             "time_window": window,
         },
-        "soil": [dict(zip(RelaxingMedium._fields, one, strict=True)) for one in relaxing],
-        "surface": rough,
+        "soil": [soil._asdict() for soil in soils],
+        "surface": surface,
         "omissions": decks.omissions,
         "runs": runs,
     }
-    decks.summary = [
-        f"{len(runs)} runs and {len({run['free'] for run in runs})} of air alone",
-        f"{' x '.join(map(str, grid.shape))} cells of {1000 * cell:g} mm: {count * _BYTES_PER_CELL / 2**30:.2g} GiB",
-        f"{window / grid.time_step:.0f} time steps, {count * window / grid.time_step:.2g} cell updates per run",
-        *(
-            f"soil {k + 1}: {len(one.poles)} Debye poles, off by at most {100 * one.error_real:.2g} % in ε' and "
-            f"{100 * one.error_loss:.2g} % in ε''"
-            for k, one in enumerate(relaxing)
-        ),
-    ]
+    decks.summary = _summarise(grid, window, runs, soils)
     return decks
 
 
+def _round_down(cell: float) -> float:
+    """Return a length, m, rounded down to two digits, so that files and grids are readable."""
+    unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
+    return round(math.floor(cell / unit + 1e-9) * unit, 9)
+
+
+def _check_size(grid: Grid, max_cells: float) -> None:
+    """Raise a ValueError if a grid has more than the given cells."""
+    count = math.prod(grid.shape)
+    if count <= max_cells:
+        return
+    shape = " x ".join(map(str, grid.shape))
+    size = " x ".join(f"{edge:.1f}" for edge in grid.size)
+    raise ValueError(
+        f"the model must have at most {max_cells:.3g} cells, got {shape} = {count:.3g} of "
+        f"{1000 * grid.cell:g} mm for {size} m: take a shorter or narrower lane, track.positions "
+        "closer to it, lower tones or fewer cells per wavelength"
+    )
+
+
+def _describe_sensor(scene: Scene, sensor: Sensor, seed: int) -> dict[str, Any]:
+    """Return the manifest's entries of scene and sensor."""
+    tx, rx = sensor.pairs()
+    tones = sensor.tones
+    return {
+        "format": FORMAT,
+        "title": scene.name,
+        "seed": seed,
+        "sensor": sensor.name,
+        "polarization": list(sensor.polarization),
+        "tones": {"start": tones.start, "step": tones.step, "count": tones.count},
+        "tx_position": tx.tolist(),
+        "rx_position": rx.tolist(),
+    }
+
+
+def _summarise(
+    grid: Grid, window: float, runs: list[dict[str, Any]], soils: list[RelaxingMedium]
+) -> list[str]:
+    """Return the size and cost of all runs in words, a line each."""
+    count = math.prod(grid.shape)
+    shape = " x ".join(map(str, grid.shape))
+    air_runs = len({run["free"] for run in runs})
+    memory = count * _BYTES_PER_CELL / 2**30
+    steps = window / grid.time_step
+    updates = count * window / grid.time_step
+    lines = [
+        f"{len(runs)} runs and {air_runs} of air alone",
+        f"{shape} cells of {1000 * grid.cell:g} mm: {memory:.2g} GiB",
+        f"{steps:.0f} time steps, {updates:.2g} cell updates per run",
+    ]
+    for number, soil in enumerate(soils, start=1):
+        lines.append(
+            f"soil {number}: {len(soil.poles)} Debye poles, off by at most "
+            f"{100 * soil.error_real:.2g} % in ε' and {100 * soil.error_loss:.2g} % in ε''"
+        )
+    return lines
+
+
 def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid:
+    """Return the grid around lane, antennas, targets and objects, with room at its edges."""
     points = antennas.reshape(-1, 3)
     room = (_ABSORBER + _MARGIN) * cell
     low = np.minimum([scene.x_min, 0.0, 0.0], points.min(axis=0))
@@ -160,9 +199,10 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid
             reach = radius + height * abs(math.sin(target.tilt))
             low = np.minimum(low, [target.x - reach, target.y - reach, -(target.depth + height)])
             high = np.maximum(high, [target.x + reach, target.y + reach, -target.depth])
-    for thing in world.objects:
-        if scene.lane.contains(thing.x, thing.y):
-            high[2] = max(high[2], thing.height, thing.radius if thing.kind == "rock" else 0.0)
+    for scene_object in world.objects:
+        if scene.lane.contains(scene_object.x, scene_object.y):
+            rock_top = scene_object.radius if scene_object.kind == "rock" else 0.0
+            high[2] = max(high[2], scene_object.height, rock_top)
     low[2] = min(low[2], -sum(layer.thickness for layer in scene.soil.layers))
     # The first antenna across and along, and the ground in height, lie on nodes.
     anchor = np.array([*antennas[0, 0, :2], 0.0])
@@ -172,17 +212,20 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid
 
 
 def _make_grid(first: FloatArray, cell: float, shape: NDArray[Any]) -> Grid:
+    """Return a grid whose first node lies at a place, m."""
     x, y, z = (float(v) for v in first)
     i, j, k = (int(n) for n in shape)
     return Grid((x, y, z), cell, (i, j, k), _ABSORBER)
 
 
 def _time_window(grid: Grid, antennas: FloatArray, index: float, centre: float) -> float:
-    ends = [(low, low + size) for low, size in zip(grid.origin[:2], grid.size[:2], strict=True)]
-    corners = np.array([(x, y) for x in ends[0] for y in ends[1]])
+    """Return the time in which the echo of the farthest corner and the pulse end, s."""
+    x_low, y_low, bottom = grid.origin
+    width, length, _ = grid.size
+    corners = np.array([(x, y) for x in (x_low, x_low + width) for y in (y_low, y_low + length)])
     across = np.linalg.norm(antennas[..., None, :2] - corners, axis=-1).max()
     high = antennas[..., 2].max()
-    deep = -grid.origin[2]
+    deep = -bottom
     path = 2 * math.hypot(across, high) + 2 * index * deep
     return float(1.1 * path / SPEED_OF_LIGHT + 4 / centre)
 
@@ -195,20 +238,25 @@ def _scene_text(
     seed: int,
     omissions: list[str],
 ) -> tuple[str, dict[str, float]]:
-    """Write everything that does not change from run to run: soil, surface, objects, targets."""
+    """Return everything that does not change from run to run: soil, surface, objects, targets.
+
+    The second value describes the surface's heights; what cannot be written joins the omissions.
+    """
     lines = []
-    for k, soil in enumerate(soils):
-        lines.append(f"#material: {soil.permittivity:.9g} {soil.conductivity:.9g} 1 0 soil{k + 1}")
+    for number, soil in enumerate(soils, start=1):
+        material = f"{soil.permittivity:.9g} {soil.conductivity:.9g} 1 0 soil{number}"
+        lines.append(f"#material: {material}")
         if soil.poles:
             poles = " ".join(f"{delta:.9g} {tau:.9g}" for delta, tau in soil.poles)
-            lines.append(f"#add_dispersion_debye: {len(soil.poles)} {poles} soil{k + 1}")
+            lines.append(f"#add_dispersion_debye: {len(soil.poles)} {poles} soil{number}")
     ground, rough = _ground(scene, grid, seed, len(soils))
     lines += ground
-    outside = [t for t in world.targets if not grid.contains((t.x, t.y, 0.0), t.extent[0])]
-    if outside:
-        raise ValueError(
-            f"every target must lie on the lane, got one at x = {outside[0].x:g}, y = {outside[0].y:g} m"
-        )
+    for target in world.targets:
+        if not grid.contains((target.x, target.y, 0.0), target.extent[0]):
+            raise ValueError(
+                f"every target must lie on the lane, got one at x = {target.x:g}, "
+                f"y = {target.y:g} m"
+            )
     lines += _objects(world.objects, grid, rough["rms_height"], omissions)
     bodies: dict[float, str] = {}
     for target in world.targets:
@@ -218,87 +266,88 @@ def _scene_text(
 
 
 def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str], dict[str, float]]:
-    surface = scene.surface
+    """Return the boxes of all soils, and how rough the surface is before and after rounding."""
     cell = grid.cell
     level = round(-grid.origin[2] / cell)
-    steps = np.zeros(grid.shape[:2], dtype=int)
-    wanted = 0.0
-    if surface.rms_height + surface.unevenness > 0 and (surface.echo or surface.phase_screen):
-        heights = surface_heights(surface, seed)
-        # Inside the absorbing layers the ground goes on as it enters them.
-        axes = [
-            np.clip(np.arange(n), grid.absorber, n - 1 - grid.absorber) + 0.5
-            for n in grid.shape[:2]
-        ]
-        x, y = (axis * cell + start for axis, start in zip(axes, grid.origin[:2], strict=True))
-        exact = np.stack([heights(x[i], y) for i in range(x.size)])
-        steps = np.rint(exact / cell).astype(int)
-        wanted = float(exact.std())
-    low = int(steps.min())
-    high = int(steps.max())
-    lines = []
-    top = level + low
+    steps, rms_height = _surface_steps(scene, grid, seed)
+    lowest = int(steps.min())
+    highest = int(steps.max())
     below = level * cell
     bottoms = []
     for layer in scene.soil.layers:
         below -= layer.thickness
         bottoms.append(max(round(below / cell), 0))
-    tops = [top, *bottoms]
+    tops = [level + lowest, *bottoms]
+    width, length, _ = grid.shape
+    lines = []
     for k in range(soils):
         floor = bottoms[k] if k < len(bottoms) else 0
         if tops[k] > floor:
-            lines.append(
-                _box(0, grid.shape[0], 0, grid.shape[1], floor, tops[k], cell, f"soil{k + 1}")
-            )
-    for step in range(low + 1, high + 1):
-        lines += [
-            _box(*area, level + step - 1, level + step, cell, "soil1")
-            for area in rectangles(steps >= step)
-        ]
-    return lines, {"rms_height": wanted, "rms_height_on_grid": float(steps.std() * cell)}
+            lines.append(_box(0, width, 0, length, floor, tops[k], cell, f"soil{k + 1}"))
+    for step in range(lowest + 1, highest + 1):
+        for area in rectangles(steps >= step):
+            lines.append(_box(*area, level + step - 1, level + step, cell, "soil1"))
+    rough = {"rms_height": rms_height, "rms_height_on_grid": float(steps.std() * cell)}
+    return lines, rough
+
+
+def _surface_steps(scene: Scene, grid: Grid, seed: int) -> tuple[NDArray[Any], float]:
+    """Return the surface's heights in cells (i, j), and the rms of the exact ones, m."""
+    surface = scene.surface
+    rough = surface.rms_height + surface.unevenness > 0
+    if not (rough and (surface.echo or surface.phase_screen)):
+        return np.zeros(grid.shape[:2], dtype=int), 0.0
+    heights = surface_heights(surface, seed)
+    places = []
+    for count, start in zip(grid.shape[:2], grid.origin[:2], strict=True):
+        # Inside the absorbing layers the ground goes on as it enters them.
+        inner = np.clip(np.arange(count), grid.absorber, count - 1 - grid.absorber)
+        places.append((inner + 0.5) * grid.cell + start)
+    x, y = places
+    exact = np.stack([heights(x[i], y) for i in range(x.size)])
+    return np.rint(exact / grid.cell).astype(int), float(exact.std())
 
 
 def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, material: str) -> str:
+    """Return the line of a box between nodes."""
     corners = " ".join(f"{n * cell:.9g}" for n in (i0, j0, k0, i1, j1, k1))
     return f"#box: {corners} {material}"
 
 
 def _objects(
-    things: tuple[SceneObject, ...], grid: Grid, rms_height: float, omissions: list[str]
+    objects: tuple[SceneObject, ...], grid: Grid, rms_height: float, omissions: list[str]
 ) -> list[str]:
+    """Return the lines of rocks and posts; all else joins the omissions."""
     lines = []
-    away = 0
-    kinds: dict[str, int] = {}
-    for thing in things:
-        if not grid.contains((thing.x, thing.y, 0.0), thing.radius):
-            away += 1
-        elif thing.kind == "rock":
-            place = " ".join(f"{v:.9g}" for v in grid.local((thing.x, thing.y, 0.0)))
-            lines.append(f"#sphere: {place} {thing.radius:.9g} rock")
-        elif thing.kind == "post" and thing.height >= grid.cell:
+    outside = 0
+    without_body: dict[str, int] = {}
+    for scene_object in objects:
+        if not grid.contains((scene_object.x, scene_object.y, 0.0), scene_object.radius):
+            outside += 1
+        elif scene_object.kind == "rock":
+            centre = " ".join(f"{v:.9g}" for v in grid.local((scene_object.x, scene_object.y, 0.0)))
+            lines.append(f"#sphere: {centre} {scene_object.radius:.9g} rock")
+        elif scene_object.kind == "post" and scene_object.height >= grid.cell:
+            # Deep enough to reach the ground in the deepest trough.
             foot = -grid.cell * math.ceil(3 * rms_height / grid.cell)
-            lines.append(
-                _rod(
-                    (thing.x, thing.y, thing.height),
-                    (thing.x, thing.y, foot),
-                    thing.radius,
-                    grid,
-                    "pec",
-                )
-            )
+            top = (scene_object.x, scene_object.y, scene_object.height)
+            bottom = (scene_object.x, scene_object.y, foot)
+            lines.append(_rod(top, bottom, scene_object.radius, grid, "pec"))
         else:
-            kinds[thing.kind] = kinds.get(thing.kind, 0) + 1
+            without_body[scene_object.kind] = without_body.get(scene_object.kind, 0) + 1
     if any(line.startswith("#sphere") for line in lines):
         lines.insert(0, f"#material: {_ROCK:g} 0 1 0 rock")
-    omissions += [f"{count} of kind {kind}: no body to write" for kind, count in kinds.items()]
-    if away:
-        omissions.append(f"{away} objects that stand outside the model")
+    for kind, count in without_body.items():
+        omissions.append(f"{count} of kind {kind}: no body to write")
+    if outside:
+        omissions.append(f"{outside} objects that stand outside the model")
     return lines
 
 
 def _rod(
     top: Iterable[float], bottom: Iterable[float], radius: float, grid: Grid, material: str
 ) -> str:
+    """Return the line of a cylinder between two places of the lane, m."""
     ends = " ".join(f"{v:.9g}" for v in (*grid.local(list(top)), *grid.local(list(bottom))))
     return f"#cylinder: {ends} {radius:.9g} {material}"
 
@@ -306,68 +355,86 @@ def _rod(
 def _target(
     target: Target, grid: Grid, bodies: dict[float, str], omissions: list[str]
 ) -> list[str]:
-    """Write a body of revolution about its leaning axis: discs of its profile, the air gap under its top last."""
+    """Return the lines of a body of revolution about its leaning axis.
+
+    These are discs of its profile, the air gap under its top last.
+    """
     lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     axis = np.array([*lean, math.cos(target.tilt)])
     top = np.array([target.x, target.y, -target.depth])
     material = "pec"
     if target.dielectric is not None:
         material = bodies.setdefault(target.dielectric, f"body{len(bodies) + 1}")
-    least = grid.cell / math.cos(target.tilt)  # gprMax wants the ends of a disc on different nodes
-    where = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
+    # gprMax wants the ends of a disc on different nodes.
+    thinnest = grid.cell / math.cos(target.tilt)
+    name = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
     height = target.extent[1]
-    if height < least:
+    if height < thinnest:
         omissions.append(
-            f"the height of {where}: {1000 * height:.0f} mm became a cell, {1000 * least:.0f} mm"
+            f"the height of {name}: {1000 * height:.0f} mm became a cell, {1000 * thinnest:.0f} mm"
         )
-    discs = _discs(target.outline, max(least, 1e-9))
-    lines = [_rod(top - a * axis, top - b * axis, r, grid, material) for r, a, b in discs]
-    gap = min(target.air_gap, 0.9 * target.height) if target.dielectric is not None else 0.0
-    if 0 < gap < least:
+    discs = _discs(target.outline, max(thinnest, 1e-9))
+    lines = []
+    for radius, upper, lower in discs:
+        lines.append(_rod(top - upper * axis, top - lower * axis, radius, grid, material))
+    gap = 0.0
+    if target.dielectric is not None:
+        gap = min(target.air_gap, 0.9 * target.height)
+    if 0 < gap < thinnest:
         omissions.append(
-            f"the air gap of {where}: {1000 * gap:.0f} mm became a cell, {1000 * least:.0f} mm"
+            f"the air gap of {name}: {1000 * gap:.0f} mm became a cell, {1000 * thinnest:.0f} mm"
         )
-        gap = least
+        gap = thinnest
     if gap > 0:
         lines.append(_rod(top, top - gap * axis, discs[0][0], grid, "free_space"))
     return lines
 
 
-def _discs(profile: Any, least: float) -> list[tuple[float, float, float]]:
-    """Cut a body of revolution into discs (radius, upper drop, lower drop) no thinner than ``least``."""
-    radius, drop = (np.array(column, dtype=float) for column in zip(*profile, strict=True))
-    height = max(float(drop[-1]), least)
-    edges = np.linspace(0.0, height, max(1, math.floor(height / least + 1e-9)) + 1)
+def _discs(profile: Profile, thinnest: float) -> list[tuple[float, float, float]]:
+    """Return the discs (radius, upper drop, lower drop), m, of a body of revolution.
+
+    None is thinner than ``thinnest``; discs of one radius are joined.
+    """
+    radius = np.array([corner[0] for corner in profile], dtype=float)
+    drop = np.array([corner[1] for corner in profile], dtype=float)
+    bottom = float(drop[-1])
+    height = max(bottom, thinnest)
+    count = max(1, math.floor(height / thinnest + 1e-9))
+    edges = np.linspace(0.0, height, count + 1)
     discs: list[tuple[float, float, float]] = []
-    for a, b in itertools.pairwise(edges.tolist()):
-        wide = _widest(radius, drop, min((a + b) / 2, 0.999 * float(drop[-1])))
-        if discs and abs(discs[-1][0] - wide) < 1e-12:
-            discs[-1] = (wide, discs[-1][1], b)
-        elif wide > 0:
-            discs.append((wide, a, b))
+    for upper, lower in itertools.pairwise(edges.tolist()):
+        middle = min((upper + lower) / 2, 0.999 * bottom)
+        widest = _radius_at(radius, drop, middle)
+        if discs and abs(discs[-1][0] - widest) < 1e-12:
+            discs[-1] = (widest, discs[-1][1], lower)
+        elif widest > 0:
+            discs.append((widest, upper, lower))
     return discs
 
 
-def _widest(radius: FloatArray, drop: FloatArray, at: float) -> float:
-    best = 0.0
+def _radius_at(radius: FloatArray, drop: FloatArray, at: float) -> float:
+    """Return the greatest radius of a profile at a drop below its top, m."""
+    greatest = 0.0
     for r0, r1, d0, d1 in zip(radius[:-1], radius[1:], drop[:-1], drop[1:], strict=True):
         if min(d0, d1) <= at <= max(d0, d1) and d0 != d1:
-            best = max(best, r0 + (r1 - r0) * (at - d0) / (d1 - d0))
-    return float(best)
+            greatest = max(greatest, r0 + (r1 - r0) * (at - d0) / (d1 - d0))
+    return float(greatest)
 
 
 def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
+    """Return what of scene and sensor no file holds, in words."""
     surface = scene.surface
     omitted = []
     if sensor.antenna.kind == "horn":
         omitted.append("the horns' pattern and gain: ideal short dipoles stand in for them")
     omitted.append(
-        "the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors"
+        "the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, "
+        "pose errors"
     )
     if surface.echo:
         omitted.append(
-            "what the surface has beside its heights (slope, texture, cross_db, correlation, level_db): the ground "
-            "scatters as its heights do"
+            "what the surface has beside its heights (slope, texture, cross_db, correlation, "
+            "level_db): the ground scatters as its heights do"
         )
     if world.patches:
         omitted.append(f"{len(world.patches)} wet patches")
@@ -377,83 +444,112 @@ def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
         )
     if scene.grass.grown:
         omitted.append("the grass")
-    buried = [*buried_clutter(scene), *(["refilled holes"] if world.holes else [])]
+    buried = buried_clutter(scene)
+    if world.holes:
+        buried.append("refilled holes")
     if buried:
         omitted.append(f"what lies under the surface: {', '.join(buried)}")
     return omitted
 
 
 def _runs(
-    decks: Decks, scene: Scene, sensor: Sensor, poses: FloatArray, antennas: FloatArray, grid: Grid, centre: float,
+    decks: Decks,
+    scene: Scene,
+    sensor: Sensor,
+    poses: FloatArray,
+    antennas: FloatArray,
+    grid: Grid,
+    centre: float,
     window: float,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Write the input file of every scan, transmitter and polarization, and those of air alone that they need."""
+) -> list[dict[str, Any]]:
+    """Write the input file of every scan, transmitter and polarization, and return their list.
+
+    Those of air alone that they need are written too, equal ones once.
+    """
     runs: list[dict[str, Any]] = []
-    free_files: dict[str, str] = {}
+    air_files: dict[str, str] = {}
     first, second = sensor.pair_indices()
+    transmitted = sorted({name[0] for name in sensor.polarization})
     for scan, pose in enumerate(poses):
-        turn = pose_matrix(pose)
-        directions = {
-            "H": turn[:, 0],
-            "V": turn @ np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)]),
-        }
+        directions = _dipole_directions(sensor, pose)
         places = antennas[scan]
         air = _air_grid(grid, places)
         widest = np.linalg.norm(places[:, None] - places, axis=-1).max()
         air_window = float(1.1 * widest / SPEED_OF_LIGHT + 4 / centre)
         for tx in sorted(set(first.tolist())):
             pairs = np.flatnonzero(first == tx)
-            receivers = [
-                _receiver(places[len(sensor.tx) + second[p]], directions, grid) for p in pairs
-            ]
-            for label in sorted({name[0] for name in sensor.polarization}):
+            receivers = []
+            for pair in pairs:
+                antenna = places[len(sensor.tx) + second[pair]]
+                receivers.append(_receiver(antenna, directions, grid))
+            for label in transmitted:
                 source = grid.spread(places[tx], directions[label])
                 name = f"scan{scan:03d}-tx{tx:02d}-{label}"
                 title = f"{scene.name}, {name}"
                 decks.files[f"{name}.in"] = _deck(title, grid, source, receivers, centre, window)
-                shifted = _shift(source, receivers, grid, air)
-                text = _deck("air alone", air, *shifted, centre, air_window, scene=False)
-                free = free_files.setdefault(text, f"air-{name}")
-                decks.files[f"{free}.in"] = text
-                runs.append(
-                    {
-                        "file": name,
-                        "free": free,
-                        "scan": scan,
-                        "transmit": label,
-                        "pairs": pairs.tolist(),
-                        "source": [[point.component, point.weight] for point in source],
-                        "receivers": [
-                            {end: [[_name(q, n), point.component, point.weight] for n, point in which]
-                             for end, which in one.items()}
-                            for q, one in enumerate(receivers)
-                        ],
-                    }
-                )  # fmt: skip
+                air_source, air_receivers = _moved_to(air, source, receivers, grid)
+                text = _deck(
+                    "air alone", air, air_source, air_receivers, centre, air_window, scene=False
+                )
+                air_file = air_files.setdefault(text, f"air-{name}")
+                decks.files[f"{air_file}.in"] = text
+                run = {
+                    "file": name,
+                    "free": air_file,
+                    "scan": scan,
+                    "transmit": label,
+                    "pairs": pairs.tolist(),
+                    "source": [[point.component, point.weight] for point in source],
+                    "receivers": _describe_receivers(receivers),
+                }
+                runs.append(run)
     return runs
 
 
+def _dipole_directions(sensor: Sensor, pose: FloatArray) -> dict[str, FloatArray]:
+    """Return the unit vectors of the H and V dipoles in the lane frame."""
+    turn = pose_matrix(pose)
+    upright = np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])
+    return {"H": turn[:, 0], "V": turn @ upright}
+
+
 Receiver = dict[str, list[tuple[int, GridPoint]]]
+"""Field components of a receiver by polarization, each with its number."""
 
 
 def _receiver(position: FloatArray, directions: dict[str, FloatArray], grid: Grid) -> Receiver:
-    """Give every field component of a receiver's two polarizations a number, those in common once."""
-    known: dict[tuple[str, tuple[int, int, int]], int] = {}
-    return {
-        label: [
-            (known.setdefault((p.component, p.node), len(known)), p)
-            for p in grid.spread(position, direction)
-        ]
-        for label, direction in directions.items()
-    }
+    """Return the field components of a receiver, numbered; those in common have one number."""
+    numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
+    receiver: Receiver = {}
+    for label, direction in directions.items():
+        numbered = []
+        for point in grid.spread(position, direction):
+            number = numbers.setdefault((point.component, point.node), len(numbers))
+            numbered.append((number, point))
+        receiver[label] = numbered
+    return receiver
+
+
+def _describe_receivers(receivers: list[Receiver]) -> list[dict[str, list[list[Any]]]]:
+    """Return the manifest's entry of a run's receivers: name, component and weight of points."""
+    described = []
+    for index, receiver in enumerate(receivers):
+        entry: dict[str, list[list[Any]]] = {}
+        for label, points in receiver.items():
+            entry[label] = [
+                [_name(index, number), point.component, point.weight] for number, point in points
+            ]
+        described.append(entry)
+    return described
 
 
 def _name(receiver: int, number: int) -> str:
+    """Return the name of a receiver's field component in the files."""
     return f"r{receiver}n{number}"
 
 
 def _air_grid(grid: Grid, places: FloatArray) -> Grid:
-    """Cut the box around the antennas out of the grid, its nodes in place."""
+    """Return the box around the antennas out of the grid, its nodes in place."""
     room = _ABSORBER + _MARGIN
     low = np.floor(grid.local(places).min(axis=0) / grid.cell).astype(int) - room
     high = np.ceil(grid.local(places).max(axis=0) / grid.cell).astype(int) + room
@@ -461,24 +557,37 @@ def _air_grid(grid: Grid, places: FloatArray) -> Grid:
     return _make_grid(origin, grid.cell, high - low)
 
 
-def _shift(
-    source: list[GridPoint], receivers: list[Receiver], grid: Grid, air: Grid
+def _moved_to(
+    air: Grid, source: list[GridPoint], receivers: list[Receiver], grid: Grid
 ) -> tuple[list[GridPoint], list[Receiver]]:
-    by = np.rint((np.asarray(air.origin) - np.asarray(grid.origin)) / grid.cell).astype(int)
+    """Return the points of a run on the nodes of the grid of air."""
+    origin = (np.asarray(air.origin) - np.asarray(grid.origin)) / grid.cell
+    offset = np.rint(origin).astype(int)
 
     def moved(point: GridPoint) -> GridPoint:
-        i, j, k = (int(n) for n in np.asarray(point.node) - by)
+        """Return a point on the node of the other grid."""
+        i, j, k = (int(n) for n in np.asarray(point.node) - offset)
         return point._replace(node=(i, j, k))
 
-    return [moved(p) for p in source], [
-        {end: [(n, moved(p)) for n, p in which] for end, which in one.items()} for one in receivers
-    ]
+    moved_receivers = []
+    for receiver in receivers:
+        moved_receiver: Receiver = {}
+        for label, points in receiver.items():
+            moved_receiver[label] = [(number, moved(point)) for number, point in points]
+        moved_receivers.append(moved_receiver)
+    return [moved(point) for point in source], moved_receivers
 
 
 def _deck(
-    title: str, grid: Grid, source: list[GridPoint], receivers: list[Receiver], centre: float, window: float,
+    title: str,
+    grid: Grid,
+    source: list[GridPoint],
+    receivers: list[Receiver],
+    centre: float,
+    window: float,
     scene: bool = True,
-) -> str:  # fmt: skip
+) -> str:
+    """Return the text of one input file, with the scene or of air alone."""
     cell = grid.cell
     lines = [
         f"#title: {title}",
@@ -492,12 +601,16 @@ def _deck(
     for k, point in enumerate(source):
         lines.append(f"#waveform: gaussiandotnorm {point.weight:.12g} {centre:.9g} pulse{k + 1}")
         lines.append(f"#hertzian_dipole: {point.component} {_node(point, cell)} pulse{k + 1}")
-    for q, one in enumerate(receivers):
-        wanted = {n: point for which in one.values() for n, point in which}
-        for n, point in sorted(wanted.items()):
-            lines.append(f"#rx: {_node(point, cell)} {_name(q, n)} E{point.component}")
+    for index, receiver in enumerate(receivers):
+        numbered = {}
+        for points in receiver.values():
+            numbered.update(points)
+        for number, point in sorted(numbered.items()):
+            field_name = f"{_name(index, number)} E{point.component}"
+            lines.append(f"#rx: {_node(point, cell)} {field_name}")
     return "\n".join(lines) + "\n"
 
 
 def _node(point: GridPoint, cell: float) -> str:
+    """Return a node's coordinates, m, as the files write them."""
     return " ".join(f"{n * cell:.9g}" for n in point.node)

@@ -1,10 +1,10 @@
-"""What a full-wave model is made of: its grid, points put on the nodes around them, soils as relaxing media."""
+"""What a full-wave model is made of: its grid, points on the nodes around them, relaxing media."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,10 @@ from flgpr.simulate.ground.soil import VACUUM_PERMITTIVITY
 
 
 class GridPoint(NamedTuple):
-    """One component of the field at one node, and its weight; it lies half a cell along its own axis (Yee 1966)."""
+    """One component of the field at one node, and its weight.
+
+    The component lies half a cell along its own axis (Yee 1966).
+    """
 
     component: str
     node: tuple[int, int, int]
@@ -41,41 +44,54 @@ class Grid(NamedTuple):
         return self.cell / (299_792_458.0 * math.sqrt(3.0))
 
     def local(self, point: ArrayLike) -> FloatArray:
-        """Take points (..., 3) from the lane to the box's own coordinates, m."""
+        """Return points (..., 3) of the lane in the box's own coordinates, m."""
         return np.asarray(point, dtype=np.float64) - np.asarray(self.origin)
 
     def contains(self, point: ArrayLike, reach: float = 0.0) -> bool:
-        """Tell whether a point (3,) with all within ``reach`` (m) of it across lies inside the absorbing layers."""
-        at = self.local(point)[:2]
+        """Return whether a point lies inside the absorbing layers, with all around it.
+
+        Parameters
+        ----------
+        point : array_like (3,)
+            In the lane frame, m; its height does not count.
+        reach : float
+            Distance around it, across, m.
+        """
+        xy = self.local(point)[:2]
         edge = self.absorber * self.cell + reach
-        return bool((at >= edge).all() and (at <= self.size[:2] - edge).all())
+        return bool((xy >= edge).all() and (xy <= self.size[:2] - edge).all())
 
     def spread(self, point: ArrayLike, direction: ArrayLike) -> list[GridPoint]:
-        """Put a vector at a point of the lane on the components around it, by cubic interpolation.
+        """Return a vector at a point of the lane as components on nodes around it.
 
         Each component lies on its own lattice, half a cell off along its axis, so that dipoles in
         different directions at one point would sit at different places if they were snapped to the
-        grid. Spread, they sit at the point: with ten cells per wavelength a wave loses at most 0.4
-        % of its amplitude per axis, and no phase. The weights of a component sum to the vector's
-        part along it.
+        grid. Spread by cubic interpolation, they sit at the point: with ten cells per wavelength a
+        wave loses at most 0.4 % of its amplitude per axis, and no phase. The weights of a component
+        sum to the vector's component along it.
         """
-        place = self.local(point) / self.cell
+        in_cells = self.local(point) / self.cell
+        vector = np.asarray(direction, dtype=np.float64)
         points = []
-        for axis, (component, part) in enumerate(
-            zip("xyz", np.asarray(direction, dtype=np.float64), strict=True)
-        ):
-            if abs(part) < 1e-9:
+        for axis, component in enumerate("xyz"):
+            size = vector[axis]
+            if abs(size) < 1e-9:
                 continue
-            at = np.round(place - 0.5 * (np.arange(3) == axis), 9)
-            for (i, u), (j, v), (k, w) in itertools.product(*(_cubic(float(p)) for p in at)):
-                points.append(GridPoint(component, (i, j, k), float(part * u * v * w)))
+            # Rounded, so that a position on a node is one.
+            on_lattice = np.round(in_cells - 0.5 * (np.arange(3) == axis), 9)
+            in_x, in_y, in_z = (_cubic(float(coordinate)) for coordinate in on_lattice)
+            for (i, u), (j, v), (k, w) in itertools.product(in_x, in_y, in_z):
+                points.append(GridPoint(component, (i, j, k), float(size * u * v * w)))
         return points
 
 
-def _cubic(place: float) -> list[tuple[int, float]]:
-    """Give the four nodes around a place, in cells, their weights of Lagrange's cubic; a node alone is itself."""
-    first = math.floor(place)
-    t = place - first
+def _cubic(position: float) -> list[tuple[int, float]]:
+    """Return the four nodes around a position, in cells, with their weights of Lagrange's cubic.
+
+    A position on a node has this node alone.
+    """
+    first = math.floor(position)
+    t = position - first
     if t == 0:
         return [(first, 1.0)]
     weights = (
@@ -88,29 +104,45 @@ def _cubic(place: float) -> list[tuple[int, float]]:
 
 
 def rectangles(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Cover the true cells of a mask (i, j) by rectangles, each cell once: half-open (i_0, i_1, j_0, j_1)."""
+    """Return rectangles that cover the true cells of a mask, each cell once.
+
+    Parameters
+    ----------
+    mask : ndarray (i, j) of bool
+        The cells.
+
+    Returns
+    -------
+    list of tuple
+        Half-open (i_0, i_1, j_0, j_1).
+    """
+    # Runs of true cells that rows have in common, by the row where they begin.
     open_runs: dict[tuple[int, int], int] = {}
-    found = []
-    for i, row in enumerate([*mask, np.zeros(mask.shape[1], bool)]):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
-        runs = {(int(a), int(b)) for a, b in edges.reshape(-1, 2)}
-        for (a, b), start in list(open_runs.items()):
-            if (a, b) not in runs:
-                found.append((start, i, a, b))
-                del open_runs[(a, b)]
+    covered = []
+    closing_row = np.zeros(mask.shape[1], bool)
+    for i, row in enumerate([*mask, closing_row]):
+        padded = np.concatenate([[False], row, [False]]).astype(np.int8)
+        edges = np.flatnonzero(np.diff(padded))
+        runs = {(int(first), int(last)) for first, last in edges.reshape(-1, 2)}
+        for run, start in list(open_runs.items()):
+            if run not in runs:
+                covered.append((start, i, *run))
+                del open_runs[run]
         for run in sorted(runs):
             open_runs.setdefault(run, i)
-    return found
+    return covered
 
 
-_TOLERANCE = (0.002, 0.03)  # of ε' and of ε'', before another pole is tried
+# Errors of ε' and of ε'' at which no further pole is tried.
+_TOLERANCE_REAL = 0.002
+_TOLERANCE_LOSS = 0.03
 
 
 class RelaxingMedium(NamedTuple):
-    """``ε∞ + Σ Δε/(1 + jωτ) - jσ/(ωε0)``, poles being pairs of Δε and τ.
+    """A medium of permittivity ``ε∞ + Σ Δε/(1 + jωτ) - jσ/(ωε0)``.
 
-    Errors are the largest over the band, of ε' relative to it, of ε'' relative to the larger of ε''
-    and ε'/1000.
+    Poles are pairs of Δε and τ, s; the conductivity is in S/m. Errors are the largest over the
+    band, of ε' relative to it, of ε'' relative to the larger of ε'' and ε'/1000.
     """
 
     permittivity: float
@@ -120,20 +152,39 @@ class RelaxingMedium(NamedTuple):
     error_loss: float
 
     def __call__(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Complex permittivity at frequencies (Hz), in their shape."""
+        """Return the complex permittivity at frequencies (Hz), in their shape."""
         omega = 2 * np.pi * np.asarray(frequency, dtype=np.float64)
         total = self.permittivity - 1j * self.conductivity / (omega * VACUUM_PERMITTIVITY)
-        return np.asarray(total + sum(d / (1 + 1j * omega * tau) for d, tau in self.poles))
+        relaxing: Any = 0
+        for delta, tau in self.poles:
+            relaxing = relaxing + delta / (1 + 1j * omega * tau)
+        return np.asarray(total + relaxing)
 
 
 def fit_relaxation(
     frequency: ArrayLike, permittivity: ArrayLike, shortest: float, most_poles: int = 3
 ) -> RelaxingMedium:
-    """Fit a relaxing medium to a permittivity ε' - jε'' over a band; ε' from 1, ε'' not negative.
+    """Fit a relaxing medium to a permittivity ε' - jε'' over a band.
 
-    As few Debye poles as bring ε' within 0.2 % and ε'' within 3 %, by least squares with no
-    negative part, over a grid of relaxation times from ``shortest`` on, which the solver's time
-    step allows. A medium so fitted is causal and passive; outside the band it means nothing.
+    It has as few Debye poles as bring ε' within 0.2 % and ε'' within 3 %, by least squares without
+    negative terms, over a grid of relaxation times. A medium so fitted is causal and passive;
+    outside the band it means nothing.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Frequencies of the band, Hz.
+    permittivity : array_like of complex
+        ε' from 1 on, ε'' not negative.
+    shortest : float
+        Shortest relaxation time, s, that the solver's time step allows.
+    most_poles : int
+        Most poles.
+
+    Raises
+    ------
+    ValueError
+        If the permittivity is below 1 or has a negative loss.
     """
     f = np.atleast_1d(np.asarray(frequency, float))
     eps = np.atleast_1d(np.asarray(permittivity, complex))
@@ -143,36 +194,44 @@ def fit_relaxation(
         )
     longest = 10 / (2 * math.pi * f.min())
     times = np.geomspace(shortest, max(longest, 1.01 * shortest), 25)
-    best = _solve(f, eps, ())
+    best = _fit_terms(f, eps, ())
     for count in range(1, most_poles + 1):
-        if best.error_real <= _TOLERANCE[0] and best.error_loss <= _TOLERANCE[1]:
+        if best.error_real <= _TOLERANCE_REAL and best.error_loss <= _TOLERANCE_LOSS:
             break
-        step = 1 if count < 3 else 3
-        tries = (_solve(f, eps, chosen) for chosen in itertools.combinations(times[::step], count))
-        best = min((best, *tries), key=_badness)
+        # Triples of all times would be too many.
+        candidates = times[:: 1 if count < 3 else 3]
+        for chosen in itertools.combinations(candidates, count):
+            medium = _fit_terms(f, eps, chosen)
+            if _relative_error(medium) < _relative_error(best):
+                best = medium
     return best
 
 
-def _badness(medium: RelaxingMedium) -> float:
-    return max(medium.error_real / _TOLERANCE[0], medium.error_loss / _TOLERANCE[1])
+def _relative_error(medium: RelaxingMedium) -> float:
+    """Return the greater of both errors over their tolerances."""
+    return max(medium.error_real / _TOLERANCE_REAL, medium.error_loss / _TOLERANCE_LOSS)
 
 
-def _solve(
+def _fit_terms(
     f: NDArray[np.float64], eps: NDArray[np.complex128], times: tuple[float, ...]
 ) -> RelaxingMedium:
+    """Fit a medium with poles at given relaxation times, s."""
     omega = 2 * np.pi * f
-    # ε∞ is 1 plus something, so that no part may be negative.
+    # ε∞ is 1 plus a term, so that no term may be negative.
     columns = [np.ones(f.size, complex), -1j / (omega * VACUUM_PERMITTIVITY)]
     columns += [1 / (1 + 1j * omega * tau) for tau in times]
     matrix = np.stack(columns, axis=1)
     loss = np.maximum(-eps.imag, 1e-3 * eps.real)
-    weight = np.concatenate([1 / (_TOLERANCE[0] * eps.real), 1 / (_TOLERANCE[1] * loss)])
+    weight = np.concatenate([1 / (_TOLERANCE_REAL * eps.real), 1 / (_TOLERANCE_LOSS * loss)])
     size = np.concatenate([[1.0, VACUUM_PERMITTIVITY * omega.mean()], np.ones(len(times))])
     rows = np.concatenate([matrix.real, matrix.imag]) * size
-    wanted = np.concatenate([eps.real - 1, eps.imag])
-    part = nnls(rows * weight[:, None], wanted * weight)[0] * size
-    poles = tuple((float(d), float(t)) for d, t in zip(part[2:], times, strict=True) if d > 0)
-    medium = RelaxingMedium(1 + float(part[0]), float(part[1]), poles, 0.0, 0.0)
+    target = np.concatenate([eps.real - 1, eps.imag])
+    terms = nnls(rows * weight[:, None], target * weight)[0] * size
+    poles = []
+    for delta, tau in zip(terms[2:], times, strict=True):
+        if delta > 0:
+            poles.append((float(delta), float(tau)))
+    medium = RelaxingMedium(1 + float(terms[0]), float(terms[1]), tuple(poles), 0.0, 0.0)
     error = medium(f) - eps
     return medium._replace(
         error_real=float((np.abs(error.real) / eps.real).max()),

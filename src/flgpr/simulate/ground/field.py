@@ -29,9 +29,9 @@ def tiles_between(low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
     low, high : ndarray (2,)
         Opposite corners (x, y) of the box in the lane frame, m.
     """
-    left, near = np.floor(low / TILE).astype(int).tolist()
-    right, far = np.floor(high / TILE).astype(int).tolist()
-    rows = range(near, far + 1)
+    left, front = np.floor(low / TILE).astype(int).tolist()
+    right, back = np.floor(high / TILE).astype(int).tolist()
+    rows = range(front, back + 1)
     columns = range(left, right + 1)
     return [(ix, iy) for iy in rows for ix in columns]
 
@@ -184,9 +184,11 @@ class _Texture:
         return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))
 
     def _waves_along_x(self, ix: int) -> ComplexArray:
+        """Return the waves along x in a column of tiles."""
         return self._waves_along(ix, self._waves[0], self._phase)
 
     def _waves_along_y(self, iy: int) -> ComplexArray:
+        """Return the waves along y in a row of tiles."""
         return self._waves_along(iy, self._waves[1], 0.0)
 
     def _waves_along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:

@@ -376,6 +376,7 @@ class GrassField(SurfaceField):
     """Scatterers with a third coordinate, their height as a share of the grass's."""
 
     def _make(self, ix: int, iy: int) -> Scatterers:
+        """Make the scatterers of a tile, each at a random height in the grass."""
         flat = super()._make(ix, iy)
         height = stream(self.seed, "grass height", ix, iy).random(self.per_tile)
         return Scatterers(np.column_stack([flat.xy, height]), flat.amplitude)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import share
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.radar.spread import ArrayState
@@ -68,18 +68,20 @@ def shadow_strips(
             z = float(ground(target.x, target.y))
             top = z - target.depth
             strips.append(Strip(target.x, target.y, z, top, target.extent[0]))
-    for thing in objects:
-        if thing.kind == "fiducial":
+    for scene_object in objects:
+        if scene_object.kind == "fiducial":
             continue
-        height = thing.radius if thing.kind == "rock" else thing.height
-        lowest = _LOWEST_ROCK if thing.kind == "rock" else 0.0
+        height = scene_object.radius if scene_object.kind == "rock" else scene_object.height
+        lowest = _LOWEST_ROCK if scene_object.kind == "rock" else 0.0
         if height <= lowest:
             continue
         loss = math.inf
-        if thing.kind == "bush":
-            loss = foliage * math.pi / 2 * thing.radius
-        z = float(ground(thing.x, thing.y))
-        strips.append(Strip(thing.x, thing.y, z, z + height, thing.radius, loss))
+        if scene_object.kind == "bush":
+            loss = foliage * math.pi / 2 * scene_object.radius
+        z = float(ground(scene_object.x, scene_object.y))
+        strips.append(
+            Strip(scene_object.x, scene_object.y, z, z + height, scene_object.radius, loss)
+        )
     return strips
 
 
@@ -212,8 +214,8 @@ def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, beg
     # One Fresnel zone of the lowest frequency at its widest, and the spread of the antennas as seen
     # past the strip.
     longest = wavelength.max()
-    away = np.hypot(strips[:, 0] - cx, strips[:, 1] - cy)
-    reach = strips[:, 4] + np.sqrt(longest * away) + aperture
+    distance = np.hypot(strips[:, 0] - cx, strips[:, 1] - cy)
+    reach = strips[:, 4] + np.sqrt(longest * distance) + aperture
     for i in range(begin, end):
         dx = points[i, 0] - cx
         dy = points[i, 1] - cy

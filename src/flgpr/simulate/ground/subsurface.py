@@ -106,6 +106,7 @@ def incidence_laws(scene: Scene, ground: Ground) -> FloatArray:
     k = ground.wavenumber[ground.wavenumber.size // 2]
 
     def volume(s: FloatArray | float) -> FloatArray:
+        """Return the cross section per volume at a sine, for a deviation of one."""
         return inclusions.volume_backscatter(
             k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical
         )
@@ -458,8 +459,8 @@ class SubsurfaceLayer:
         inside = view.inside(buried.xy)
         buried = Buried._make(column[inside] for column in buried)
         points = np.zeros((len(buried.xy), 3))
-        away = view.centre[:2] - buried.xy
-        towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
+        offset = view.centre[:2] - buried.xy
+        towards = offset / np.hypot(offset[:, 0], offset[:, 1])[:, None]
         points[:, :2] = buried.xy + buried.reach[:, None] * towards
         sine = view.sine(points)
         nearest = np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)
@@ -484,9 +485,9 @@ def _polarized(
     with_axis = np.flatnonzero(buried.axial)
     sine_in_soil = sine[with_axis] / np.sqrt(spectra.permittivity(buried.depth[with_axis]))
     axis = buried.axis[with_axis]
-    look = towards[with_axis]
-    along_h = axis[:, 1] * look[:, 0] - axis[:, 0] * look[:, 1]
-    level = (axis[:, :2] * look).sum(axis=1)
+    view_direction = towards[with_axis]
+    along_h = axis[:, 1] * view_direction[:, 0] - axis[:, 0] * view_direction[:, 1]
+    level = (axis[:, :2] * view_direction).sum(axis=1)
     along_v = axis[:, 2] * sine_in_soil - level * np.sqrt(1 - sine_in_soil**2)
     dyad = np.stack([along_h**2, along_v**2, along_h * along_v], axis=1)
     amplitude[with_axis] += (buried.axial[with_axis, None] * dyad).astype(np.complex64)
@@ -533,8 +534,8 @@ class HoleLayer:
         depth = np.zeros((count, 6))
         middle = np.zeros((count, 3))
         middle[:, :2] = self._xy[visible]
-        away = view.centre[:2] - middle[:, :2]
-        towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
+        offset = view.centre[:2] - middle[:, :2]
+        towards = offset / np.hypot(offset[:, 0], offset[:, 1])[:, None]
         sine = view.sine(middle)
         for row, index in enumerate(visible):
             hole = self._holes[index]
@@ -592,6 +593,7 @@ def subsurface_layers(
     deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
 
     def grass_cover(sine: FloatArray) -> FloatArray:
+        """Return the two-way factor of the grass."""
         return through_grass(scene.grass, ground.frequency, sine)
 
     cover = grass_cover if scene.grass.grown else None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 from flgpr.model import Lane, heading_matrix
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.scene import scene_tables as tables

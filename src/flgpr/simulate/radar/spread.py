@@ -17,8 +17,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import shared
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
@@ -160,6 +160,7 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
     def spread(  # type: ignore[no-untyped-def]
         coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end
     ):
+        """Add points to the profiles of pairs."""
         steps = table.shape[0] - 2
         bins = profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
@@ -275,9 +276,8 @@ class Spreader:
         """
         if extra is None:
             extra = np.zeros(len(points))
-        if nodes is None:
-            exponents = np.full(len(functions), array.exponent)
-        else:
+        exponents = np.full(len(functions), array.exponent)
+        if nodes is not None:
             exponents = array.exponents(nodes)
         channels = 4 if array.dipoles else 3
         total = np.zeros((channels, array.tx.size, self.count), np.complex64)

@@ -194,6 +194,7 @@ class Target(SceneTable):
     @model_validator(mode="before")
     @classmethod
     def _take_body(cls, data: Any) -> Any:
+        """Return the entries with the body's size."""
         return _with_body_size(data, ("radius", "height", "profile", "permittivity", "gap"))
 
     @property
@@ -241,6 +242,7 @@ class TargetDraw(SceneTable):
     @model_validator(mode="before")
     @classmethod
     def _take_body(cls, data: Any) -> Any:
+        """Return the entries with the body's size."""
         return _with_body_size(data, ("radius", "height"))
 
 
@@ -269,6 +271,7 @@ class Clutter(SceneTable):
 
     @model_validator(mode="after")
     def _check(self) -> Clutter:
+        """Raise a ValueError for distances that do not increase."""
         least, greatest = self.roadside
         if not least <= greatest:
             raise ValueError(
@@ -307,6 +310,7 @@ class Track(SceneTable):
 
     @model_validator(mode="after")
     def _check(self) -> Track:
+        """Raise a ValueError for distances that do not increase."""
         least, greatest = self.step
         if not 0 < least <= greatest:
             raise ValueError(f"step must have 0 < least <= greatest, got {self.step}")
@@ -343,6 +347,7 @@ class Scene(SceneTable):
     @model_validator(mode="before")
     @classmethod
     def _take_site(cls, data: Any) -> Any:
+        """Return the entries over those of the site that they name."""
         if not isinstance(data, dict) or data.get("site") is None:
             return data
         merged = dict(data)
@@ -355,6 +360,7 @@ class Scene(SceneTable):
 
     @model_validator(mode="after")
     def _check(self) -> Scene:
+        """Raise a ValueError for a lane without width."""
         if not self.x_max > self.x_min:
             raise ValueError(f"x_max must be greater than x_min, got {self.x_min} and {self.x_max}")
         return self

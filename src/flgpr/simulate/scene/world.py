@@ -53,9 +53,9 @@ class World:
             if not self.scene.lane.contains(target.x, target.y):
                 continue
             name = f"T{index + 1:03d}"
-            place = (target.x, target.y)
+            xy = (target.x, target.y)
             size = target.extent
-            rows.append((name, *place, target.kind, target.depth, *size, self.scene.name))
+            rows.append((name, *xy, target.kind, target.depth, *size, self.scene.name))
         return check_truth(_table(rows, TRUTH_COLUMNS))
 
     def objects_table(self) -> pd.DataFrame:
@@ -64,8 +64,16 @@ class World:
         Nothing in it is scored.
         """
         entries: list[tuple[Any, ...]] = []
-        for thing in self.objects:
-            entries.append((thing.x, thing.y, thing.kind, thing.radius, thing.height))
+        for scene_object in self.objects:
+            entries.append(
+                (
+                    scene_object.x,
+                    scene_object.y,
+                    scene_object.kind,
+                    scene_object.radius,
+                    scene_object.height,
+                )
+            )
         for hole in self.holes:
             if hole.target is None:
                 entries.append((hole.x, hole.y, "hole", hole.radius, hole.cap))
@@ -243,7 +251,7 @@ def world_description(scene: Scene, seed: int) -> dict[str, Any]:
     patches = world.patches[: len(world.patches) - of_holes]
     entries = scene.model_dump(exclude_unset=True, exclude={"draws"})
     entries["targets"] = [target.model_dump() for target in world.targets]
-    entries["objects"] = [thing.model_dump() for thing in world.objects]
+    entries["objects"] = [scene_object.model_dump() for scene_object in world.objects]
     entries["patches"] = [patch.model_dump() for patch in patches]
     entries["clutter"] = BARE
     return entries

@@ -28,6 +28,7 @@ class BodyLayer(Entries):
 
     @model_validator(mode="after")
     def _check(self) -> BodyLayer:
+        """Raise a ValueError for zones that are none or not each wider than the one before."""
         widths = [width for width, _ in self.zones]
         ascending = all(inner < outer for inner, outer in itertools.pairwise(widths))
         if not widths or not ascending:

@@ -160,5 +160,5 @@ def cells_for(frequency: float, permittivity: float) -> float:
 
     A body's edges need as many cells in all at low tones as at high ones.
     """
-    wanted = _CELL_DENSITY / (frequency * math.sqrt(permittivity))
-    return float(np.clip(wanted, *_CELLS))
+    cells = _CELL_DENSITY / (frequency * math.sqrt(permittivity))
+    return float(np.clip(cells, *_CELLS))

@@ -321,9 +321,11 @@ def _wave_columns(
     return out.reshape(scale.size, -1)
 
 
-def _by_parity(wavenumber: NDArray[Any], place: NDArray[Any], parity: int) -> list[SingleArray]:
-    """Return what of ``e^{-jkx}`` has this parity, then the other (place, wave)."""
-    phase = np.outer(place, wavenumber)
+def _by_parity(
+    wavenumber: NDArray[Any], coordinate: NDArray[Any], parity: int
+) -> list[SingleArray]:
+    """Return what of ``e^{-jkx}`` has this parity, then the other (coordinate, wave)."""
+    phase = np.outer(coordinate, wavenumber)
     even = np.cos(phase).astype(np.complex64)
     odd = (-1j * np.sin(phase)).astype(np.complex64)
     return [even, odd] if parity > 0 else [odd, even]

@@ -3,7 +3,7 @@ import threading
 import numba
 import pytest
 
-from flgpr.kernels.threads import share
+from flgpr.jit.threads import share
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 1000])

@@ -15,7 +15,7 @@ from typing import Any
 
 from numba import config, get_num_threads
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 TASKS_PER_THREAD = 6
 
@@ -25,6 +25,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _pool() -> ThreadPoolExecutor:
+    """Return the pool of waiting threads, started at the first use."""
     if not _pools:
         _pools.append(
             ThreadPoolExecutor(max(1, config.NUMBA_NUM_THREADS - 1), thread_name_prefix="flgpr")
@@ -53,6 +54,7 @@ def share(
     starts = iter(range(0, count, size))
 
     def work() -> None:
+        """Run sections until none is left."""
         for begin in starts:
             run(begin, min(begin + size, count))
 
@@ -75,6 +77,7 @@ def blas_on_one_thread() -> AbstractContextManager[Any]:
 
 @cache
 def _libraries() -> Any:
+    """Return the controller of the linear algebra's threads."""
     from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]  # detections need none
 
     return ThreadpoolController()
@@ -95,6 +98,7 @@ def shared(axis: int = 0, **options: Any) -> Callable[[Callable[..., None]], Any
 
         @wraps(function)
         def call(*arguments: Any) -> None:
+            """Run the kernel in sections on several threads."""
             share(arguments[-1].shape[axis], partial(kernel, *arguments))
 
         call.kernel = kernel  # type: ignore[attr-defined]

@@ -38,28 +38,32 @@ def _text(source: Path) -> bytes:
 
 
 def _modules(source: Path) -> set[Path]:
-    """Return a module and those behind it that hold kernels: numba inlines and freezes what they say.
+    """Return a module and those behind it whose text enters its compiled code.
 
-    These are the modules of its own folder and of ``flgpr.kernels``.
+    numba inlines their kernels and freezes their constants. They are the modules of the module's
+    own folder, of ``flgpr.kernels`` and of ``flgpr.jit``.
     """
     package = _package_of(source)
-    kernels = package / "kernels"
-    found = {source}
+    folders = (source.parent, package / "kernels", package / "jit")
+    modules = {source}
     unread = [source]
     while unread:
         text = _text(unread.pop()).decode()
         for name in re.findall(r"^from flgpr\.([\w.]+) import", text, re.MULTILINE):
             module = package.joinpath(*name.split(".")).with_suffix(".py")
-            holds_kernels = module.parent in (source.parent, kernels)
-            if holds_kernels and module.is_file() and module not in found:
-                found.add(module)
+            holds_kernels = module.parent in folders
+            if holds_kernels and module.is_file() and module not in modules:
+                modules.add(module)
                 unread.append(module)
-    return found
+    return modules
 
 
 def _package_of(source: Path) -> Path:
-    """Return the folder of the package that a module belongs to, in whatever copy of the sources."""
-    return next((path for path in source.parents if path.name == "flgpr"), source.parents[1])
+    """Return the package's folder that a module belongs to, in whatever copy of the sources."""
+    for folder in source.parents:
+        if folder.name == "flgpr":
+            return folder
+    return source.parents[1]
 
 
 @cache
@@ -110,13 +114,16 @@ class _BySource(_UserWide):  # type: ignore[misc]
         self._folder = cache_folder(Path(py_file))
 
     def get_cache_path(self) -> str:
+        """Return the folder of compiled code."""
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
+        """Return what tells compiled code of other sources apart."""
         return self._folder.name
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """Return the locator of a function of this package that lies in a file, else None."""
         if not (py_func.__module__.startswith("flgpr.") and Path(py_file).exists()):
             return None
         _use(cache_folder(Path(py_file)))
@@ -166,15 +173,15 @@ def _held(path: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):
             file = stack.enter_context(path.open("w"))
             end = time.monotonic() + _PATIENCE
-            while not _taken(file.fileno()) and time.monotonic() < end:
+            while not _lock_taken(file.fileno()) and time.monotonic() < end:
                 time.sleep(0.02)
-            stack.callback(
-                fcntl.flock, file, fcntl.LOCK_UN
-            )  # a fork of this process may have the file open as well
+            # Closing is not enough: a fork of this process may have the file open as well.
+            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)
         yield
 
 
-def _taken(file: int) -> bool:
+def _lock_taken(file: int) -> bool:
+    """Return whether the lock of a file was free and is now held by this process."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

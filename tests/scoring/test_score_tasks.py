@@ -59,7 +59,7 @@ def test_the_command_line_tells_what_is_found_at_the_operating_point(files):
     )
     refused = CliRunner().invoke(app, [*given, "--far", "0.001"])
     assert refused.exit_code == 2
-    assert "--overwrite makes it anew" in refused.stderr
+    assert "--overwrite makes it again" in refused.stderr
     given.append("--overwrite")
     told = CliRunner().invoke(app, [*given, "--far", "0.001"]).stdout
     assert re.search(r"b: plastic, 5.0 cm +│ found", told)

@@ -1,25 +1,21 @@
 """Tables of signatures: kept, read between their nodes, made in pieces, and named by scenes."""
 
-import json
 from functools import partial
 from hashlib import sha256
-from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.bodies.signature import build, load_body, packaged_bodies, packaged_table
+from flgpr.simulate.bodies.signature import packaged_table
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.build import build_table, cells_for
+from flgpr.simulate.bodies.signature.build import cells_for
 from flgpr.simulate.bodies.signature.dipoles import Waves, scattering_amplitudes, solve_box
 from flgpr.simulate.bodies.signature.revolution import solve_round
-from flgpr.simulate.bodies.signature.table import SignatureTable, find_table, load_table, save_table
+from flgpr.simulate.bodies.signature.table import SignatureTable, load_table, save_table
 from flgpr.simulate.bodies.targets import node_weights
-from flgpr.simulate.scene.scene import Target
 from simulate.lattices import sample_round
 
 SHAPE = (
@@ -176,25 +172,6 @@ def test_without_a_surface_a_table_gives_its_deepest_node():
     )
 
 
-def test_weights_are_those_of_polynomials_even_and_odd():
-    rng = np.random.default_rng(1)
-    sine = rng.uniform(nodes.SINE.min(), nodes.SINE.max(), 20)
-    apart = rng.uniform(-0.5, 0.5, 20)
-    weight = node_weights(sine, apart, np.zeros(20), np.zeros(1))[0]
-    np.testing.assert_allclose(weight[:, :, 0].sum(axis=(0, 1)), 1, atol=1e-12)
-
-    def even(s, p):
-        return (1 - 2 * s + s**5) * (1 + 3 * p**2 - p**4)
-
-    def odd(s, p):
-        return (2 - s**3) * (p - 0.5 * p**3)
-
-    for row, function in ((0, even), (2, odd)):
-        at_nodes = function(nodes.SINE[:, None], nodes.SEPARATION)
-        got = np.einsum("spn,sp->n", weight[:, :, row], at_nodes)
-        np.testing.assert_allclose(got, function(sine, apart), atol=1e-11)
-
-
 def test_swapping_the_antennas_swaps_hv_and_vh():
     table = packaged_table("metal-at").at(np.array([1e9]), np.array([3.4 - 0.04j]), 0.05)[..., 0]
     sine = np.full(2, 0.9)
@@ -234,119 +211,3 @@ def test_all_aspects_of_a_box_come_from_an_eighth_or_a_quarter_of_its_turn(elong
     )
     assert np.abs(want[:, 2]).max() > 0.02 * np.abs(want).max()
     np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max())
-
-
-@pytest.fixture
-def few(monkeypatch):
-    """Two soils, two tones, two depths."""
-    monkeypatch.setattr(nodes, "PERMITTIVITY", nodes.PERMITTIVITY[:2])
-    monkeypatch.setattr(nodes, "LOSS", nodes.LOSS[:2])
-    monkeypatch.setattr(nodes, "FREQUENCY", nodes.FREQUENCY[:2])
-    monkeypatch.setattr(nodes, "DEPTH", nodes.DEPTH[-2:])
-
-
-@pytest.mark.usefixtures("few")
-def test_a_table_that_was_stopped_goes_on_and_gives_the_same_bits(tmp_path, monkeypatch):
-    whole = build_table(TINY, tmp_path / "whole")
-    assert whole.values.shape == (2, 2, 2, 1, 6, 3, 4)
-
-    def stop(done, count):
-        assert count == 4
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        build_table(TINY, tmp_path / "part", progress=stop)
-    solved = []
-    told = []
-    solve = build.solve_piece
-    monkeypatch.setattr(
-        build, "solve_piece", lambda *piece: solved.append(piece[1:]) or solve(*piece)
-    )
-    went_on = build_table(TINY, tmp_path / "part", progress=lambda *at: told.append(at))
-    assert len(set(solved)) == len(solved) == 2
-    assert told == [(3, 4), (4, 4)]
-    assert went_on.values.tobytes() == whole.values.tobytes()
-    build_table(TINY, tmp_path / "part")
-    assert len(solved) == 2
-    build_table(TINY.model_copy(update={"name": "another"}), tmp_path / "part")
-    assert len(solved) == 6  # of another body it starts anew
-
-
-@pytest.mark.usefixtures("few")
-def test_two_workers_give_the_same_bits(tmp_path):
-    one = build_table(TINY, tmp_path / "one")
-    two = build_table(TINY, tmp_path / "two", workers=2)
-    assert two.values.tobytes() == one.values.tobytes()
-
-
-def test_a_box_with_metal_is_refused(tmp_path):
-    box = Body(name="tin", shape="box", layers=[{"thickness": 0.02, "zones": ((0.03, "metal"),)}])
-    with pytest.raises(ValueError, match="body tin: a box must be without metal"):
-        build_table(box, tmp_path)
-
-
-@pytest.mark.parametrize("name", packaged_bodies())
-def test_every_packaged_body_says_where_it_is_from_and_has_a_table(name):
-    body = load_body(name)
-    assert body.name == name
-    assert body.source
-    assert packaged_table(name).body == body
-
-
-def test_the_manifest_lists_every_table_with_its_digest():
-    folder = Path(build.__file__).parent / "tables"
-    listed = json.loads((folder / "manifest.json").read_text())["files"]
-    assert (
-        set(listed)
-        == {f"{name}.npz" for name in packaged_bodies()}
-        == {p.name for p in folder.glob("*.npz")}
-    )
-    for name, entry in listed.items():
-        data = (folder / name).read_bytes()
-        assert entry == {"bytes": len(data), "sha256": sha256(data).hexdigest()}
-    assert sum(entry["bytes"] for entry in listed.values()) < 10e6
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('name = "a"\n[[layers]]\nthickness = 2.0\nzones = [[0.1, 3.0]]', r"layers.*thickness"),
-        (
-            'name = "a"\n[[layers]]\nthickness = 0.1\nzones = [[0.1, 3.0], [0.05, 2.0]]',
-            "each wider than the one before",
-        ),
-        ('name = "a"\n[[layers]]\nthickness = 0.1\nzones = [[0.1, 0.5]]', "zones"),
-        ('name = "a"\nlayers = []', "layers"),
-        ('name = "a"\ncolour = "red"\n[[layers]]\nthickness = 0.1\nzones = [[0.1, 3.0]]', "colour"),
-        ('name = "a', "not valid TOML"),
-    ],
-)
-def test_a_body_that_breaks_a_rule_is_told_by_its_entry(tmp_path, text, message):
-    path = tmp_path / "wrong.toml"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=rf"wrong\.toml.*{message}"):
-        load_body(path)
-
-
-def test_an_unknown_body_is_told_what_there_is():
-    with pytest.raises(ValueError, match=r"did you mean tm-62[mp]"):
-        load_body("tm-62")
-    with pytest.raises(ValueError, match=r"body file not found: no/such.toml"):
-        load_body("no/such.toml")
-    with pytest.raises(ValueError, match=r"did you mean tm-62[mp]"):
-        find_table("tm-62")
-    with pytest.raises(ValidationError, match=r"did you mean tm-62[mp]"):
-        Target(kind="mine", x=0, y=10, body="tm-62")
-
-
-def test_a_body_brings_its_size_and_takes_no_other():
-    body = load_body("vs-1.6")
-    target = Target(kind="plastic", x=0, y=10, depth=0.05, body="vs-1.6")
-    assert (target.radius, target.height) == (body.radius, pytest.approx(body.height))
-    assert Target.model_validate(target.model_dump(exclude_unset=True)) == target
-    with pytest.raises(ValidationError, match=r"radius must not be given with body = 'vs-1.6'"):
-        Target(kind="plastic", x=0, y=10, body="vs-1.6", radius=0.3)
-    with pytest.raises(ValidationError, match="gap must not be given with body"):
-        Target(kind="plastic", x=0, y=10, body="vs-1.6", gap=0.01)
-    assert Target(kind="plastic", x=0, y=10, body="m19").radius == pytest.approx(0.166)

@@ -11,7 +11,7 @@ from numba import get_num_threads, prange
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 _CHAINS = 12
 _LANES = 16

@@ -1,0 +1,115 @@
+"""Which targets of a truth lie where alarms were searched; the others are counted apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.model import Lane
+from flgpr.scoring import as_lanes
+from flgpr.scoring.matching import LaneLike
+from flgpr.store.notes import log_note
+
+_MOST_OUTSIDE = 0.5  # of the targets, above which the truth is of another lane
+
+
+def targets_in_reach(
+    targets: pd.DataFrame, lanes: LaneLike, halo: float, name: str
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Return the targets whose halo touches the searched ground, and a note on the others.
+
+    No alarm of that ground can be a hit on a target that lies farther outside than the halo. It is
+    counted apart and no miss.
+
+    Parameters
+    ----------
+    targets : pandas.DataFrame
+        Targets with ``x`` and ``y``, m, and ``lane`` where there are several.
+    lanes : Lane, or mapping of Lane by name
+        Searched ground.
+    halo : float
+        Halo radius, m.
+    name : str
+        File of the targets, for messages.
+
+    Returns
+    -------
+    targets : pandas.DataFrame
+        Those in reach.
+    notes : dict
+        For the report: ``targets_outside`` names the others, if there are any.
+
+    Raises
+    ------
+    ValueError
+        If more than half of the targets lie outside. The error counts them, and those that would
+        lie inside with other axes.
+    """
+    count = len(targets)
+    in_reach = _are_in_reach(targets, lanes, halo)
+    outside = count - int(in_reach.sum())
+    if not outside:
+        return targets, {}
+    if outside > _MOST_OUTSIDE * count:
+        raise ValueError(
+            f"truth must lie in the ground that was searched ({_borders(lanes)}): {outside} of "
+            f"{count} targets of {name} lie more than the halo of {halo:g} m outside; "
+            f"{_other_axes(targets, lanes, halo)}"
+        )
+    identifiers = [str(value) for value in targets.loc[~in_reach, "target_id"]]
+    log_note(
+        f"{name}: {outside} of {count} targets lie more than the halo of {halo:g} m outside the "
+        f"ground that was searched ({_borders(lanes)}); they are counted apart, not as misses: "
+        f"{', '.join(identifiers)}"
+    )
+    return targets[in_reach], {"targets_outside": identifiers}
+
+
+def _are_in_reach(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> NDArray[np.bool_]:
+    """Return which targets lie in their lane or at most a halo outside."""
+    lanes_by_name = as_lanes(lanes)
+    x = targets["x"].to_numpy(np.float64)
+    y = targets["y"].to_numpy(np.float64)
+    in_reach = np.zeros(len(targets), dtype=np.bool_)
+    for lane_name, lane in lanes_by_name.items():
+        is_near = _distance(x, y, lane) <= halo
+        if "lane" in targets.columns and list(lanes_by_name) != [""]:
+            is_near &= (targets["lane"].astype(str) == lane_name).to_numpy()
+        in_reach |= is_near
+    return in_reach
+
+
+def _distance(x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane) -> NDArray[np.float64]:
+    """Return the distance of points from a lane, m; zero inside."""
+    beyond_x = np.maximum(np.maximum(lane.x_min - x, x - lane.x_max), 0)
+    beyond_y = np.maximum(np.maximum(lane.y_min - y, y - lane.y_max), 0)
+    return np.asarray(np.hypot(beyond_x, beyond_y))
+
+
+def _borders(lanes: LaneLike) -> str:
+    """Return the borders of the lanes in words."""
+    in_words = []
+    for name, lane in as_lanes(lanes).items():
+        borders = f"x {lane.x_min:g} to {lane.x_max:g} m, y {lane.y_min:g} to {lane.y_max:g} m"
+        in_words.append(f"{name}: {borders}" if name else borders)
+    return "; ".join(in_words)
+
+
+def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
+    """Return in words how many targets would be in reach with other axes."""
+    trials = {
+        "x and y swapped": targets.rename(columns={"x": "y", "y": "x"}),
+        "the other sign of x": targets.assign(x=-targets["x"]),
+        "the other sign of y": targets.assign(y=-targets["y"]),
+    }
+    counts = {}
+    for trial, changed in trials.items():
+        counts[trial] = int(_are_in_reach(changed, lanes, halo).sum())
+    tried = ", ".join(f"with {trial} {number}" for trial, number in counts.items())
+    best = max(counts, key=lambda trial: counts[trial])
+    if 2 * counts[best] > len(targets):
+        return f"in reach would be {tried}: {best}?"
+    return f"in reach would be {tried}: is it the truth of another lane?"

@@ -1,0 +1,49 @@
+"""Which lane a stored run is searched in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flgpr.chain.recipe import Recipe
+from flgpr.model import Lane
+from flgpr.store import read_lane
+
+PathLike = str | Path
+
+
+def lane_file_of(run: PathLike) -> Path:
+    """Return where the lane of a run lies that has one beside it: ``NAME-lane.toml``."""
+    store = Path(run)
+    return store.with_name(f"{store.stem}-lane.toml")
+
+
+def choose_lane(
+    run: PathLike, lane_file: PathLike | None, recipe: Recipe | None
+) -> tuple[Lane | None, str]:
+    """Return the lane that a run is searched in, and where its borders come from.
+
+    A lane that is given comes first, then the recipe's, then ``NAME-lane.toml`` beside the run.
+    Without any the lane is None and its source "": the ground that the run sees is searched.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    lane_file : path, optional
+        Lane that is given.
+    recipe : Recipe, optional
+        Recipe whose lane comes before that beside the run; None for one that was made for the run.
+
+    Raises
+    ------
+    ValueError
+        If a file is no lane; the error names it.
+    """
+    if lane_file is not None:
+        return read_lane(lane_file), f"{Path(lane_file).name}, as given"
+    if recipe is not None and recipe.lane is not None:
+        return None, ""
+    beside = lane_file_of(run)
+    if beside.is_file():
+        return read_lane(beside), f"{beside.name} beside the run"
+    return None, ""

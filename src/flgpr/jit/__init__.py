@@ -1,0 +1,1 @@
+"""Compilation by numba: compiled code on disk that copies share, and work that threads share."""

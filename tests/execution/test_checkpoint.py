@@ -1,0 +1,132 @@
+"""The work folder: groups of arrays that are whole or absent, and who may use it."""
+
+import numpy as np
+import pytest
+
+from flgpr.chain.engine import sum_accumulator
+from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint, WorkError, begin, finish
+
+JOB = {"run": "abc"}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "result.work"
+
+
+def damage(path):
+    """Change a byte of an array of ones in a file of its own: others may be links to the old one."""
+    data = bytearray(path.read_bytes())
+    data[data.rfind(np.ones(2).tobytes())] ^= 1
+    path.unlink()
+    path.write_bytes(bytes(data))
+
+
+def summed():
+    """Return an accumulator that adds up the indices of scans."""
+    sums = {"total": np.zeros(1), "count": np.zeros(1, np.int64)}
+
+    def add(index):
+        sums["total"] += index
+        sums["count"] += 1
+
+    return sum_accumulator(sums, add)
+
+
+def test_groups_are_read_as_they_were_written_and_the_latest_is_forgotten_when_it_changes(folder):
+    with begin(folder, JOB) as work:
+        work["signature"] = {"total": np.arange(3.0)}
+        np.testing.assert_array_equal(work["signature"]["total"], [0, 1, 2])
+        work["signature"] = {"total": np.arange(2.0)}
+        np.testing.assert_array_equal(work["signature"]["total"], [0, 1])
+        assert (list(work), len(work), work.size("signature") > 0) == (["signature"], 1, True)
+        del work["signature"]
+        assert "signature" not in work
+        assert work.size("signature") == 0
+        with pytest.raises(KeyError):
+            work["signature"]
+
+
+def test_a_job_continues_and_another_begins_anew(folder):
+    with begin(folder, JOB) as work:
+        work["gain"] = {"total": np.ones(2)}
+    with begin(folder, JOB) as work:
+        assert list(work) == ["gain"]
+    with begin(folder, {"run": "other"}) as work:
+        assert list(work) == []
+    finish(folder)
+    assert not folder.exists()
+
+
+def test_damaged_groups_are_deleted_and_named(folder):
+    with begin(folder, JOB) as work:
+        work["gain"] = {"total": np.ones(2)}
+        work["view"] = {"total": np.ones(2)}
+        damage(work.path("view"))
+        assert work.drop_damaged() == ["view"]
+        assert list(work) == ["gain"]
+
+
+def test_one_process_uses_a_work_folder_at_a_time(folder):
+    with (
+        begin(folder, JOB),
+        pytest.raises(WorkError, match="another process is at work here"),
+        begin(folder, JOB),
+    ):
+        pass
+
+
+def test_a_folder_of_somebody_else_is_refused(folder):
+    folder.mkdir()
+    (folder / "letter.txt").write_text("mine")
+    with (
+        pytest.raises(FileExistsError, match=r"must hold nothing else, got .*letter\.txt"),
+        begin(folder, JOB),
+    ):
+        pass
+    assert (folder / "letter.txt").read_text() == "mine"
+
+
+def test_one_process_merges_states_at_a_time(folder):
+    with begin(folder, JOB) as work:
+        with work.merging() as alone:
+            assert alone
+            with work.merging() as second:
+                assert not second
+        with work.merging() as again:
+            assert again
+
+
+def test_a_group_is_copied_if_it_is_whole(folder, tmp_path):
+    with begin(folder, JOB) as work:
+        work["gain"] = {"total": np.ones(2)}
+        shared = tmp_path / "shared"
+        shared.mkdir()
+        other = Checkpoint(shared)
+        assert other.take(work, "gain", "abc")
+        np.testing.assert_array_equal(other["abc"]["total"], [1, 1])
+        assert not other.take(work, "view", "def")
+        damage(work.path("gain"))
+        assert not other.take(work, "gain", "ghi")
+    assert list(other) == ["abc"]
+
+
+def test_a_block_continues_after_the_last_state_that_was_stored(folder):
+    block = range(4, 10)
+    with begin(folder, JOB) as work:
+        gatherer = summed()
+        scans = BlockCheckpoint(work, "sum-000001", every=0.0)(block, gatherer)
+        for _ in range(3):
+            gatherer.add(next(scans))
+        scans.close()
+        again = summed()
+        checkpoint = BlockCheckpoint(work, "sum-000001", every=0.0)
+        left = []
+        for index in checkpoint(block, again):
+            left.append(index)
+            again.add(index)
+        assert left == [6, 7, 8, 9]  # the third scan was in progress
+        assert again.result()["total"] == sum(block)
+        assert again.result()["count"] == len(block)
+        checkpoint.drop()
+        assert list(work) == []

@@ -1,0 +1,61 @@
+"""Whether a result is there and whole, before anything is computed."""
+
+from dataclasses import replace
+
+import pytest
+
+from flgpr.chain.sections import Section
+from flgpr.execution.driver import detect_lane
+from flgpr.execution.finished import (
+    holds_result,
+    is_done,
+    is_whole,
+    lasting_identity,
+    results_at,
+    section_names,
+)
+from flgpr.execution.job import make_job
+from flgpr.execution.workers import InProcess
+from flgpr.store import save_run
+from small_lane import LANE, small_recipe, small_run
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory):
+    home = tmp_path_factory.mktemp("finished")
+    save_run(small_run(scans=4), home / "run.zarr")
+    job = make_job(home / "run.zarr", small_recipe(), LANE, home / "result", report=False)
+    assert not holds_result(job, [Section(0, 10)])
+    assert not is_done(job)
+    with InProcess() as executor:
+        assert detect_lane(job, executor) == [home / "result"]
+    return job
+
+
+def test_folders_of_sections_are_numbered_so_that_they_sort():
+    assert section_names([Section(0, 1)] * 3) == ["section-01", "section-02", "section-03"]
+    names = section_names([Section(0, 1)] * 100)
+    assert (names[0], names[-1]) == ("section-001", "section-100")
+
+
+def test_a_whole_result_of_the_job_is_found(job):
+    one_piece = [Section(0, 10)]
+    assert is_done(job)
+    assert is_whole(job)
+    assert holds_result(job, one_piece)
+    assert [str(path) for path in results_at(job.output)] == [job.output]
+    assert not is_whole(replace(job, report=True))  # it lacks the report, and is completed
+
+
+def test_a_result_of_another_job_is_refused(job):
+    other = replace(job, recipe=job.recipe.replace("density = 0.75", "density = 0.5"))
+    assert not is_done(other)
+    with pytest.raises(FileExistsError, match="choose another output"):
+        holds_result(other, [Section(0, 10)])
+    with pytest.raises(FileExistsError, match="choose another output"):
+        holds_result(job, [Section(0, 5), Section(5, 10)])
+
+
+def test_what_lasts_of_an_identity_leaves_out_program_and_machine(job):
+    assert set(lasting_identity(job)) == {"run", "recipe", "lane", "model", "others"}
+    assert lasting_identity(job) == lasting_identity(replace(job, cpu="other", code=()))

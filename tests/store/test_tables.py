@@ -1,0 +1,74 @@
+"""Tables, lanes and GeoJSON: what is written comes back, and what is too large is refused."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr.model import Lane
+from flgpr.store import lane_text, read_lane, read_table, write_geojson, write_table
+from flgpr.store.tables import json_value, parse_columns, parse_own_table, read_table_in
+
+ALARMS = pd.DataFrame(
+    {"alarm_id": ["007", "=b"], "x": [0.1, -1 / 3], "y": [2.0, 1e-9], "confidence": [3.0, 2.0]}
+)
+
+
+def test_a_table_comes_back_to_the_last_digit(tmp_path):
+    write_table(ALARMS, tmp_path / "a.csv")
+    table = read_table(tmp_path / "a.csv", "alarms")
+    pd.testing.assert_frame_equal(table[ALARMS.columns], ALARMS, check_exact=True)
+    assert read_table_in(tmp_path, "a.csv", "alarms").equals(table)
+
+
+def test_our_own_tables_have_our_own_names():
+    with pytest.raises(ValueError, match=r"a\.csv: alarms must have the columns x; got quer"):
+        parse_own_table(b"quer,y,confidence\n1,2,3\n", "alarms", "a.csv")
+
+
+def test_a_lane_comes_back(tmp_path):
+    lane = Lane(-2.0, 2.0, 0.1, 60.0)
+    (tmp_path / "lane.toml").write_text(lane_text(lane))
+    assert read_lane(tmp_path / "lane.toml") == lane
+    with pytest.raises(FileNotFoundError, match="lane file not found"):
+        read_lane(tmp_path / "none.toml")
+
+
+def test_points_say_that_they_are_no_longitudes(tmp_path):
+    write_geojson(ALARMS.assign(depth=[np.nan, 0.1]), tmp_path / "a.json")
+    collection = json.loads((tmp_path / "a.json").read_text())
+    assert "not longitude and latitude" in collection["flgpr_frame"]
+    first, second = collection["features"]
+    assert first["geometry"]["coordinates"] == [0.1, 2.0]
+    assert first["properties"] == {"alarm_id": "007", "confidence": 3.0, "depth": None}
+    assert second["properties"]["depth"] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(np.float32(0.5), 0.5), (np.inf, None), (np.int64(3), 3), ("a", "a")]
+)
+def test_numbers_fit_for_json(value, expected):
+    result = json_value(value)
+    assert result == expected
+    assert type(result) is type(expected)
+
+
+def test_columns_of_text_stay_text():
+    table = parse_columns(b"name;value\n007;1,5\n", "name")
+    assert table["name"].tolist() == ["007"]
+    assert table["value"].tolist() == [1.5]
+
+
+@pytest.mark.parametrize(
+    ("data", "rule"),
+    [
+        (b"a;b\n1,5;1.5\n", "must have decimal commas or decimal points, got both"),
+        (b"a;b,c\n1;2\n", "must be separated by commas or by semicolons, got both"),
+        (b"a" + b",a" * 5000 + b"\n", "at most 4096 columns, got 5001"),
+        (b"a\n" + b"1\n" * 2_000_001, "at most 2000000 rows"),
+    ],
+)
+def test_tables_that_are_ambiguous_or_too_large_are_refused(data, rule):
+    with pytest.raises(ValueError, match=rule):
+        parse_columns(data)
