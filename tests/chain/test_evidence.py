@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from divided import SCANS, with_results
+from flgpr.chain import evidence as evidence_module
 from flgpr.chain.evidence import (
     MOST_SCANS,
     Evidence,
@@ -48,6 +49,13 @@ def test_looks_are_those_of_the_nearest_scans(lane, one_block):
     nearest = one_block.scans[0][0]
     x, y = lane.setup.run["pose"].values[nearest["scan"], :2]
     assert nearest["distance"] == pytest.approx(np.hypot(alarm.x - x, alarm.y - y), abs=2e-3)
+
+
+def test_of_more_looks_the_nearest_are_left(lane, one_block, monkeypatch):
+    monkeypatch.setattr(evidence_module, "MOST_SCANS", 2)
+    fewer = gathered(lane, range(SCANS)).result()
+    assert max(len(looks) for looks in one_block.scans) > 2
+    assert fewer.scans == [looks[:2] for looks in one_block.scans]
 
 
 @pytest.mark.parametrize("cut", [1, 6, 12])

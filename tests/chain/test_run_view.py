@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from divided import DIVISIONS, in_blocks, results_of_lane, same_bits, with_results
+from divided import DIVISIONS, SCANS, in_blocks, results_of_lane, same_bits, with_results
 from flgpr.chain.passes.run_view import PlainRunView, RunView
+from flgpr.screen import RunViewSums
 from small_lane import TARGETS
 
 
@@ -18,6 +19,16 @@ def test_nor_does_it_before_the_background_is_removed(blocks):
     one_block = in_blocks(PlainRunView, with_results(), DIVISIONS[0])
     assert same_bits(in_blocks(PlainRunView, with_results(), blocks), one_block)
     np.testing.assert_array_equal(one_block["looks"], results_of_lane()["view"]["looks"])
+
+
+def test_before_the_background_is_removed_the_looks_are_magnitudes_of_images():
+    lane = with_results()
+    sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max)
+    for index in range(SCANS):
+        image = lane.cleaned.scan(index)
+        sums.add(np.abs(image.values), lane.images.grid, image.attrs["pose"])
+    found = in_blocks(PlainRunView, lane, DIVISIONS[0])
+    np.testing.assert_array_equal(found["view"], sums.result()[0])
 
 
 def test_a_place_that_fewer_than_two_scans_saw_has_no_second_look():

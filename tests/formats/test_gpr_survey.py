@@ -32,13 +32,13 @@ def test_a_table_of_ends_has_one_row_for_every_line(tmp_path):
 
 
 def test_traces_between_marks_are_at_equal_steps(lines):
-    marked = replace(lines[0], marks=(1, 3, 7))
+    marked = replace(lines[0], marks=(1, 3, 6))
     placed = place_by_marks(marked, 2.0)
-    np.testing.assert_allclose(placed.distance, [0, 1, 2, 3, 3.5, 4, 4.5, 5])
+    np.testing.assert_allclose(placed.distance, [0, 1, 2, 3, 11 / 3, 13 / 3, 5, 17 / 3])
     assert placed.marks == ()
     assert placed.history[-1] == (
         "distances are from 3 marks every 2 m, in place of those that the file tells; "
-        "1 traces before the first and after the last mark go on at the steps beside them"
+        "2 traces before the first and after the last mark go on at the steps beside them"
     )
     with pytest.raises(ValueError, match="need two marks or more, got 1"):
         place_by_marks(replace(marked, marks=(4,)), 2.0)
