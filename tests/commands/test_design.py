@@ -36,9 +36,9 @@ def test_the_page_has_no_json(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_ground_is_needed_for_the_table():
-    with pytest.raises(ValueError, match="site or permittivity must be given, got neither"):
-        design("sri-array", signal_to_clutter=True)
+def test_the_ground_of_the_table_is_a_site_or_permittivity_and_loss_together():
+    with pytest.raises(ValueError, match="got 'moon'"):
+        design("sri-array", signal_to_clutter=True, site="moon")
     with pytest.raises(ValueError, match="loss_tangent must be given with permittivity"):
         design("sri-array", signal_to_clutter=True, permittivity=6.0)
 

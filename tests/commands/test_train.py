@@ -25,10 +25,13 @@ def test_every_run_has_its_truth(runs, truths, lanes, counts):
 
 
 def test_a_recipe_in_which_nothing_learns_is_refused(tmp_path):
-    words = ["train", str(RUN), "--truth", str(TRUTH), "--recipe", "demo"]
+    words = ["train", str(RUN), "--truth", str(TRUTH), "--recipe", "demo-mean-self-signature"]
     done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "model")])
     assert done.exit_code == 2
-    assert "recipe must have features or a stage that learns to train, got demo" in done.output
+    assert (
+        "recipe must have features or a stage that learns to train, got demo-mean-self-signature"
+        in done.output
+    )
     assert not (tmp_path / "model").exists()
 
 
