@@ -1,13 +1,20 @@
 """Imports by a mapping, with tracks, surveys and anchors."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
+from flgpr.commands.importing import (
+    LinePositions,
+    check_parent_folder,
+    import_lines,
+    store_with_tables,
+)
 from flgpr.commands.imports import import_mapped
 from flgpr.results.description import describe_run
-from flgpr.store import open_run
+from flgpr.store import open_run, read_table
 from io_geodesy import on_the_ellipsoid
 from scans_mapping import TIME, line_mapping
 from take import UP, take_text
@@ -114,3 +121,37 @@ def test_an_anchored_import_remembers_where_its_lane_lies(anchor, tmp_path):
         tied["azimuth"] % 360, abs=0.3
     )
     assert describe_run(run)["georeference"] == tied
+
+
+def test_an_output_needs_a_folder(tmp_path):
+    assert check_parent_folder(str(tmp_path / "a.zarr")) == tmp_path / "a.zarr"
+    with pytest.raises(FileNotFoundError, match=r"the folder of the output must exist, got .*none"):
+        check_parent_folder(tmp_path / "none" / "a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("positions", "rule"),
+    [
+        (LinePositions(zigzag=True), "zigzag goes with line-spacing, got none"),
+        (LinePositions(line_spacing=0.5, lines="lines.csv"), "where lines lie: give one"),
+        (LinePositions(anchor="a.toml", anchor_from_track=True), "where lines lie: give one"),
+    ],
+)
+def test_positions_of_lines_have_one_source(positions, rule, tmp_path):
+    with pytest.raises(ValueError, match=rule):
+        import_lines(["line.dt1"], tmp_path / "a.zarr", positions, 10**9, {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables_lie_beside_the_run_and_are_not_written_again(small_run, tmp_path):
+    truth = pd.DataFrame(
+        {"target_id": ["a"], "kind": ["metal"], "x": [0.5], "y": [3.0], "depth": [0.1]}
+    )
+    store = tmp_path / "new" / "lane.zarr"
+    written = store_with_tables(small_run, store, {"truth": truth, "objects": None})
+    assert written == [store, store.with_name("lane-truth.csv")]
+    assert store.with_name("lane-truth.json").is_file()
+    pd.testing.assert_frame_equal(read_table(written[1], "truth"), truth, check_like=True)
+    assert store_with_tables(small_run, store, {"truth": truth}) == [store]
+    with pytest.raises(FileExistsError):
+        store_with_tables(small_run.assign_attrs(site="road"), store, {"truth": truth})

@@ -3,11 +3,19 @@
 import json
 import re
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.scoring import read_lanes, score_alarms
+from flgpr.commands.scoring import (
+    compare_alarms,
+    entrant_names,
+    find_entrants,
+    outcome_table,
+    read_lanes,
+    score_alarms,
+)
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc
 from flgpr.store import read_table
@@ -110,3 +118,46 @@ def test_lanes_come_as_toml_or_csv_one_or_several(scoring_files):
         read_lanes(two)
     with pytest.raises(FileNotFoundError, match="lane file not found"):
         read_lanes(scoring_files / "none.toml")
+
+
+def test_lists_are_named_by_file_or_by_path_where_files_have_one_name(scoring_files):
+    (scoring_files / "b").mkdir()
+    paths = [scoring_files / "alarms.csv", scoring_files / "other.csv"]
+    paths.append(scoring_files / "b" / "alarms.csv")
+    for path in paths[1:]:
+        path.write_text("x,y,confidence\n0,10,1\n")
+    assert entrant_names(find_entrants(paths[:2], [])) == ["alarms", "other"]
+    assert entrant_names(find_entrants(paths, [])) == [str(path) for path in paths]
+    with pytest.raises(ValueError, match="alarms must be different lists to be compared"):
+        entrant_names(find_entrants([paths[0], paths[0]], []))
+    with pytest.raises(ValueError, match="once per alarm list, got 1 for 2 lists"):
+        find_entrants(paths[:2], ["demo"])
+
+
+def test_lists_are_compared_on_a_lane_that_is_given(scoring_files):
+    other = scoring_files / "other.csv"
+    other.write_text("x,y,confidence\n0,10,1\n")
+    lists = [scoring_files / "alarms.csv", other]
+    arguments = (lists, scoring_files / "truth.csv", scoring_files / "both")
+    with pytest.raises(ValueError, match=r"alarm lists need --lane to be compared, .* got 0 lanes"):
+        compare_alarms(*arguments)
+    assert not (scoring_files / "both").exists()
+    compare_alarms(*arguments, lane=scoring_files / "lane.toml")
+    told = json.loads((scoring_files / "both" / "comparison.json").read_text())
+    assert set(told["notes"]) == {"alarms", "other"}
+    assert told["notes"]["other"]["alarms_sha256"] == content_hash(other)
+
+
+def test_outcomes_have_a_row_for_each_target(scoring_files):
+    scores = score_alarms(
+        scoring_files / "alarms.csv",
+        scoring_files / "truth.csv",
+        scoring_files / "lane.toml",
+        scoring_files / "score",
+        draws=20,
+    )
+    outcomes = outcome_table(scores)
+    assert outcomes["target_id"].tolist() == ["a", "b"]
+    assert outcomes["detected"].all()
+    assert outcomes["distance"].tolist() == pytest.approx([np.hypot(0.1, 0.2), 0.0])
+    assert set(outcomes["detection"]) == {scores[0].name}
