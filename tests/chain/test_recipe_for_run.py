@@ -290,5 +290,5 @@ def test_a_survey_takes_the_recipe_of_its_first_run(stored, tmp_path):
         recipe_for(runs[0])
     }
     save_run(bare_run(scans=2), tmp_path / "c.zarr")
-    with pytest.raises(ValueError, match="lanes must be given"):
+    with pytest.raises(ValueError, match="lanes or a recipe must be given"):
         flgpr.detect([tmp_path / "c.zarr", runs[0]], None, tmp_path / "other")

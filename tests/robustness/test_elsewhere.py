@@ -215,6 +215,9 @@ def test_nothing_else_is_looked_for_in_the_working_folder(tmp_path):
     assert ran.stdout.strip() == "[]"
 
 
+OF_THE_RESULT = ("run", "section", "libraries", "recipe_sha256")
+
+
 @pytest.fixture
 def own_result(demo, tmp_path):
     """A copy of a result whose manifest may be forged, and is then replayed."""
@@ -224,7 +227,7 @@ def own_result(demo, tmp_path):
         manifest = unseal((folder / "manifest.json").read_bytes())
         content = {name: value for name, value in manifest.items() if name != "sha256"}
         for name, value in changes.items():
-            (content if name == "section" else content["run"])[name] = value
+            (content if name in OF_THE_RESULT else content["run"])[name] = value
         (folder / "manifest.json").write_bytes(seal(content))
         return CliRunner().invoke(app, ["replay", str(folder), "--quiet"])
 
@@ -247,6 +250,9 @@ def test_a_result_can_name_nothing_as_its_run_but_a_store(own_result, tmp_path, 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
+        ("run", 5),
+        ("libraries", None),
+        ("recipe_sha256", [{}]),
         ("title", 5),
         ("scans", [{}]),
         ("scans", -1),
@@ -266,7 +272,7 @@ def test_a_result_can_name_nothing_as_its_run_but_a_store(own_result, tmp_path, 
         ("section", {"rows": [1], "lane": {}, "threshold": 0}),
     ],
 )
-def test_what_a_forged_manifest_says_of_runs_and_sections_is_refused(own_result, name, value):
+def test_what_a_forged_manifest_says_is_refused(own_result, name, value):
     ran = own_result(**{name: value})  # as every command that reads the result
     assert ran.exit_code == 2, (ran.output, ran.exception)
     assert ran.stderr.count("error: ") == 1

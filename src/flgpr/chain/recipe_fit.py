@@ -45,6 +45,7 @@ class RadarSetup:
     rx: FloatArray  #: (pair, 3) receivers in the scan frame, m
     poses: FloatArray  #: (scan, 6) of the complete scans
     aperture: bool = False  #: whether the run is taken as one scan
+    begins: bool = False  #: whether the scans are the beginning of a drive that goes on
 
     @property
     def height(self) -> float:
@@ -64,6 +65,8 @@ class RadarSetup:
     @property
     def drives(self) -> bool:
         """Whether the mean scan is the self-signature rather than a blend of targets."""
+        if self.begins:
+            return True
         travelled = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
         enough_scans = len(self.poses) >= FEWEST_SCANS
         return enough_scans and travelled >= SCAN_SPACING * (FEWEST_SCANS - 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +92,7 @@ def recipe_for(
     return text
 
 
-def fit_recipe(run: xr.Dataset) -> str:
+def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
     Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and
@@ -105,6 +105,9 @@ def fit_recipe(run: xr.Dataset) -> str:
     ----------
     run : xarray.Dataset
         A run.
+    begins : bool
+        Whether the scans are the beginning of a drive that goes on. Its recipe has no lane, and
+        takes the mean of many scans as self-signature.
 
     Returns
     -------
@@ -129,6 +132,7 @@ def fit_recipe(run: xr.Dataset) -> str:
     run = plausible_run(run)
     aperture = _goes_across(run)
     setup = radar_setup(aperture_run(run) if aperture else run, aperture)
+    setup = replace(setup, begins=begins)
     text = _text(setup, _choose(setup))
     parse_recipe(text, "fitted")
     return text
@@ -290,7 +294,7 @@ def _text(setup: RadarSetup, choice: _Choice) -> str:
         tables.append(_features_table(choice))
     y = setup.poses[:, 1]
     shorter_than_image = y.max() - y.min() < reach - nearest
-    if shorter_than_image and not setup.aperture:
+    if shorter_than_image and not setup.aperture and not setup.begins:
         tables.append(_lane_table(setup, nearest, reach))
     tables.append(_score_table())
     return "\n".join(tables)

@@ -120,7 +120,9 @@ def live(
     incoming: Annotated[
         PathLike | None, Argument(help="Folder that the radar writes scans into.")
     ] = None,
-    recipe: Annotated[str, Option(help="Packaged recipe or TOML file.")] = "wang2007",
+    recipe: Annotated[
+        str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
+    ] = None,
     model: Annotated[PathLike | None, Option(help="Trained classifier.")] = None,
     output: Annotated[
         PathLike, Option("-o", "--output", help="Folder for events, snapshot and alarms.")

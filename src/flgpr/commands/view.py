@@ -51,7 +51,8 @@ def view(
 
     Notes
     -----
-    The page is served until the command is interrupted. In a notebook ``flgpr.notebook.view`` shows it.
+    The page is served until the command is interrupted. In a notebook
+    :func:`flgpr.notebook.view` shows it.
     """
     from flgpr import viewer
 

@@ -22,6 +22,8 @@ import flgpr
 from flgpr.chain.memory import check_scan_memory
 from flgpr.chain.model import Model, load_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
+from flgpr.chain.recipe_for_run import fit_recipe
+from flgpr.door import Folder
 from flgpr.geo import read_anchor
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
@@ -54,6 +56,7 @@ from flgpr.store import (
     RunDescription,
     Scan,
     ScanFileError,
+    as_run,
     canonical_json,
     parse_description,
     read_description,
@@ -66,8 +69,10 @@ from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.tables import write_table
 
 PathLike = str | Path
+_NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
+RECIPE_FILE = "recipe.toml"  # of a run without a given recipe
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
@@ -77,7 +82,7 @@ _NO_FAULT = ("received", "taken", "warm_up")
 class LiveOptions:
     """Options of a live run."""
 
-    recipe: PathLike  #: packaged recipe or TOML file
+    recipe: PathLike | None  #: packaged recipe or TOML file; None makes one for the run
     output: PathLike  #: folder for events, snapshot and alarms
     incoming: PathLike | None = None
     socket: PathLike | None = None  #: unix socket to listen on
@@ -136,20 +141,18 @@ class LiveRun:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options = options
         self._send_line = tell
-        text = recipe_text(options.recipe)
-        self._recipe: Recipe = parse_recipe(text, str(options.recipe))
-        check_causal(self._recipe)
+        if options.recipe is None and options.model is not None:
+            raise ValueError("recipe must be given with a model: it names the model's stages")
         digest = "" if options.model is None else sha256(read_model(options.model))
         self._model = Model() if options.model is None else load_model(options.model, digest)
-        unlearnt(self._recipe, self._model)
-        self._forecast = forecast.forecast_of(self._recipe, self._model)
+        self._recipe: Recipe | None = None
+        self._forecast: forecast.Forecast | None = None
         # alarms whose last event advised to wait
         self._waiting: set[str] = set()
         self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
         self._anchor = None if options.anchor is None else read_anchor(options.anchor)
         # what a snapshot must agree with, beside the run
         self._identity: dict[str, Any] = {
-            "recipe": sha256(text.encode()),
             "model": digest,
             "lane": None if self._lane is None else asdict(self._lane),
             "flgpr": flgpr.__version__,
@@ -167,6 +170,35 @@ class LiveRun:
         self._intake: Intake | None = None
         self._fingerprint = ""
         self._started = False
+        if options.recipe is not None:
+            self._use_recipe(recipe_text(options.recipe), str(options.recipe))
+
+    def _use_recipe(self, text: str, source: str) -> Recipe:
+        """Check that the recipe of a text can work scan by scan with the model, and use it."""
+        recipe = parse_recipe(text, source)
+        check_causal(recipe)
+        unlearnt(recipe, self._model)
+        self._recipe = recipe
+        self._forecast = forecast.forecast_of(recipe, self._model)
+        self._identity["recipe"] = sha256(text.encode())
+        return recipe
+
+    def _fitted_recipe(self) -> Recipe | None:
+        """Return the recipe that an earlier process made for this run, if there is one."""
+        kept = Folder(self.output).read_if_listed(RECIPE_FILE)
+        return None if kept is None else self._use_recipe(kept.decode("utf-8"), RECIPE_FILE)
+
+    def _fit_recipe(self, scan: Scan, description: RunDescription, events: EventFile) -> Recipe:
+        """Make a recipe for the run from its description and its first scan with a pose.
+
+        It is kept in the output folder, from where a later process takes it.
+        """
+        text = fit_recipe(as_run(description, scan), begins=True)
+        recipe = self._use_recipe(text, "fitted")
+        write_whole(self.output / RECIPE_FILE, text)
+        words = f"no recipe was given: {RECIPE_FILE} was made for this run and is used"
+        events.append([{"event": "problem", "name": RECIPE_FILE, "words": words}])
+        return recipe
 
     def stop(self) -> None:
         """Let :meth:`run` end after the scan that it processes."""
@@ -282,37 +314,69 @@ class LiveRun:
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
     ) -> None:
-        """Build the detector of the run, and continue from a snapshot where there is one."""
+        """Build the detector of the run, and continue from a snapshot where there is one.
+
+        Without a recipe the detector is built when a scan with a pose has come, see
+        :meth:`_fit_recipe`, unless an earlier process has made one.
+        """
+        self.inbox.largest = largest_frame(description)
+        recipe = self._recipe
+        if recipe is None and not self.options.fresh:
+            recipe = self._fitted_recipe()
+        if recipe is None and snapshot is not None:
+            raise ValueError(
+                f"recipe must be given to go on with {self.output}, which holds no {RECIPE_FILE}; "
+                "--fresh begins again"
+            )
+        if recipe is None:
+            self._intake = Intake(description)
+            return
+        intake = Intake(description, limits=recipe.motion)
+        self._build(recipe, intake, events, snapshot)
+
+    def _build(
+        self, recipe: Recipe, intake: Intake, events: EventFile, snapshot: Snapshot | None
+    ) -> LiveDetector:
+        """Build the detector of a recipe, and continue from a snapshot where there is one."""
+        description = intake.description
         self._fingerprint = sha256(canonical_json(self._identity | {"run": description.run_id}))
-        check_scan_memory(description.shape, self._recipe)
-        detector = LiveDetector(
-            description, self._recipe, self._lane, self._model, self.options.settings
-        )
-        intake = Intake(description, limits=self._recipe.motion)
+        check_scan_memory(description.shape, recipe)
+        detector = LiveDetector(description, recipe, self._lane, self._model, self.options.settings)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
             self._waiting = set(detector.alarms)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
-        rehearse(description, self._recipe, self._model)
+        rehearse(description, recipe, self._model)
         self._detector = detector
         self._intake = intake
-        self.inbox.largest = largest_frame(description)
+        return detector
 
     def _take(self, arrival: Arrival, events: EventFile) -> bool:
         """Process a frame; return whether it held a scan that was judged."""
         detector = self._detector
         intake = self._intake
-        if detector is None or intake is None:
+        if intake is None:
             reason = arrival.value or "left out: it came before the description of its run"
             events.append([{"event": "problem", "name": arrival.name, "words": str(reason)}])
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
         counts_before = dict(intake.counts)
-        scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []
+        scan, problem = _admitted(arrival, intake)
+        if detector is None:
+            if scan is None:
+                events.append(
+                    [{"event": "problem", "name": arrival.name, "words": problem or _NO_POSE}]
+                )
+                return False
+            recipe = self._fit_recipe(scan, intake.description, events)
+            detector = self._build(recipe, intake, events, None)
+        update = None
+        if scan is not None:
+            update, problem = self._judge(scan, detector, intake)
         if scan is not None and update is not None:
             lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
@@ -403,32 +467,27 @@ class LiveRun:
         return event
 
     def _judge(
-        self, arrival: Arrival, detector: LiveDetector, intake: Intake
-    ) -> tuple[Scan | None, LiveUpdate | None, str]:
-        """Return a frame's scan, what it changed and what is wrong with it."""
-        try:
-            scan = intake.admit(arrival.data, arrival.value)
-        except ScanFileError as error:
-            return None, None, str(error)
-        if scan is None:
-            return None, None, ""
+        self, scan: Scan, detector: LiveDetector, intake: Intake
+    ) -> tuple[LiveUpdate | None, str]:
+        """Return what a scan changed and what is wrong with it."""
         newest = None if detector.newest is None else detector.newest[0]
         try:
             update = detector.add(scan)
         except ValueError as error:
             intake.settled(len(detector.held), detector.left_out)
             intake.judged(scan.number, "refused", newest)
-            return scan, None, str(error)
+            return None, str(error)
         intake.settled(len(detector.held), detector.left_out, update.anew, update.forgotten)
         intake.counts["clock"] += update.clock is not None
         for released_scan, change in update.released:
             intake.judged(released_scan.number, change.outcome, None)
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
-        return scan, update, update.words
+        return update, update.words
 
     def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
         """Return the event that detection starts."""
-        screen = self._recipe.prescreen
+        recipe = detector.recipe
+        screen = recipe.prescreen
         vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
         if self._anchor is not None:
@@ -436,7 +495,7 @@ class LiveRun:
         return {
             "event": "start",
             "title": description.title,
-            "recipe": self._recipe.name,
+            "recipe": recipe.name,
             "lane": None if detector.lane is None else asdict(detector.lane),
             "grid": detector.view_grid(),
             "channel": [screen.polarization, screen.subband],
@@ -475,7 +534,7 @@ class LiveRun:
         events.append([end | counts])
         entries = asdict(report) | {
             "rate": report.rate if np.isfinite(report.rate) else None,
-            "recipe": self._recipe.name,
+            "recipe": detector.recipe.name,
         }
         write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
@@ -545,9 +604,17 @@ def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
         raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
 
 
+def _admitted(arrival: Arrival, intake: Intake) -> tuple[Scan | None, str]:
+    """Return a frame's scan, or None where it cannot be used, and what is wrong with it."""
+    try:
+        return intake.admit(arrival.data, arrival.value), ""
+    except ScanFileError as error:
+        return None, str(error)
+
+
 def _check_output(folder: Path) -> None:
     """Refuse a folder that holds anything but the files of a live run."""
-    known = {EVENT_FILE, "alarms.csv", REPORT_FILE}
+    known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []

@@ -28,6 +28,7 @@ from flgpr.execution.training import train_on_lanes, training_lanes
 from flgpr.execution.workers import Report
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
+from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import seal_truth
 
@@ -183,8 +184,8 @@ def _write_fingerprints(ground: Ground, folder: Path) -> None:
 
 
 def _is_made(folder: Path, name: str) -> bool:
-    """Return whether a lane is there."""
-    return (folder / f"{name}.zarr").is_dir()
+    """Return whether a lane is there, and its writer was not killed before it tidied up."""
+    return is_finished(folder / f"{name}.zarr")
 
 
 def seal_tested(ground: Ground, folder: Path) -> None:

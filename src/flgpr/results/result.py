@@ -330,6 +330,17 @@ def are_settled(folder: str | Path) -> bool:
     return all(len(digests) == 1 for digests in added.values())
 
 
+def _check_origin(manifest: Mapping[str, Any]) -> None:
+    """Check the types of what a manifest says of program and recipe; another type is a ValueError."""
+    for name in ("flgpr", "python", "recipe_sha256", "identity"):
+        value = manifest.get(name, "")
+        if not isinstance(value, str):
+            raise ValueError(f"{name} must be text, got {str(value)[:60]!r}")
+    libraries = manifest.get("libraries", {})
+    if not isinstance(libraries, dict):
+        raise ValueError(f"libraries must be a table, got {str(libraries)[:60]!r}")
+
+
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """Read the manifest of a result folder and no other file.
 
@@ -345,6 +356,7 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
         manifest = read_sealed(folder, MANIFEST)
         if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        _check_origin(manifest)
         check_description(manifest["run"])
         return manifest
     except OSError as error:

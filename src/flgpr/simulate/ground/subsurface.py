@@ -542,7 +542,9 @@ class HoleLayer:
             entry = self._spectra.transmission(np.zeros(1), sine[row : row + 1])[0]
             for side, first in ((1.0, 0), (-1.0, 3)):
                 edges = slice(first, first + 3)
-                amplitude[row, edges] = self._edge_amplitudes(int(index), float(sine[row]), entry, side)
+                amplitude[row, edges] = self._edge_amplitudes(
+                    int(index), float(sine[row]), entry, side
+                )
                 # Upper end of the wall, lower end of the wall, cap.
                 depth[row, first + 1] = hole.depth
                 points[row, edges, :2] = middle[row, :2] + side * hole.radius * towards[row]
