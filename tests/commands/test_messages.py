@@ -61,8 +61,10 @@ def test_an_output_that_was_left_is_remembered_until_the_next_command(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_loggers_are_left_as_they_were():
+def test_loggers_are_left_as_they_were(caplog):
     loggers = [logging.getLogger(name) for name in ("flgpr.outputs", "flgpr.notes")]
+    for logger in loggers:
+        caplog.set_level(logging.ERROR, logger.name)
     before = [(logger.level, list(logger.handlers)) for logger in loggers]
     with pytest.raises(typer.Exit), plain_errors():
         raise OSError("no disk")
