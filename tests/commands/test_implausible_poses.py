@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.chain.recipe import lane_of, parse_recipe
+from flgpr.chain.recipe import parse_recipe, seen_lane
 from flgpr.commands.app import app
 from flgpr.results.result import read_result
 from flgpr.store import open_run, save_run
@@ -112,7 +112,9 @@ def test_limits_of_the_recipe_hold(home, tmp_path):
     wide.write_text(small_recipe() + "\n[motion]\nspeed = 1000\nacceleration = 1000\n")
     narrow = parse_recipe(small_recipe())
     run = open_run(home / "near.zarr")
-    assert lane_of(run, parse_recipe(wide.read_text())).y_max > lane_of(run, narrow).y_max + 40
+    # One scan sees the farther ground: it is seen, though too few looks let it be searched.
+    seen = seen_lane(run, parse_recipe(wide.read_text()))
+    assert seen.y_max > seen_lane(run, narrow).y_max + 40
     with pytest.raises(
         ValueError, match=r"line \d+: motion\.speed: input should be .* 0\.1, got 0"
     ):

@@ -17,7 +17,7 @@ def test_the_same_files_stay_and_others_are_refused(tmp_path, caplog):
     write_score_files(tmp_path, FILES)
     with caplog.at_level("INFO", "flgpr.outputs"):
         write_score_files(tmp_path, FILES, overwrite=False)
-    assert "is there already" in caplog.text
+    assert "exists already" in caplog.text
     with pytest.raises(FileExistsError, match=r"roc\.json, which holds something else"):
         write_score_files(tmp_path, FILES | {"roc.json": "[]"}, overwrite=False)
     write_score_files(tmp_path, FILES | {"roc.json": "[]"})

@@ -55,7 +55,11 @@ def estimate_lever_arm(
     check_track(antenna)
     check_track(reference)
     trials = np.sort(np.asarray(latencies, dtype=np.float64))
-    fits = [fit for fit in (_fit(antenna, reference, float(t)) for t in trials) if fit is not None]
+    fits = []
+    for latency in trials:
+        fit = _fit(antenna, reference, float(latency))
+        if fit is not None:
+            fits.append(fit)
     if not fits:
         raise ValueError(
             "the tracks must overlap in time by three fixes or more at some latency, they do not"

@@ -61,7 +61,7 @@ class EventFile:
         write_all(self._file, text.encode())
 
     def beat(self) -> None:
-        """Give the file a new time stamp, which shows that detection runs though nothing comes."""
+        """Set a new time stamp on the file, which shows that detection runs though nothing comes."""
         self._write(self._rate.due())
         with contextlib.suppress(OSError):  # whoever moved the file away does not stop detection
             os.utime(self.path)

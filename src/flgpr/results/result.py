@@ -502,7 +502,9 @@ def parse_view(data: bytes) -> xr.DataArray:
         raise ValueError(
             f"magnitude and looks must fit {sizes}, got {shapes['magnitude']} and {shapes['looks']}"
         )
-    labels = {name: [str(label) for label in arrays[name]] for name in ("polarization", "subband")}
+    labels = {}
+    for name in ("polarization", "subband"):
+        labels[name] = [str(label) for label in arrays[name]]
     coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
     dims = ("polarization", "subband", "y", "x")
     return xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")

@@ -90,7 +90,7 @@ class Checked:
         self._arrays = {}
 
     def has(self, name: str) -> bool:
-        """Tell whether an array of this name is there and was not taken yet."""
+        """Return whether an array of this name is there and was not taken yet."""
         return name in self._arrays
 
     def number(self, name: str, low: float = -math.inf, high: float = math.inf) -> float:
