@@ -25,7 +25,7 @@ from flgpr.model import make_run
 DATA = Path(__file__).parent / "data"
 DRAWING = {
     "papers", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit", "test_score_page",
-    "test_design_page", "test_docs_theory", "test_names", "test_figures",
+    "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
 NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan"}

@@ -5,7 +5,6 @@ import time
 
 import numba
 import numpy as np
-import pandas as pd
 import pytest
 
 from flgpr.chain.engine import (
@@ -14,13 +13,10 @@ from flgpr.chain.engine import (
     Engine,
     PlannedPass,
     blocks_of,
-    bundle_groups,
-    group_of,
     run_pieces,
     sum_accumulator,
     worker_state,
 )
-from flgpr.chain.lane_setup import array_table, table_arrays
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
 from flgpr.screen import RunViewSums
@@ -95,12 +91,6 @@ def test_sums_without_a_scan_are_refused():
         BackgroundEstimator().second_sums()
     with pytest.raises(ValueError, match="at least one"):
         RunViewSums(Grid.spanning((0, 1), (0, 1), 0.1), 1).state()
-
-
-def test_tables_go_through_arrays_unchanged():
-    table = pd.DataFrame({"x": [1.5, np.nan], "scans": [3, 4]})
-    both = bundle_groups({"a": table_arrays(table), "ab": {"x": np.zeros(3)}}) | {"x": np.ones(2)}
-    assert array_table(group_of(both, "a")).equals(table)
 
 
 class Counted:

@@ -4,17 +4,13 @@ import subprocess
 import sys
 import time
 
-import numpy as np
-import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.simulation import preview_figure
-from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Sensor, load_sensor
-from flgpr.simulate import Scene, simulate
-from flgpr.store import open_run, read_lane, read_table
+from flgpr.simulate import Scene
 
 
 @pytest.fixture
@@ -30,29 +26,6 @@ def small():
         track={"positions": (0.0, 1.5, 3.0)},
     )
     return scene, Sensor.model_validate(data)
-
-
-def test_a_stored_lane_is_the_simulated_one(small, tmp_path, caplog):
-    scene, sensor = small
-    written = simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")
-    run, truth = simulate(scene, sensor, 5)
-    stored = open_run(tmp_path / "lane.zarr")
-    np.testing.assert_array_equal(stored["signal"].values, run["signal"].values)
-    np.testing.assert_array_equal(stored["pose"].values, run["pose"].values)
-    got = read_table(tmp_path / "lane-truth.csv", "truth")
-    pd.testing.assert_frame_equal(got, truth, check_dtype=False)
-    assert read_lane(tmp_path / "lane-lane.toml") == scene.lane
-    assert all(path.exists() for path in written)
-    with pytest.raises(FileExistsError, match=r"its attrs\.seed is 5, this one's 6"):
-        simulate_to_store(scene, sensor, 6, tmp_path / "lane.zarr")
-    with pytest.raises(FileExistsError, match=r"its inputs\.errors is true"):
-        simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr", errors=False)
-    with caplog.at_level("INFO", "flgpr.outputs"):
-        simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")
-    assert "lane.zarr exists already" in caplog.text
-    simulate_to_store(scene, sensor, 5, tmp_path / "again.zarr", truth=tmp_path / "key.csv")
-    assert (tmp_path / "key.csv").read_bytes() == (tmp_path / "lane-truth.csv").read_bytes()
-    assert not (tmp_path / "again-truth.csv").exists()
 
 
 def test_the_preview_draws_every_target(small, tmp_path):

@@ -181,19 +181,6 @@ def test_a_part_of_the_files_of_a_folder_is_named_one_by_one(tmp_path):
     assert 'data = ["../scan_0.npy", "../scan_1.npy"]' in draft
 
 
-def test_files_that_do_not_belong_together_are_refused(tmp_path):
-    np.savez(tmp_path / "a_1.npz", one=np.ones(3))
-    np.savez(tmp_path / "a_2.npz", other=np.ones(3))
-    with pytest.raises(
-        ValueError,
-        match=r"files of one kind must hold the same arrays, got other beside one of a_1\.npz",
-    ):
-        explain_files([tmp_path / "a_1.npz", tmp_path / "a_2.npz"])
-    np.save(tmp_path / "b.npy", np.arange(3.0))
-    with pytest.raises(ValueError, match="one of the files must hold a signal"):
-        explain_files([tmp_path / "b.npy", tmp_path / "a_1.npz"])
-
-
 def test_a_draft_is_for_files_and_never_written_over(tmp_path):
     np.savez(tmp_path / "array.npz", tx=SENDERS, rx=RECEIVERS, frequency=FREQUENCY)
     paths = [*scans(tmp_path)[:2], tmp_path / "array.npz"]

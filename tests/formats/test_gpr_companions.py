@@ -6,8 +6,8 @@ import pytest
 from flgpr.formats import read_gpr
 from flgpr.formats.gpr_dzx import read_dzx
 from flgpr.formats.gpr_positions import cor_fixes
-from io_gpr import STEP, write_dt1, write_dzt, write_mala
-from io_recordings import ALONG, COUNTS, LATITUDE, LONGITUDE, TRACES, gps_lines, notes_with
+from io_gpr import write_dt1, write_dzt, write_mala
+from io_recordings import COUNTS, LATITUDE, LONGITUDE, TRACES, gps_lines, notes_with
 
 
 @pytest.mark.parametrize(
@@ -99,47 +99,6 @@ def test_a_gp2_is_read_and_the_first_of_many_positions_is_used(tmp_path):
     )
     assert len(read_gpr(path).fixes) == 4
     assert notes_with(read_gpr(path), "a.GP2 lies beside it and is not read, because a.gps is")
-
-
-DZX = """<?xml version="1.0" encoding="UTF-8"?>
-<DZX xmlns="www.geophysical.com/DZX/1.02"><GlobalProperties><horizontalUnit>{unit}</horizontalUnit>
-<unitsPerScan>{per_scan}</unitsPerScan></GlobalProperties>{group}<File><Profile>
-<WayPt><scan>7</scan><mark>User</mark><name>Mark1</name></WayPt>
-<WayPt><scan>9</scan><mark>Dist</mark>{first}</WayPt><WayPt><scan>19</scan>{second}</WayPt>
-</Profile></File>{end}</DZX>"""
-
-
-def dzx(path, unit="m", per_scan=STEP, group=False, first="", second=""):
-    wrapped = ("<ProfileGroup>", "</ProfileGroup>") if group else ("", "")
-    text = DZX.format(
-        unit=unit, per_scan=per_scan, group=wrapped[0], end=wrapped[1], first=first, second=second
-    )
-    path.with_suffix(".DZX").write_text(text)
-    return path
-
-
-@pytest.mark.parametrize("group", [False, True])
-def test_marks_and_spacing_of_a_dzx(group, tmp_path):
-    path = dzx(
-        write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=0.0), "cm", 100 * STEP, group
-    )
-    read = read_gpr(path)
-    assert read.marks == (5, 7)  # that of the samples, too
-    np.testing.assert_allclose(read.distance, ALONG)
-    assert notes_with(read, "unitsPerScan of the DZX")
-
-
-def test_distances_of_a_dzx_and_one_that_contradicts_itself(tmp_path):
-    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=0.0)
-    dzx(path, first="<distance>1.0</distance>", second="<distance>2.0</distance>")
-    read = read_gpr(path)
-    np.testing.assert_allclose(read.distance, 0.1 * np.arange(TRACES) + 0.1)
-    assert notes_with(read, "2 distances of the DZX are used")
-    dzx(path, first="<localCoords>0,0,0</localCoords>", second="<localCoords>0,5,0</localCoords>")
-    assert read_gpr(path).distance is None
-    assert notes_with(
-        read_gpr(path), "contradicts itself: its scans are 0.05 m apart by unitsPerScan and 0.5 m"
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Recordings of commercial radars: every count, delay and place as written, and a run whose phases are the echoes'."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -16,12 +14,10 @@ from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import (
     INTERVAL,
     NOMINAL,
-    REFLECTORS,
     SAMPLES,
     SEPARATION,
     STEP,
     ZERO,
-    delay_of,
     gga,
     ibm,
     section,
@@ -73,42 +69,6 @@ def test_every_count_comes_back_at_its_delay_and_place(name, tmp_path):
         assert read.separation == pytest.approx(SEPARATION)
 
 
-@pytest.mark.parametrize("name", ["a.DT1", "a.dzt", "a.rd3", "a.iprb", "a.dt", "a.sgy"])
-def test_the_runs_phases_are_those_of_the_echoes(name, tmp_path):
-    """Matched to exp(-j2πft) of each reflector's own path, the tones of every trace peak at no other delay."""
-    path = written(name, tmp_path)
-    zero = None if name[-3:] in ("DT1", "dzt", "prb") else ZERO * INTERVAL
-    run = gpr_run(read_gpr(path), band=(150e6, 1e9), separation=SEPARATION, time_zero=zero)
-    np.testing.assert_allclose(
-        run["rx_position"].values[0] - run["tx_position"].values[0], [0, SEPARATION, 0]
-    )
-    np.testing.assert_allclose(run["pose"].values[:, 1], ALONG, atol=1e-5)
-    tones = run["frequency"].values
-    field = run["signal"].values[:, 0, 0]
-    late = np.linspace(-2e-9, 2e-9, 81)
-    for k, (x, _) in enumerate(REFLECTORS):
-        trace = round(x / STEP)
-        when = delay_of(ALONG)[trace, k] + late
-        # A Ricker pulse has a real, positive spectrum, so that no phase but the delay's is left.
-        matched = (field[trace] * np.exp(2j * np.pi * tones * when[:, None])).sum(axis=1).real
-        assert abs(late[matched.argmax()]) < 0.051e-9
-
-
-def test_traces_come_back_from_the_run(tmp_path):
-    run = gpr_run(read_gpr(written("a.DT1", tmp_path)), band=(20e6, 2.4e9))
-    count = run.attrs["samples"]
-    start = run.attrs["first_sample_s"]
-    time = start + np.arange(count) * run.attrs["time_window_s"] / count
-    tones = run["frequency"].values
-    back = (
-        2
-        / count
-        * (run["signal"].values[:, 0, 0] @ np.exp(2j * np.pi * np.outer(tones, time))).real
-    )
-    np.testing.assert_allclose(back, COUNTS, atol=0.01 * COUNTS.max())
-    assert run.attrs["sounding"] == "ground-coupled"
-
-
 def test_channels_of_a_dzt_are_apart(tmp_path):
     both = np.stack([COUNTS, -COUNTS], axis=1)
     read = read_gpr(write_dzt(tmp_path / "a.dzt", both, names=("50400S", "HS350US")))
@@ -121,83 +81,6 @@ def test_channels_of_a_dzt_are_apart(tmp_path):
     assert any("channel 1 of 2" in note for note in second.attrs["import_notes"])
     with pytest.raises(ValueError, match="channel must be from 0 to 1, got 2"):
         gpr_run(read, 2)
-
-
-def test_eight_bits_and_offsets_of_the_data(tmp_path):
-    small = section(scale=40)
-    read = read_gpr(write_dzt(tmp_path / "a.dzt", small[:, None], bits=8))
-    np.testing.assert_array_equal(read.traces[:, 0, 2:], small[:, 2:])
-    moved = write_dzt(
-        tmp_path / "b.dzt", small[:, None], data=2048
-    )  # no multiple of 1024: channels tell
-    np.testing.assert_array_equal(read_gpr(moved).traces[:, 0, 2:], small[:, 2:])
-
-
-def test_what_a_trace_header_says_counts(tmp_path):
-    feet = {"POSITION_UNITS": "feet", "TIMEZERO_AT_POINT": 11}
-    read = read_gpr(write_dt1(tmp_path / "a.dt1", COUNTS, dead=3, comment=7, **feet))
-    assert np.isnan(read.traces[3]).all()
-    assert np.isfinite(np.delete(read.traces, 3, axis=0)).all()
-    assert read.marks == (7,)
-    assert read.separation == pytest.approx(0.3048 * SEPARATION)
-    np.testing.assert_allclose(read.distance, 0.3048 * ALONG, atol=1e-5)
-    np.testing.assert_allclose(read.time, 36000 + np.arange(len(COUNTS)))
-    assert read.delay[10] == 0
-    run = gpr_run(read)
-    np.testing.assert_array_equal(run["valid"].values.ravel(), np.arange(len(COUNTS)) != 3)
-
-
-def test_what_records_of_ids_say_counts(tmp_path):
-    read = read_gpr(write_ids(tmp_path / "a.dt", COUNTS, lost=3))
-    assert np.isnan(read.traces[3]).all()
-    assert np.isfinite(np.delete(read.traces, 3, axis=0)).all()
-    assert read.marks == (7,)
-    assert any(
-        "unsigned" in one
-        for one in read_gpr(write_ids(tmp_path / "u.dt", COUNTS, unsigned=32768)).history
-    )
-    assert read_gpr(write_ids(tmp_path / "w.dt", COUNTS, apart=0)).separation is None
-    for entries, said in (
-        ({"window": 1e3}, "a time in seconds"),
-        ({"samples": 999}, "samples must be from 2 to the 256"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            read_gpr(write_ids(tmp_path / "b.dt", COUNTS, **entries))
-    path = write_ids(tmp_path / "c.dt", COUNTS)
-    raw = bytearray(path.read_bytes())
-    raw[-516] = 0
-    path.write_bytes(raw)
-    with pytest.raises(ValueError, match="trace 39 must begin with R, got byte 0x00"):
-        read_gpr(path)
-
-
-def test_what_is_given_stands_in_place_of_the_headers(tmp_path):
-    read = read_gpr(written("a.rd3", tmp_path))
-    options = {
-        "step": 0.1,
-        "time_zero": 3e-9,
-        "window": 100e-9,
-        "separation": 0.5,
-        "across": True,
-        "height": 0.4,
-    }
-    run = gpr_run(read, **options, polarization="VV")
-    np.testing.assert_allclose(
-        run["pose"].values[:, 1:3], np.stack([2 * ALONG, np.full(40, 0.4)], axis=1)
-    )
-    np.testing.assert_allclose(run["rx_position"].values, [[0.25, 0, 0]])
-    assert list(run["polarization"].values) == ["VV"]
-    attrs = run.attrs
-    assert (attrs["sounding"], attrs["first_sample_s"]) == ("air-launched", -3e-9)
-    assert attrs["time_window_s"] == pytest.approx(100e-9)
-    with pytest.raises(ValueError, match="band must lie between"):
-        gpr_run(read, band=(1e8, 3e9))
-    with pytest.raises(ValueError, match="step must be"):
-        gpr_run(read, step=0.0)
-    with pytest.raises(ValueError, match="not be negative"):
-        gpr_run(read, height=-1.0)
-    with pytest.raises(ValueError, match="fit into"):
-        gpr_run(replace(read, max_memory=1000))
 
 
 @pytest.mark.parametrize("kind", ["dt1", "dzt", "rd3", "iprb", "sgy"])
@@ -242,23 +125,6 @@ def test_positions_and_an_anchor_put_the_traces_in_the_lane(kind, tmp_path):
     np.testing.assert_allclose(run["pose"].values[:, 2], 0.1)
     if kind != "sgy":
         np.testing.assert_allclose(run["pose"].values[:, 3], np.arctan2(0.6, 0.8), atol=0.01)
-
-
-def test_a_line_without_places_needs_a_step(tmp_path):
-    read = read_gpr(write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=0.0))
-    assert read.distance is None
-    np.testing.assert_allclose(read.time, np.arange(40) / 50)
-    with pytest.raises(
-        ValueError, match=r"a\.dzt: its headers tell no trace spacing: give the step"
-    ):
-        gpr_run(read)
-    assert gpr_run(read, step=0.1)["pose"].values[-1, 1] == pytest.approx(3.9)
-    with pytest.raises(ValueError, match="an anchor needs positions of two traces or more, got 0"):
-        gpr_run(read, anchor=fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02))
-    timed = read_gpr(write_mala(tmp_path / "b.rd3", COUNTS, DISTANCE_FLAG=0))
-    assert timed.distance is None
-    back = read_gpr(write_dt1(tmp_path / "c.dt1", COUNTS, step=-STEP))
-    np.testing.assert_allclose(back.distance, ALONG, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -457,16 +323,3 @@ def test_what_belongs_to_a_recording_or_is_known_is_told_so(name, words, tmp_pat
     (tmp_path / name).write_text("x")
     with pytest.raises(ValueError, match=words):
         read_gpr(tmp_path / name)
-
-
-def test_an_antenna_that_the_sampling_cannot_hold_makes_no_band(tmp_path):
-    """400 MHz in samples 4 ns apart, which hold up to 125 MHz."""
-    path = write_dt1(tmp_path / "a.dt1", section(6), TOTAL_TIME_WINDOW=1024, NOMINAL_FREQUENCY=400)
-    run = gpr_run(read_gpr(path))
-    notes = run.attrs["import_notes"]
-    assert any("an antenna of 400 MHz does not fit samples 4 ns apart" in note for note in notes)
-    assert any(
-        "all that the sampling holds, which is hardly any of the antenna's" in note
-        for note in notes
-    )
-    assert np.ptp(run["frequency"].values) > 50e6

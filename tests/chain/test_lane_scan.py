@@ -1,0 +1,50 @@
+"""One scan of a lane, as the passes see it."""
+
+import numpy as np
+import pytest
+
+from divided import recorded, with_results
+from flgpr.chain.lane_scan import LaneScan
+
+
+@pytest.fixture(scope="module")
+def lane():
+    return with_results()
+
+
+def test_number_pose_and_gain_are_those_of_its_scan(lane):
+    scan = LaneScan(lane, 4)
+    assert scan.number == int(lane.imager.scans[4])
+    np.testing.assert_array_equal(scan.pose, recorded()["pose"].values[scan.number])
+    np.testing.assert_array_equal(scan.gain, lane.results["gain"]["gains"][4])
+
+
+def test_the_nearest_rows_of_a_raw_image_are_those_of_all_of_it(lane):
+    scan = LaneScan(lane, 2)
+    whole = scan.raw_image()
+    near = scan.raw_image(5)
+    assert near.shape[-2] >= 5
+    np.testing.assert_array_equal(near[..., :5, :], whole[..., :5, :])
+
+
+def test_an_image_is_made_once_and_reaches_as_far_as_counts(lane):
+    scan = LaneScan(lane, 3)
+    assert scan.image is scan.image
+    assert scan.image.sizes["y"] == lane.images.grid.ny
+    rows = lane.images.grid.ny
+    np.testing.assert_array_equal(scan.image.values, scan.raw_image()[..., :rows, :])
+
+
+def test_the_magnitude_is_in_units_of_the_background(lane):
+    """Wang et al. 2007, Eq. 5, written out."""
+    scan = LaneScan(lane, 5)
+    gain = lane.results["gain"]
+    rows = lane.images.grid.ny
+    signature = gain["signature"][..., :rows, :]
+    level = gain["gain"][..., :rows, :]
+    wanted = np.abs(scan.image.values / scan.gain[..., None, None] - signature) / level
+    np.testing.assert_allclose(scan.magnitude(), wanted, rtol=1e-4, atol=1e-5)
+
+
+def test_data_are_read_for_images_alone_where_nothing_is_explained(lane):
+    assert LaneScan(lane, 1).data is None

@@ -1,0 +1,49 @@
+"""The pass that finds the self-signature and the gain of every scan."""
+
+import numpy as np
+import pytest
+
+from divided import DIVISIONS, SCANS, in_blocks, same_bits, setup
+from flgpr.chain.passes.signature import SelfSignature
+
+
+@pytest.fixture(scope="module")
+def one_block():
+    return in_blocks(SelfSignature, setup(), DIVISIONS[0])
+
+
+@pytest.mark.parametrize("blocks", DIVISIONS[1:])
+def test_the_division_into_blocks_changes_no_bit(blocks, one_block):
+    assert same_bits(in_blocks(SelfSignature, setup(), blocks), one_block)
+
+
+def test_every_scan_has_a_gain_and_every_pixel_a_signature(one_block):
+    lane = setup()
+    polarizations, subbands = len(lane.polarizations), len(lane.recipe.image.subbands)
+    assert one_block["gains"].shape == (SCANS, polarizations, subbands)
+    assert (one_block["gains"] > 0).all()
+    shape = (polarizations, subbands, lane.background_rows, lane.imager.grid.nx)
+    assert one_block["signature"].shape == shape
+    assert one_block["shared"].shape == shape
+    assert np.isfinite(one_block["signature"]).all()
+
+
+def test_a_scan_that_is_twice_as_strong_has_twice_the_gain():
+    """Everything in the data is linear, and Eq. 2 divides every image by its gain."""
+    lane = setup()
+    for image in (lane.image(4), lane.image(7)):
+        doubled = SelfSignature(lane, range(0, 2))
+        doubled.add(Shown(image.values))
+        doubled.add(Shown(2 * image.values))
+        gains = doubled.result()["gains"]
+        np.testing.assert_allclose(gains[1], 2 * gains[0], rtol=1e-5)
+
+
+class Shown:
+    """A scan with a given image."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def raw_image(self):
+        return self.values

@@ -1,0 +1,93 @@
+"""Places of the traces of a SEG-Y by the coordinates of their headers."""
+
+import numpy as np
+import pytest
+
+from flgpr.formats import gpr_run, read_gpr
+from io_gpr import (
+    SAMPLES,
+    STEP,
+    write_segy,
+)
+from io_open import write_su
+from io_recordings import ALONG, COUNTS, TRACES, notes_with, patched, segy_words
+
+
+@pytest.mark.parametrize(("name", "offset"), [("source", 72), ("group", 80), ("CDP", 180)])
+def test_coordinates_wherever_they_stand(name, offset, tmp_path):
+    path = write_segy(tmp_path / "a.sgy", COUNTS, place=[(0, 0)] * TRACES)
+    segy_words(
+        path,
+        TRACES,
+        x=(offset, ">i", lambda k: 50_000_000 + round(100 * STEP * k)),
+        y=(offset + 4, ">i", 5),
+    )
+    read = read_gpr(path)
+    np.testing.assert_allclose(read.distance, ALONG, atol=1e-6)
+    assert notes_with(read, f"{name} coordinates (bytes {offset + 1}-{offset + 8})")
+
+
+def test_source_and_group_tell_the_separation(tmp_path):
+    path = write_segy(tmp_path / "a.sgy", COUNTS)
+    segy_words(path, TRACES, x=(80, ">i", lambda k: round(100 * STEP * k)), y=(84, ">i", 20))
+    read = read_gpr(path)
+    assert read.separation == pytest.approx(0.2)
+    assert notes_with(read, "the antennas' separation is the distance of source and group")
+
+
+@pytest.mark.parametrize("kind", ["sgy", "su"])
+@pytest.mark.parametrize("form", ["midpoint stays", "source stays", "zigzag"])
+def test_places_of_source_and_group_that_move_apart_make_no_line(kind, form, tmp_path):
+    """Cm: both go away from the midpoint of a CMP, the group alone from the source of a WARR."""
+    write = write_su if kind == "su" else write_segy
+    path = write(tmp_path / f"a.{kind}", COUNTS)
+    step = {"midpoint stays": 5, "source stays": 10, "zigzag": 0}[form]
+    words = {
+        "source_x": ("i", 72, lambda k: 5000 - 5 * k if form == "midpoint stays" else 5000),
+        "source_y": ("i", 76, 900),
+        "group_x": ("i", 80, lambda k: 5020 + step * k + (30 * (k % 3) if form == "zigzag" else 0)),
+        "group_y": ("i", 84, lambda k: 900 + (k if form == "zigzag" else 0)),
+    }
+    order = "<" if kind == "su" else ">"
+    start = 0 if kind == "su" else 3600
+    record = 240 + (4 if kind == "su" else 2) * SAMPLES
+    patches = []
+    for trace in range(TRACES):
+        for letter, offset, value in words.values():
+            number = value(trace) if callable(value) else value
+            patches.append((start + trace * record + offset, order + letter, number))
+    read = read_gpr(patched(path, *patches))
+    if form == "zigzag":
+        assert not read.gather
+        assert notes_with(read, "m apart, which is not used")
+        return
+    assert read.gather == "antennas 0.2 to 3.1 m apart"
+    assert notes_with(read, "it is no line of one offset")
+    with pytest.raises(ValueError, match="its antennas move apart"):
+        gpr_run(read)
+
+
+@pytest.mark.parametrize(("unit", "scalar"), [(2, 1000), (3, 10_000), (4, 1000)])
+def test_positions_of_segy_in_every_angular_unit(unit, scalar, tmp_path):
+    degrees = np.stack([11 + np.arange(TRACES) / 3600, np.full(TRACES, 47.5125)], axis=1)
+    values = degrees * (3600 if unit == 2 else 1)
+    if unit == 4:  # 47 degrees, 30 minutes and 45 seconds are 473045
+        whole = np.floor(degrees)
+        minutes = degrees % 1 * 60
+        values = (
+            whole * 10_000
+            + np.floor(minutes + 1e-9) * 100
+            + (minutes - np.floor(minutes + 1e-9)) * 60
+        )
+    place = np.round(values * scalar).astype(int)
+    read = read_gpr(write_segy(tmp_path / "a.sgy", COUNTS, unit=unit, scalar=-scalar, place=place))
+    np.testing.assert_allclose(read.fixes[:, 1:3], degrees, atol=1e-4 if unit == 3 else 1e-6)
+    assert notes_with(read, f"{TRACES} of {TRACES} positions tell no height: 0 m is taken")
+
+
+def test_coordinates_that_never_change_are_told(tmp_path):
+    read = read_gpr(write_segy(tmp_path / "a.sgy", COUNTS, place=[(7, 9)] * TRACES))
+    assert read.distance is None
+    assert notes_with(
+        read, "source coordinates (bytes 73-80) are the same in all traces: they are not used"
+    )

@@ -1,0 +1,13 @@
+"""Names for the types of arrays."""
+
+from typing import get_args
+
+import numpy as np
+
+from flgpr.model.arrays import ComplexArray, FloatArray
+
+
+def test_the_names_are_double_precision():
+    for name, kind in ((FloatArray, np.float64), (ComplexArray, np.complex128)):
+        _, dtype = get_args(name)
+        assert get_args(dtype) == (kind,)
