@@ -28,6 +28,8 @@ DRAWING = {
     "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
+NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan"}
+"""Files in these folders whose tests look at none."""
 HEAVY = (
     "test_systems",
     "test_freeze_recipes",
@@ -50,12 +52,13 @@ HEAVY = (
     "test_page",
     "test_simulation",
     "test_demo",
-    "test_bench",
+    "test_imaging_speed",
     "test_cuda",
     "test_compiled",
     "test_ahead",
     "test_docs_theory",
     "test_raw_data",
+    "test_raw_run",
     "test_layers",
     "test_kills",
     "test_rail",
@@ -124,7 +127,8 @@ def quick_seals(request):
 def blank_pictures(request):
     """Make pictures blank where no test looks at one: drawing takes longer than all the rest of a small detection."""
     with pytest.MonkeyPatch.context() as patch:
-        if not {request.path.parent.name, request.path.stem} & DRAWING:
+        stem = request.path.stem
+        if stem in NOT_DRAWING or not {request.path.parent.name, stem} & DRAWING:
             _draw_nothing(patch)
         yield
 

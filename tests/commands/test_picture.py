@@ -1,4 +1,4 @@
-"""From a stored run to a focused picture and its files, and raw data prepared on the way."""
+"""From a stored run to a focused picture and its files."""
 
 import json
 
@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.picture import make_picture
-from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 from flgpr.imaging import View, aperture_blocks, aperture_image
 from flgpr.model import SPEED_OF_LIGHT, make_run, vehicle_to_lane
 from flgpr.model.phase import path_phase
@@ -186,34 +185,3 @@ def test_commands_prepare_and_image_go_together(tmp_path):
     done = run(app, ["image", str(ready), "-o", str(picture)])
     assert done.exit_code == 2
     assert "must not exist yet" in done.output
-
-
-def test_steps_of_a_file_work_in_its_order_and_history_grows(stored, tmp_path):
-    steps = tmp_path / "steps.toml"
-    steps.write_text(
-        f'[[step]]\ndo = "time-zero"\ndelay_ns = 2.0\n[[step]]\ndo = "subtract"\nrun = "{stored}"\n'
-    )
-    first = tmp_path / "first.zarr"
-    prepare_run(stored, check_steps([{"do": "dewow", "length_ns": 3}]), first)
-    prepare_run(first, read_steps(steps), tmp_path / "second.zarr")
-    assert [one["do"] for one in open_run(tmp_path / "second.zarr").attrs["history"]] == [
-        "dewow", "time-zero", "subtract",
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("entries", "rule"),
-    [
-        ([{"do": "dewow", "length_ns": -1}], "length_ns: input should be greater than 0, got -1"),
-        ([{"do": "smooth"}], "smooth"),
-        (
-            [{"do": "gate", "start_ns": 9, "stop_ns": 5}],
-            "step 1, gate: gate must have start < stop",
-        ),
-        ([], "at least one step"),
-    ],
-)
-def test_a_step_that_does_not_fit_is_told_and_nothing_is_stored(stored, tmp_path, entries, rule):
-    with pytest.raises(ValueError, match=rule):
-        prepare_run(stored, check_steps(entries), tmp_path / "new.zarr")
-    assert not (tmp_path / "new.zarr").exists()

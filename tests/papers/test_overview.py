@@ -9,7 +9,6 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.reproduce import PAPERS
 from flgpr_papers import overview
 from flgpr_papers.kit.findings import (
     NO_VERDICT,
@@ -153,14 +152,6 @@ def test_findings_come_back_as_they_were_written(tmp_path):
     assert whole == MADE_UP["cosgrove2004"][:2]
     assert np.isnan(one.interval[1:]).all()
     assert "Infinity" not in (tmp_path / "findings.json").read_text()
-
-
-def test_reproduce_names_the_papers_it_knows(tmp_path):
-    told = CliRunner().invoke(app, ["reproduce", "none2001", "-o", str(tmp_path / "x")])
-    assert told.exit_code == 2
-    assert all(name in told.stderr for name in (*overview.PAPERS, "all"))
-    assert not (tmp_path / "x").exists()
-    assert tuple(overview.PAPERS) == PAPERS
 
 
 def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, monkeypatch):

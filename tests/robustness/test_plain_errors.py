@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from every_command import COMMANDS, make_inputs
 from flgpr.commands.app import app
-from flgpr.commands.errors import plain_message
 
 SOURCE = Path(__file__).parents[2] / "src"
 DEEP = 20_000
@@ -190,18 +189,6 @@ def test_a_file_that_may_not_grow_so_large_is_told_and_nothing_is_left(name, inp
     assert not PYTHON.search(done.stderr), done.stderr
     goes_on = {"a.zarr.partial", "a-track.csv"}  # of an import
     assert {path.name for path in tmp_path.iterdir()} <= goes_on
-
-
-def test_no_line_holds_what_the_program_calls_things():
-    told = plain_message(
-        ValueError("x (np.float64(1.5)) at PosixPath('/a b') [Errno 28] No space left on device")
-    )
-    assert told == "x (1.5) at /a b No space left on device"
-    assert plain_message(OSError(errno.ENOSPC, "No space left on device", "/d/x")).endswith(
-        "/d/x: No space left on device"
-    )
-    assert "nested" in plain_message(RecursionError("maximum recursion depth exceeded"))
-    assert "memory" in plain_message(MemoryError())
 
 
 def messages(tree):

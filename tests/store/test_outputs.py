@@ -11,7 +11,14 @@ import pytest
 
 from flgpr.results.result import add_files, are_settled, read_result
 from flgpr.store.files import replace_folder, write_whole
-from flgpr.store.outputs import BusyError, atomic_output, locked_folder, same_content, write_new
+from flgpr.store.outputs import (
+    BusyError,
+    atomic_output,
+    locked_folder,
+    log_finished,
+    same_content,
+    write_new,
+)
 from robust import digests
 from small_results import small_result
 
@@ -195,3 +202,28 @@ def test_two_that_add_files_to_a_result_at_once_both_end_well(tmp_path):
     assert set(result.manifest["added"]) == {"page-1.html", "page-2.html", "report.html"}
     assert len(set((folder / "report.html").read_text())) == 1
     assert not [path for path in Path(folder).rglob("*.partial")]
+
+
+def test_what_a_killed_writer_left_goes_when_the_output_is_found_whole(tmp_path):
+    """A kill may come after an output has its name and before its temporary folder is removed."""
+    output = tmp_path / "sealed"
+    output.write_text("whole")
+    partial = tmp_path / ".partial-sealed"
+    partial.mkdir()
+    (partial / "sealed").write_text("whole")
+    log_finished(output)
+    assert [path.name for path in tmp_path.iterdir()] == ["sealed"]
+
+
+def test_a_folder_that_a_process_writes_in_stays(tmp_path):
+    output = tmp_path / "sealed"
+    output.write_text("whole")
+    with locked_folder(tmp_path / ".partial-sealed"):
+        log_finished(output)
+        assert (tmp_path / ".partial-sealed").is_dir()
+    link = tmp_path / ".partial-other"
+    (tmp_path / "elsewhere").mkdir()
+    link.symlink_to(tmp_path / "elsewhere")
+    log_finished(tmp_path / "other")
+    assert (tmp_path / "elsewhere").is_dir()
+    assert link.is_symlink()

@@ -9,10 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.plan import plan_lane, register_recipe, survey_plan
+from flgpr.commands.plan import plan_lane, register_recipe
 from flgpr.commands.scoring import compare_alarms, score_alarms, score_result
 from flgpr.commands.sealed_scoring import compare_sealed, score_sealed, seal_truth_file
-from flgpr.store import read_table
 from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
 
 PHRASE = "correct horse battery"
@@ -358,74 +357,3 @@ def test_a_truth_without_a_plan_is_free(trial, tmp_path):
     free = tmp_path / "free.csv"
     pd.read_csv(trial / "plan.csv").drop(columns="book").to_csv(free, index=False)
     assert openly(trial, truth=free, recipe=None, halo=2.0)
-
-
-def fill_in(trial, **changes):
-    sheet = pd.read_csv(trial / "plan-sheet.csv", dtype=str).assign(emplaced="yes")
-    for place, value in changes.items():
-        column, row = place.rsplit("_", 1)
-        sheet.loc[int(row), column] = value
-    # As spreadsheets of other countries write it.
-    (trial / "filled.csv").write_text(sheet.to_csv(index=False, sep=";").replace(".", ","))
-    return trial / "filled.csv"
-
-
-def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
-    plan = read_table(trial / "plan.csv", "truth")
-    x, y = plan["x"].iloc[2] + 0.03, plan["y"].iloc[2] - 0.04
-    changes = {
-        "emplaced_x_m_2": f"{x:.3f}",
-        "emplaced_y_m_2": f"{y:.3f}",
-        "emplaced_depth_m_4": "0.07",
-        "emplaced_5": "No",
-    }
-    truth, line = survey_plan(trial / "plan.csv", fill_in(trial, **changes), trial / "truth.csv")
-    assert (line["moved"], line["largest_offset"], line["left_out"]) == (1, 0.05, 1)
-    want = plan.copy()
-    want.loc[2, ["x", "y"]] = np.round([x, y], 3)
-    want.loc[4, "depth"] = 0.07
-    pd.testing.assert_frame_equal(truth, want.drop(5).reset_index(drop=True))
-    pd.testing.assert_frame_equal(read_table(trial / "truth.csv", "truth"), truth)
-    with pytest.raises(ValueError, match="truth must be the survey in line 2"):
-        openly(trial)
-    openly(trial, truth="truth.csv")
-    with pytest.raises(ValueError, match="before the truth is opened"):
-        survey_plan(trial / "plan.csv", fill_in(trial), trial / "again.csv")
-    assert not (trial / "again.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"emplaced_3": ""}, "T4: emplaced must be yes or no, got ''"),
-        ({"emplaced_depth_m_3": "5"}, "T4: emplaced_depth_m must be within 1 m of the planned"),
-        (
-            {"emplaced_x_m_3": "0.1"},
-            "T4: emplaced_(x_m and emplaced_y_m must be filled in together|x_m must be within)",
-        ),
-        (
-            {"emplaced_x_m_3": "left", "emplaced_y_m_3": "1"},
-            "T4: emplaced_x_m must be within 1 m .* got left",
-        ),
-        (
-            {"target_id_3": "T9"},
-            "each target of the plan once and no other, got a difference in T4",
-        ),
-        (
-            {"target_id_3": "T1"},
-            "each target of the plan once and no other, got a difference in T4",
-        ),
-    ],
-)
-def test_a_sheet_with_slips_is_refused(changes, message, trial, book):
-    with pytest.raises(ValueError, match=f"filled.csv: .*{message}"):
-        survey_plan(trial / "plan.csv", fill_in(trial, **changes), trial / "truth.csv")
-    assert not (trial / "truth.csv").exists()
-    assert len(read_register(book)) == 1
-
-
-def test_a_sheet_belongs_to_a_plan_that_is_registered_and_unaltered(trial, book):
-    filled = fill_in(trial)
-    (trial / "plan.csv").write_text((trial / "plan.csv").read_text().replace("metal", "plastic"))
-    with pytest.raises(ValueError, match="plan must be one that stands in"):
-        survey_plan(trial / "plan.csv", filled, trial / "truth.csv")

@@ -7,17 +7,16 @@ from urllib.parse import urlencode
 
 import numpy as np
 import pytest
-from raw_lane import make_raw_lane
 
-from flgpr.calibrate import channel_health, disturbed_tones
-from flgpr.commands import raw_run as raw_module
+from flgpr.calibrate import channel_health
 from flgpr.commands.picture import make_picture
 from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 from flgpr.commands.raw_run import RawRun
 from flgpr.commands.run_report import run_info
 from flgpr.imaging import View
-from flgpr.store import open_run, save_run
+from flgpr.store import open_run
 from io_gpr import INTERVAL, SAMPLES, ZERO, section, write_dt1
+from raw_lane import direct, make_raw_lane, values_of
 
 STEPS = [
     {"do": "dewow", "length_ns": 5.0},
@@ -51,22 +50,6 @@ def viewer(lane, serving):
         yield shown
 
 
-def values_of(answer):
-    halves = np.frombuffer(base64.b64decode(answer["halves"]), "<f2").astype(float)
-    return halves.reshape(len(answer["scans"]), answer["delays_ns"]["count"])
-
-
-def direct(signal, tones, delays):
-    """Sum tone by tone, each with its share of the band under the window."""
-    share = np.sin(np.pi * np.arange(1, tones.size + 1) / (tones.size + 1)) ** 2 * np.gradient(
-        tones
-    )
-    total = np.zeros((len(signal), delays.size), complex)
-    for k, tone in enumerate(tones):
-        total += share[k] / share.sum() * signal[:, k, None] * np.exp(2j * np.pi * tone * delays)
-    return total
-
-
 def test_the_picture_is_what_prepare_stores(viewer, lane, tmp_path):
     """Every scan, those with a gap in another channel as well, for which steps in time leave the signal alone."""
     asked = {
@@ -92,47 +75,6 @@ def test_the_picture_is_what_prepare_stores(viewer, lane, tmp_path):
     assert np.isnan(seen[50:55]).all()
     assert answer["missing"] == [50, 51, 52, 53, 54]
     assert answer["incomplete"] == [3, 50, 51, 52, 53, 54]
-
-
-def test_decibels_are_the_greatest_amplitude_of_a_bin(lane, monkeypatch):
-    monkeypatch.setattr(raw_module, "MOST_BINS", 200)
-    answer = RawRun(lane).answer("bscan", {"polarization": "VV", "pair": "1"})
-    run = open_run(lane)
-    tones = run["frequency"].values
-    count = 200
-    stop = answer["delays_ns"]["stop"] * 1e-9
-    assert stop == pytest.approx(1 / (tones[1] - tones[0]))
-    delays = (
-        stop * (np.arange(4 * count) + 0.5) / (4 * count)
-    )  # 80 ns at four to a period of the band, 2 GHz
-    amplitude = (
-        np.abs(direct(run["signal"].values[:, 1, 1], tones, delays))
-        .reshape(-1, count, 4)
-        .max(axis=2)
-    )
-    one = [0, 20, 100, 159]
-    seen = values_of(answer)[one]
-    strong = amplitude[one] > 1e-2
-    assert strong.sum() > 20
-    np.testing.assert_allclose(seen[strong], 20 * np.log10(amplitude[one][strong]), atol=0.04)
-    assert answer["top_db"] == pytest.approx(
-        20 * np.log10(np.nanpercentile(amplitude, 99.8)), abs=0.05
-    )
-
-
-def test_uneven_tones_are_summed_as_they_are(tmp_path):
-    tones = np.sort(np.random.default_rng(2).uniform(0.5e9, 2.5e9, 90))
-    make_raw_lane(tmp_path / "uneven.zarr", 8, tones)
-    raw = RawRun(tmp_path / "uneven.zarr")
-    query = {"polarization": "HH", "pair": "0", "scale": "signed", "to_ns": "20"}
-    answer = raw.answer("bscan", query)
-    signal = open_run(tmp_path / "uneven.zarr")["signal"].values[:, 0, 0]
-    expected = direct(signal, tones, 20e-9 * (np.arange(800) + 0.5) / 800).real
-    np.testing.assert_allclose(
-        values_of(answer) * answer["unit"], expected, atol=3e-3 * np.abs(expected).max()
-    )
-    with pytest.raises(ValueError, match="step 1, power: tones must be at least two and even"):
-        raw.answer("bscan", query | {"steps": '[{"do": "power", "exponent": 1}]'})
 
 
 def test_a_spectrum_stands_beside_the_median(viewer, lane):
@@ -186,24 +128,6 @@ def test_an_image_that_cannot_be_made_is_told(viewer, lane, tmp_path):
         assert words in answer["error"]
 
 
-def test_tones_that_something_else_transmits_on_are_found(lane, tmp_path):
-    """Two neighbours and one alone, in one pair; noise and echoes alone disturb none."""
-    run = open_run(lane).compute()
-    signal = run["signal"].values.copy()
-    rng = np.random.default_rng(1)
-    for tone in (30, 31, 100):
-        signal[:, :, 1, tone] += 5 * np.exp(2j * np.pi * rng.uniform(size=(160, 2)))
-    save_run(run.assign(signal=(run["signal"].dims, signal)), tmp_path / "hit.zarr")
-    raw = RawRun(tmp_path / "hit.zarr")
-    query = {"polarization": "VV", "scan": "9", "steps": json.dumps(STEPS)}
-    told = raw.answer("spectrum", query | {"pair": "1"})["disturbed_ghz"]
-    np.testing.assert_allclose(told, run["frequency"].values[[30, 31, 100]] * 1e-9)
-    assert raw.answer("spectrum", query | {"pair": "0"})["disturbed_ghz"] == []
-    few = disturbed_tones(signal[:2, 0, 1])
-    assert few.shape == (161,)
-    assert not few.any()
-
-
 def test_health_is_what_info_tells(viewer, lane):
     status, answer = ask(viewer, "health")
     table = channel_health(open_run(lane))
@@ -211,21 +135,6 @@ def test_health_is_what_info_tells(viewer, lane):
     assert answer["summary"] == run_info(lane)["health"]
     assert answer["channels"]["missing"] == table["missing"].tolist() == [5, 6, 5, 5]
     np.testing.assert_allclose(answer["channels"]["coherence"], table["coherence"], atol=1e-4)
-
-
-def test_long_runs_and_little_memory_take_every_so_many_scans(lane, monkeypatch):
-    query = {"polarization": "HH", "pair": "1"}
-    monkeypatch.setattr(raw_module, "MOST_SCANS", 60)
-    answer = RawRun(lane).answer("bscan", query)
-    assert answer["scans"] == list(range(0, 160, 3))
-    assert answer["missing"] == [1, 17, 18]  # scans 3, 51 and 54
-    with pytest.raises(ValueError, match="scan must be one of those shown, of 160, got 1"):
-        RawRun(lane).answer("spectrum", query | {"scan": "1"})
-    size = open_run(lane)["signal"].nbytes // 2
-    assert (
-        len(RawRun(lane, size).answer("bscan", query)["scans"]) == 32
-    )  # a fifth, for the copies at work
-    assert RawRun(lane, size).answer("health", {})["channels"]["missing"] == [5, 6, 5, 5]
 
 
 @pytest.mark.parametrize(
@@ -256,13 +165,6 @@ def test_a_bad_query_is_told_what_is_wrong(viewer, change, words):
     status, answer = ask(viewer, "bscan", **({"polarization": "HH", "pair": "0"} | change))
     assert status == 400
     assert words in answer["error"]
-
-
-def test_a_moving_background_that_takes_long_is_refused(lane, monkeypatch):
-    monkeypatch.setattr(raw_module, "_MOST_RUNNING", 1e5)
-    query = {"polarization": "HH", "pair": "0", "steps": '[{"do": "background", "scans": 9}]'}
-    with pytest.raises(ValueError, match="9 scans take too long here, use flgpr prepare"):
-        RawRun(lane).answer("bscan", query)
 
 
 def test_nothing_else_is_found(viewer, lane, demo, serving):
@@ -411,30 +313,6 @@ def test_the_page_tells_why_there_is_no_picture(watch, viewer):
     one.until("document.getElementById('raw-error').textContent.includes('band must have')")
     assert all("400" in line for line in one.errors)  # the browser's own word on a refused query
     one.errors.clear()
-
-
-def test_one_scan_on_the_ground_has_no_image(tmp_path):
-    make_raw_lane(tmp_path / "air.zarr", 12)
-    run = open_run(tmp_path / "air.zarr").compute()
-    run["pose"][:, 2] = 0.0
-    save_run(run.assign_attrs(sounding="ground-coupled"), tmp_path / "ground.zarr")
-    raw = RawRun(tmp_path / "ground.zarr")
-    query = {"polarization": "HH", "pair": "0", "permittivity": "6"}
-    with pytest.raises(ValueError, match="whole must be true for antennas on the ground"):
-        raw.answer("image", query | {"scan": "3"})
-    assert raw.answer("image", query | {"whole": "true"})["up"][0] == "z"
-
-
-@pytest.mark.parametrize("window", [1e9, 1e300])
-def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
-    query = {"polarization": "HH", "pair": "0", "to_ns": "60"}
-    answers = [
-        RawRun(lane).answer(
-            "bscan", query | {"steps": json.dumps([{"do": "agc", "window_ns": one}])}
-        )["halves"]
-        for one in (80.5, window)
-    ]
-    assert answers[0] == answers[1]
 
 
 def test_a_recording_is_shown_without_an_import_from_its_first_sample_on(tmp_path, serving, watch):

@@ -41,7 +41,7 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
     passes = lane.stage_passes()
 
     # The background: the self-signature with the gain of every scan (Eq. 2), and the gain
-    # background (Eq. 3 and 4), in units of which images are cleaned.
+    # background (Eq. 3 and 4), in units of which images are cleaned (clutter/streaming.py).
     passes.append(plan(lane, SelfSignature))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
 

@@ -131,6 +131,9 @@ class Steps:
     ) -> RunViewSums | MeanViewSums | RangeViewSums:
         """Return the empty sums of the recipe's look (Wang et al. 2007, Sec. II-B).
 
+        The roadside's mask and the view before the background is removed take the second largest
+        look whatever the recipe says.
+
         Parameters
         ----------
         grid : Grid

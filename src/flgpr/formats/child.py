@@ -7,7 +7,6 @@ quickly.
 
 from __future__ import annotations
 
-import contextlib
 import resource
 import sys
 import warnings
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LARGEST_PROBED = 10_000_000  # values of an array that is read to see whether it can be
+_MOST_PROBED_BYTES = 2**31  # addresses of a process that probes; its libraries take a fifth
 _MOST_ADDRESSES = 2**62  # bytes, where the system sets no limit
 
 
@@ -66,10 +66,16 @@ def probe_hdf5(path: str) -> None:
     """
     import h5py
 
+    _bound_memory(_MOST_PROBED_BYTES)
+
     def read_attributes(item: Any) -> None:
         for name in item.attrs:
-            with contextlib.suppress(Exception):
+            try:
                 item.attrs[name]
+            except Exception as error:
+                # A damaged text may claim any size, and whoever reads it takes as much memory.
+                if isinstance(error, MemoryError) or "memory allocation" in str(error):
+                    raise SystemExit(_too_large(item.name, name)) from None
 
     def visit(name: str, item: Any) -> None:
         read_attributes(item)
@@ -88,6 +94,19 @@ def probe_hdf5(path: str) -> None:
         read_attributes(file)
         file.visititems(visit)
     print(*lines, sep="\n", end="\n" if lines else "")
+
+
+def _bound_memory(most: int) -> None:
+    """Let this process have no more than so many bytes of addresses."""
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    available = _MOST_ADDRESSES if hard == resource.RLIM_INFINITY else hard
+    resource.setrlimit(resource.RLIMIT_AS, (min(most, available), hard))
+
+
+def _too_large(item: str, name: str) -> str:
+    """Return the message on an attribute that claims too much memory."""
+    most = f"{_MOST_PROBED_BYTES / 2**30:g} GiB"
+    return f"attribute {name!r} of {item!r} claims more memory than {most}: it is damaged"
 
 
 def unpack(path: str, limit: int, spare: int) -> None:
@@ -110,9 +129,7 @@ def unpack(path: str, limit: int, spare: int) -> None:
         If they take more.
     """
     # SciPy holds a complex array, its two components and their product at once.
-    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    available = _MOST_ADDRESSES if hard == resource.RLIM_INFINITY else hard
-    resource.setrlimit(resource.RLIMIT_AS, (min(3 * limit + spare, available), hard))
+    _bound_memory(3 * limit + spare)
     from scipy.io import loadmat
 
     warnings.simplefilter("ignore")

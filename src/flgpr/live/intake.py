@@ -1,6 +1,7 @@
-"""Decides which scans are used.
+"""Decides which frames become scans, and fills in missing poses.
 
-Those late, repeated, out of order, damaged or without a pose are all counted.
+Whether a pose that is there is believed is judged by the detector (``model/plausible.py``). Scans
+late, repeated, out of order, damaged or without a pose are all counted.
 """
 
 from __future__ import annotations
@@ -89,10 +90,11 @@ class Numbers:
 
 
 class Intake:
-    """Decides which scans are used, and counts the others.
+    """Decides which frames become scans, and counts the others.
 
-    A missing pose is filled in from known ones at most ``longest_gap`` scans away. A number counts
-    as used when its scan went on and was not refused: a bad frame uses up no number.
+    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose is
+    filled in from known ones at most ``longest_gap`` scans away. A number counts as used when its
+    scan went on and was not refused: a bad frame uses up no number.
     """
 
     def __init__(

@@ -1,4 +1,7 @@
-"""Plausible poses of a stored run, judged one after the other as live, and what to say of them."""
+"""Plausible poses of a stored run, judged one after the other as live, and what to say of them.
+
+The limits, and the gate that judges a pose, are in ``plausible.py``.
+"""
 
 from __future__ import annotations
 

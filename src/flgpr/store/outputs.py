@@ -28,9 +28,27 @@ class BusyError(ValueError):
 
 
 def log_finished(output: str | Path, remedy: str = DELETE) -> None:
-    """Log that an output exists as this call would make it, and the ``remedy`` to make it again."""
+    """Log that an output exists as this call would make it, and the ``remedy`` to make it again.
+
+    What a killed writer left beside it goes: its kill may have come after the output had its name.
+    """
+    _discard_partial(Path(output))
     message = "%s exists already, made from the same inputs: nothing was written; %s"
     _LOG.info(message, output, remedy, extra={"output": output})
+
+
+def _discard_partial(path: Path) -> None:
+    """Remove the temporary folder of an output, unless a process is writing there."""
+    partial = _partial_of(path)
+    if not partial.is_dir() or partial.is_symlink():
+        return
+    with suppress(BusyError, OSError), locked_folder(partial):
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _partial_of(path: Path) -> Path:
+    """Return the temporary folder in which an output is made."""
+    return path.with_name(f".partial-{path.name}")
 
 
 def output_exists_error(
@@ -108,7 +126,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
     OSError
         If it cannot be written; the error names the output.
     """
-    partial = path.with_name(f".partial-{path.name}")
+    partial = _partial_of(path)
     with writing(path), locked_folder(partial):
         _empty(partial)
         temporary = partial / path.name

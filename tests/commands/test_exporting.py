@@ -1,0 +1,147 @@
+"""Runs, tables and results as files that lie on the Earth."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from flgpr.chain.detection import Detection
+from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands import exporting
+from flgpr.commands.imports import import_cphd
+from flgpr.geo.anchor import read_anchor
+from flgpr.results.description import describe_run
+from flgpr.results.result import write_result
+from flgpr.store import open_run, sample_lane, save_run
+from io_geodesy import distance, on_the_ellipsoid
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("result") / "demo")
+
+
+def written(folder, **told):
+    """Write a result as the demo recipe would, of three alarms and what the run told besides."""
+    alarms = pd.DataFrame(
+        {
+            "alarm_id": ["a", "b", "c"],
+            "x": [0.1, -0.7, 1.1],
+            "y": [3.0, 3.5, 4.2],
+            "confidence": [9.0, 4.0, 2.5],
+        }
+    )
+    x = np.arange(-1.5, 1.51, 0.1)
+    y = np.arange(2.0, 5.01, 0.1)
+    view = xr.DataArray(
+        np.random.default_rng(0).random((1, 1, y.size, x.size), np.float32),
+        dims=("polarization", "subband", "y", "x"),
+        coords={
+            "polarization": ["HH"],
+            "subband": ["F1"],
+            "y": y,
+            "x": x,
+            "looks": (("y", "x"), np.ones((31, 31))),
+        },
+    )
+    text = recipe_text("demo")
+    lane = parse_recipe(text, "demo").lane.lane()
+    run = describe_run(open_run(sample_lane() / "run.zarr")) | told
+    detection = Detection("main", "as it stands", alarms, view, {})
+    return write_result(folder, [detection], text, lane, run)
+
+
+def test_a_result_of_a_tied_run_has_alarms_on_the_earth(anchor, tmp_path):
+    """RFC 7946: longitude first, WGS 84; what lies in the lane alone is no GeoJSON."""
+    tie = read_anchor(anchor)
+    home = written(tmp_path / "tied", georeference=tie.georeference())
+    told = json.loads((home / "alarms.geojson").read_text())
+    assert not (home / "alarms.json").exists()
+    for feature, (x, y) in zip(
+        told["features"], [(0.1, 3.0), (-0.7, 3.5), (1.1, 4.2)], strict=True
+    ):
+        lon, lat = feature["geometry"]["coordinates"][:2]
+        lane = tie.from_geodetic([lon, lat, tie.to_geodetic([x, y, 0.0])[2]])
+        np.testing.assert_allclose(lane[:2], (x, y), atol=1e-3)
+        assert (feature["properties"]["lane_x"], feature["properties"]["lane_y"]) == (x, y)
+    assert told["flgpr"]["statement"].startswith("Evidence points of a radar")
+    bare = written(tmp_path / "bare")
+    assert json.loads((bare / "alarms.json").read_text())["flgpr_frame"].startswith("lane frame")
+    assert not list(bare.rglob("*.geojson"))
+
+
+def test_alarms_leave_as_evidence_points(result, anchor, tmp_path):
+    exporting.export_result(
+        result, tmp_path / "a.geojson", "geojson", anchor, time="2026-11-21T10:00:00Z"
+    )
+    told = json.loads((tmp_path / "a.geojson").read_text())
+    alarms = pd.read_csv(result / "alarms.csv")
+    assert len(told["features"]) == len(alarms) > 0
+    first = told["features"][0]
+    assert first["geometry"]["type"] == "Point"
+    assert first["properties"]["nature"] == "evidence point"
+    for name in ("confidence", "crs", "time", "processing_id", "anchor_sigma"):
+        assert first["properties"][name]
+    got = np.array([f["geometry"]["coordinates"][:2] for f in told["features"]])
+    want = on_the_ellipsoid(np.column_stack([alarms["x"], alarms["y"], 0 * alarms["x"]]))
+    assert distance(got, want).max() < 0.01
+    with pytest.raises(FileExistsError):
+        exporting.export_result(result, tmp_path / "a.geojson", "geojson", anchor)
+
+
+def test_every_format_is_written(result, anchor, tmp_path):
+    for name in ("kml", "csv"):
+        assert (
+            exporting.export_result(result, tmp_path / f"a.{name}", name, anchor).stat().st_size
+            > 100
+        )
+    pytest.importorskip("rasterio")
+    pytest.importorskip("pyogrio")
+    pytest.importorskip("geopandas")
+    for name in ("gpkg", "geotiff"):
+        assert (
+            exporting.export_result(result, tmp_path / f"a.{name}", name, anchor).stat().st_size
+            > 100
+        )
+    with pytest.raises(ValueError, match="to must be one of"):
+        exporting.export_result(result, tmp_path / "a.shp", "shp", anchor)
+    with pytest.raises(ValueError, match="detection must be one of main"):
+        exporting.export_result(result, tmp_path / "b.csv", "csv", anchor, detection="best")
+
+
+def test_a_result_that_knows_its_place_needs_no_anchor(anchor, tmp_path):
+    pytest.importorskip("geopandas")
+    here = written(tmp_path / "here", georeference=read_anchor(anchor).georeference())
+    for name in exporting.TABLE_FORMATS:
+        assert exporting.export_result(here, tmp_path / f"a.{name}", name).stat().st_size > 100
+    assert '"anchor_sigma_m":null' in (tmp_path / "a.geojson").read_text().replace(" ", "")
+    with pytest.raises(ValueError, match="georeference must have longitude"):
+        exporting.export_result(
+            written(tmp_path / "there", georeference="EPSG:4326"), tmp_path / "b.csv", "csv"
+        )
+
+
+def test_truth_is_exported_from_its_file(anchor, tmp_path):
+    exporting.export_table(sample_lane() / "truth.csv", tmp_path / "t.csv", "csv", anchor, "truth")
+    table = pd.read_csv(tmp_path / "t.csv")
+    assert set(table["nature"]) == {"emplaced target"}
+    assert table["processing_id"][0].startswith("sha256:")
+
+
+def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
+    pytest.importorskip("sarkit")
+    save_run(small_run, tmp_path / "a.zarr")
+    exporting.export_run(tmp_path / "a.zarr", tmp_path / "a.cphd", anchor)
+    import_cphd(tmp_path / "a.cphd", tmp_path / "b.zarr")
+    back = open_run(tmp_path / "b.zarr").load()
+    np.testing.assert_allclose(back["signal"].values, small_run["signal"].values, rtol=1e-6)
+    assert back.drop_vars("signal").identical(small_run.drop_vars("signal"))
+    with pytest.raises(
+        ValueError, match=r"a\.zarr: nothing tells where its lane lies; an anchor is needed"
+    ):
+        exporting.export_run(tmp_path / "a.zarr", tmp_path / "c.cphd")
+    placed = small_run.assign_attrs(georeference=read_anchor(anchor).georeference())
+    save_run(placed, tmp_path / "placed.zarr")
+    assert exporting.export_run(tmp_path / "placed.zarr", tmp_path / "c.cphd").stat().st_size > 100

@@ -1,0 +1,92 @@
+"""Options of ``flgpr live`` and ``flgpr feed``."""
+
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.commands.app import app
+from flgpr.commands.live import feed, live
+from flgpr.store import save_run
+from flgpr.store.scan_file import END_FILE, scan_name
+
+
+@pytest.fixture
+def stored(small_run, tmp_path):
+    return save_run(small_run, tmp_path / "run.zarr")
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Options of the live runs that were begun."""
+    begun = []
+
+    class Begun:
+        def __init__(self, options, emit):
+            begun.append((options, emit))
+
+        def run(self):
+            return "report"
+
+        def stop(self):
+            pass
+
+    monkeypatch.setattr("flgpr.live.session.LiveRun", Begun)
+    return begun
+
+
+def test_a_speed_is_in_kilometres_per_hour(started):
+    assert live("scans", speed=36.0, looks=2, warm_up=7) == "report"
+    [(options, _)] = started
+    assert options.vehicle.speed == pytest.approx(10.0)
+    assert options.settings.looks == 2
+    assert options.settings.warm_up == 7
+    live("scans")
+    assert started[1][0].vehicle.speed is None
+
+
+def test_a_speed_that_no_vehicle_has_is_refused(started):
+    with pytest.raises(ValueError, match="speed must lie between 0 and 360 km/h, got 400"):
+        live("scans", speed=400.0)
+    assert started == []
+
+
+def test_called_from_python_events_are_given_to_a_function_alone(started, capsys):
+    events = []
+    live("scans", emit=events.append)
+    live("scans")
+    for _, emit in started:
+        emit('{"event": "alarm"}\n')
+    assert events == ['{"event": "alarm"}\n']
+    assert capsys.readouterr().out == ""
+
+
+def test_a_run_is_played_as_fast_as_it_can(stored, tmp_path):
+    words = ["feed", str(stored), str(tmp_path / "scans"), "--rate", "0", "--lead", "0"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert done.output == "played 4 scans\n"
+    names = {path.name for path in (tmp_path / "scans").iterdir()}
+    assert {scan_name(scan) for scan in range(4)} <= names
+    assert END_FILE in names
+
+
+def test_scans_that_are_lost_are_not_played(stored, tmp_path):
+    count = feed(stored, tmp_path / "scans", rate=0, lead=0, fault=["lost:1:2"])
+    assert count == 2
+    assert not (tmp_path / "scans" / scan_name(1)).exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "rule"),
+    [
+        ({}, "feed needs a folder or a socket, and not both"),
+        ({"incoming": "scans", "socket": "s"}, "feed needs a folder or a socket, and not both"),
+        ({"incoming": "scans", "rate": -1.0}, "rate must be positive, got -1"),
+        ({"incoming": "scans", "first": 4}, r"first must be a scan of the run \(0 to 3\), got 4"),
+        ({"incoming": "scans", "fault": ["burnt:1"]}, "fault must be lost, .* got 'burnt:1'"),
+    ],
+)
+def test_what_cannot_be_played_is_refused(options, rule, stored, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=rule):
+        feed(stored, **options)
+    assert not (tmp_path / "scans").exists()

@@ -1,0 +1,53 @@
+"""Simulation by command: scenes drawn or simulated, and options that do not go together."""
+
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.commands.app import app
+from flgpr.commands.simulate import simulate_lane
+from flgpr.store import open_run
+
+
+def call(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+def test_a_scene_is_drawn_or_simulated(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'name = "yard"\nsite = "gravel"\nlength = 8.0\n[surface]\ndensity = 2.0\n[track]\npositions = [0.0]\n'
+        '[[draws]]\nkind = "metal"\ndepth = 0.05\ncount = 1\n'
+    )
+    drawn = call("simulate", scene, "--preview", tmp_path / "scene.png")
+    assert drawn.exit_code == 0, drawn.output
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.png", "scene.toml"]
+    made = call("simulate", scene, "-o", tmp_path / "yard.zarr", "--seed", 3, "--quiet")
+    assert made.exit_code == 0, made.output
+    assert open_run(tmp_path / "yard.zarr").attrs["seed"] == 3
+    scene.write_text("length = -1")
+    failed = call("simulate", scene, "-o", tmp_path / "x.zarr")
+    assert failed.exit_code == 2
+    assert "length" in failed.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "rule"),
+    [
+        ({"body": "m19.toml"}, "only simulate signature takes a second argument, got 'm19.toml'"),
+        ({"engine": "rays"}, "engine must be one of flgpr, gprmax, got 'rays'"),
+        ({}, "simulate needs --output or --preview, got neither"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(options, rule, tmp_path):
+    with pytest.raises(ValueError, match=rule):
+        simulate_lane(tmp_path / "scene.toml", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_bodies_are_listed_where_none_is_named():
+    listed = simulate_lane("signature")
+    assert listed.paths == []
+    assert any("m19" in line for line in listed.lines)
+    shown = call("simulate", "signature")
+    assert shown.exit_code == 0, shown.output
+    assert shown.stdout.splitlines() == listed.lines

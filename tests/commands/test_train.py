@@ -1,0 +1,40 @@
+"""What ``flgpr train`` refuses before it works."""
+
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.commands.app import app
+from flgpr.commands.train import train
+from flgpr.store import sample_lane
+
+RUN = sample_lane() / "run.zarr"
+TRUTH = sample_lane() / "truth.csv"
+
+
+@pytest.mark.parametrize(
+    ("runs", "truths", "lanes", "counts"),
+    [
+        ([RUN, RUN], [TRUTH], None, "got 2 runs and 1 truths"),
+        ([], [], None, "got 0 runs and 0 truths"),
+        ([RUN], [TRUTH], ["a.toml", "b.toml"], "got 1 runs and 1 truths"),
+    ],
+)
+def test_every_run_has_its_truth(runs, truths, lanes, counts):
+    with pytest.raises(ValueError, match=f"train needs one truth per run, {counts}"):
+        train(runs, truths, lanes=lanes)
+
+
+def test_a_recipe_in_which_nothing_learns_is_refused(tmp_path):
+    words = ["train", str(RUN), "--truth", str(TRUTH), "--recipe", "demo-mean-self-signature"]
+    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "model")])
+    assert done.exit_code == 2
+    assert (
+        "recipe must have features or a stage that learns to train, got demo-mean-self-signature"
+        in done.output
+    )
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_run_of_a_name_must_come_once_per_run():
+    with pytest.raises(ValueError, match="with must give low once per run, got 2 for 1 runs"):
+        train([RUN], [TRUTH], others=["low=a.zarr", "low=b.zarr"])
