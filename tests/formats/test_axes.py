@@ -59,3 +59,9 @@ def test_orders_of_euler_angles_are_checked(euler):
 def test_the_width_follows_from_the_form():
     with pytest.raises(ValueError, match=r"orientation must have 4 columns, got shape \(1, 3\)"):
         attitude_of(np.zeros((1, 3)), PLAIN, PLAIN)
+
+
+def test_the_axes_of_the_body_say_where_it_points():
+    """A body whose x points forward, turned by nothing, heads along the lane's x."""
+    ahead = attitude_of(np.array([[0.0, 0, 0, 1]]), PLAIN, ("-y", "x", "z"))
+    np.testing.assert_allclose(ahead, [[np.pi / 2, 0, 0]], atol=1e-15)
