@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -275,7 +276,9 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
 @pytest.mark.parametrize("system", ["fuse2018"], indirect=True)
 def test_without_a_lane_all_of_the_run_view_is_searched(lanes, system):
     """The small recipe's run-view is 4 m wide, the lane of other recipes 3 m."""
-    where = lanes / "test.zarr", lanes / "fuse2018.toml", system.folder / "no-lane"
+    run = system.folder / "alone.zarr"
+    shutil.copytree(lanes / "test.zarr", run)  # without the lane that lies beside the other
+    where = run, lanes / "fuse2018.toml", system.folder / "no-lane"
     flgpr.detect(*where, **system.options)
     lane = read_result(system.folder / "no-lane").lane
     assert (lane.x_min, lane.x_max) == (-2.0, 2.0)
