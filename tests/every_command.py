@@ -63,6 +63,9 @@ class Command:
     loose: tuple[str, ...] = ()
     #: names with a random number or a digest of one: as many must be there
     drawn: tuple[str, ...] = ()
+    #: what entries share while they run: a stop may come after a pass and before it is shared, and
+    #: whoever needs it then computes it
+    cache: tuple[str, ...] = ()
     inputs: Path = field(default_factory=Path)
 
     def start(self, output):
@@ -84,6 +87,8 @@ class Command:
     def content(self, output):
         """Digests of all files, but for those with times or random numbers: they are named."""
         found = digests(output)
+        cached = {name for pattern in self.cache for name in fnmatch.filter(found, pattern)}
+        found = {name: one for name, one in found.items() if name not in cached}
         content = dict(found)
         for pattern in self.loose:
             content |= dict.fromkeys(fnmatch.filter(found, pattern), "there")
@@ -405,10 +410,10 @@ COMMANDS = [
             "*costs.csv",
             "*costs.json",
             "ground/index.html",
-            "ground/kept/*.json",
             "*/truth.sealed.json*",
         ),
         drawn=("*/score-*.json",),
+        cache=("ground/kept/*",),
     ),
     Command(
         "benchmark table",
