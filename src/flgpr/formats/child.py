@@ -66,8 +66,6 @@ def probe_hdf5(path: str) -> None:
     """
     import h5py
 
-    _bound_memory(_MOST_PROBED_BYTES)
-
     def read_attributes(item: Any) -> None:
         for name in item.attrs:
             try:
@@ -186,6 +184,7 @@ def _members(label: str, value: Any, passed_over: list[str]) -> Iterator[tuple[s
 
 if __name__ == "__main__":
     if sys.argv[1] == "hdf5":
+        _bound_memory(_MOST_PROBED_BYTES)
         probe_hdf5(sys.argv[2])
     else:
         limit = int(sys.argv[3])
