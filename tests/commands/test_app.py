@@ -32,6 +32,6 @@ def test_without_a_command_the_help_is_shown():
 
 
 def test_a_command_that_is_not_there_is_refused():
-    done = call("detct")
+    done = call("detekt")
     assert done.exit_code == 2
-    assert "No such command 'detct'" in done.output
+    assert "No such command 'detekt'" in done.output
