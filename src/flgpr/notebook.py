@@ -1,4 +1,4 @@
-"""The viewer inside a notebook, ``flgpr.view``, served by the kernel for as long as it lives."""
+"""The viewer inside a notebook, served by the kernel for as long as it lives."""
 
 from __future__ import annotations
 

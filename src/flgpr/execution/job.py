@@ -46,7 +46,7 @@ _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 _OPENING = threading.Lock()
 _ONE_AT_A_TIME = threading.Lock()
 _PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
-Clocks = tuple[float, float]
+_Clocks = tuple[float, float]
 """Readings of the clocks of the wall and of the process, s."""
 
 
@@ -494,12 +494,12 @@ def _truth_of(job: LaneJob) -> pd.DataFrame:
     return parse_table(data, "truth", path)
 
 
-def _now() -> Clocks:
+def _now() -> _Clocks:
     """Read the clocks."""
     return time.perf_counter(), time.process_time()
 
 
-def report(lane: str, stage: str, number: int, begun: Clocks, size: int) -> Report:
+def report(lane: str, stage: str, number: int, begun: _Clocks, size: int) -> Report:
     """Return a report of a piece of work that is done now.
 
     Parameters
