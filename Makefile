@@ -5,7 +5,7 @@ KILLS ?= 100
 CASES ?= 10000
 
 # What a change needs every time: it takes about a minute.
-QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
+QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_method.py chain/test_recipe.py \
     simulate/test_spread.py simulate/test_echoes.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
 SLOW := jit/test_compiled.py kernels/test_ahead.py trials/test_register.py
 

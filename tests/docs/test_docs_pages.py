@@ -329,3 +329,12 @@ def test_make_robustness_runs_every_test_that_the_page_of_promises_names():
     assert elsewhere <= set(run), "named on the page and not run"
     assert {path.name for path in folder.glob("test_*.py")} <= {Path(name).name for name in named}
     assert all((ROOT / "tests" / name).exists() for name in run)
+
+
+@pytest.mark.parametrize("name", ["QUICK", "SLOW", "ROBUSTNESS"])
+def test_lists_of_tests_in_the_makefile_name_what_exists(name):
+    text = read(ROOT / "Makefile").replace("\\\n", " ")
+    [paths] = re.findall(rf"^{name} := (.*)$", text, re.MULTILINE)
+    missing = [path for path in paths.split() if not (ROOT / "tests" / path).exists()]
+    assert len(paths.split()) > 2
+    assert not missing
