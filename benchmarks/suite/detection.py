@@ -12,7 +12,7 @@ from pathlib import Path
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe
 from flgpr.live.feeding import feed
-from flgpr.store import open_run
+from flgpr.store import lane_text, open_run
 
 from .data import lane_of, size, write_noise_run
 
@@ -55,10 +55,7 @@ class Command:
         home = Path("command").resolve()
         home.mkdir(exist_ok=True)
         write_noise_run(home / "run.zarr", SCANS)
-        lane = lane_of(SCANS)
-        text = f"x_min = {lane.x_min}\nx_max = {lane.x_max}\n"
-        text += f"y_min = {lane.y_min}\ny_max = {lane.y_max}\n"
-        (home / "lane.toml").write_text(text)
+        (home / "lane.toml").write_text(lane_text(lane_of(SCANS)))
         self.detect(home)  # compiles
         return str(home)
 
@@ -96,10 +93,7 @@ class Live:
         home.mkdir(exist_ok=True)
         run = write_noise_run(home / "run.zarr", SCANS)
         incoming = home / "incoming"
-        lane = lane_of(SCANS)
-        text = f"x_min = {lane.x_min}\nx_max = {lane.x_max}\n"
-        text += f"y_min = {lane.y_min}\ny_max = {lane.y_max}\n"
-        (home / "lane.toml").write_text(text)
+        (home / "lane.toml").write_text(lane_text(lane_of(SCANS)))
         words = [incoming, "-o", home / "out", "--lane", home / "lane.toml", "--recipe"]
         words += ["wang2007", "--speed", "15", "--idle", str(size(15, 2)), "--quiet"]
         command = [sys.executable, "-m", "flgpr", "live", *map(str, words)]

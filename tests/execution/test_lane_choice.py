@@ -5,9 +5,10 @@ from typer.testing import CliRunner
 
 from flgpr.chain.recipe import parse_recipe
 from flgpr.commands.app import app
-from flgpr.execution.lane_choice import choose_lane, lane_file_of
+from flgpr.execution.lane_choice import choose_lane
 from flgpr.results.result import read_result
 from flgpr.store import save_run
+from flgpr.store.tables import lane_file_of
 from small_lane import LANE, LANE_TOML, small_recipe, small_run
 
 OWN_LANE = "\n[lane]\nx_min = -0.7\nx_max = 0.7\ny_min = 3.0\ny_max = 9.0\n"

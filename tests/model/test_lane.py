@@ -36,3 +36,12 @@ def test_a_lane_is_made_of_a_mapping_or_a_table_of_one_row():
 def test_empty_and_endless_lanes_are_refused(borders, rule):
     with pytest.raises(ValueError, match=rule):
         Lane(*borders)
+
+
+def test_the_distance_of_points_from_a_lane():
+    """Zero in it and on its border, to the nearest side elsewhere, and to the corner beyond two."""
+    lane = Lane(-1.0, 1.0, 0.0, 10.0)
+    x = [0.0, 1.0, 3.0, -1.0, 4.0]
+    y = [5.0, 10.0, 5.0, -2.0, 14.0]
+    assert lane.distance(x, y).tolist() == [0.0, 0.0, 2.0, 2.0, 5.0]
+    assert np.isnan(lane.distance(np.nan, 5.0))

@@ -354,18 +354,15 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     """
     if recipe.lane is not None:
         return recipe.lane.lane()
+    return seen_lane(run, recipe, LEAST_LOOKS)
+
+
+def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
+    """Return the ground that so many scans see to its end, as wide as :func:`lane_of` searches it."""
     if recipe.image.frames == "all":
         return _aperture_ground(run, recipe)
     poses = run["pose"].values[judge_run(run, recipe.motion).plausible]
-    return course_lane(recipe, poses, farthest_seen(recipe, poses, LEAST_LOOKS))
-
-
-def seen_lane(run: xr.Dataset, recipe: Recipe) -> Lane:
-    """Return the ground that any scan sees, as wide as :func:`lane_of` searches it."""
-    if recipe.image.frames == "all":
-        return _aperture_ground(run, recipe)
-    poses = run["pose"].values[judge_run(run, recipe.motion).plausible]
-    return course_lane(recipe, poses, farthest_seen(recipe, poses, 1))
+    return course_lane(recipe, poses, farthest_seen(recipe, poses, looks))
 
 
 def _aperture_ground(run: xr.Dataset, recipe: Recipe) -> Lane:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
-from flgpr.scoring import as_lanes
+from flgpr.commands.reach import are_near
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.notes import log_note
 
@@ -47,8 +46,9 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
             f"{repeated} of {count} {row_name} repeat another one at the same place; all are kept"
         )
 
-    inside = _count_inside(table, lanes, "x", "y")
-    inside_if_swapped = _count_inside(table, lanes, "y", "x")
+    inside = int(are_near(table, lanes).sum())
+    swapped = table.rename(columns={"x": "y", "y": "x"})
+    inside_if_swapped = int(are_near(swapped, lanes).sum())
     outside = count - inside
     if outside > _SHARE_OUTSIDE * count and inside_if_swapped > inside:
         doubts.append(
@@ -64,19 +64,3 @@ def tell_doubts(table: pd.DataFrame, kind: str, name: str, lanes: LaneLike) -> N
     """Print the doubts of :func:`table_doubts` about a table from a file of that name."""
     for doubt in table_doubts(table, kind, lanes):
         log_note(f"{name}: {doubt}")
-
-
-def _count_inside(table: pd.DataFrame, lanes: LaneLike, across: str, along: str) -> int:
-    """Count the rows that lie in their lane, with the columns of x and y as named."""
-    lanes_by_name = as_lanes(lanes)
-    x = table[across].to_numpy(np.float64)
-    y = table[along].to_numpy(np.float64)
-    if "lane" not in table.columns or list(lanes_by_name) == [""]:
-        in_lanes = [lane.contains(x, y) for lane in lanes_by_name.values()]
-        return int(np.any(in_lanes, axis=0).sum())
-    lane_of_row = table["lane"].astype(str).to_numpy()
-    count = 0
-    for name, lane in lanes_by_name.items():
-        is_inside = lane.contains(x, y) & (lane_of_row == name)
-        count += int(is_inside.sum())
-    return count

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.model import Lane
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.notes import log_note
@@ -49,7 +48,7 @@ def targets_in_reach(
         lie inside with other axes.
     """
     count = len(targets)
-    in_reach = _are_in_reach(targets, lanes, halo)
+    in_reach = are_near(targets, lanes, halo)
     outside = count - int(in_reach.sum())
     if not outside:
         return targets, {}
@@ -68,25 +67,18 @@ def targets_in_reach(
     return targets[in_reach], {"targets_outside": identifiers}
 
 
-def _are_in_reach(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> NDArray[np.bool_]:
-    """Return which targets lie in their lane or at most a halo outside."""
+def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> NDArray[np.bool_]:
+    """Return which rows lie in their lane or at most a margin (m) outside, (row,)."""
     lanes_by_name = as_lanes(lanes)
-    x = targets["x"].to_numpy(np.float64)
-    y = targets["y"].to_numpy(np.float64)
-    in_reach = np.zeros(len(targets), dtype=np.bool_)
+    x = table["x"].to_numpy(np.float64)
+    y = table["y"].to_numpy(np.float64)
+    near = np.zeros(len(table), dtype=np.bool_)
     for lane_name, lane in lanes_by_name.items():
-        is_near = _distance(x, y, lane) <= halo
-        if "lane" in targets.columns and list(lanes_by_name) != [""]:
-            is_near &= (targets["lane"].astype(str) == lane_name).to_numpy()
-        in_reach |= is_near
-    return in_reach
-
-
-def _distance(x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane) -> NDArray[np.float64]:
-    """Return the distance of points from a lane, m; zero inside."""
-    beyond_x = np.maximum(np.maximum(lane.x_min - x, x - lane.x_max), 0)
-    beyond_y = np.maximum(np.maximum(lane.y_min - y, y - lane.y_max), 0)
-    return np.asarray(np.hypot(beyond_x, beyond_y))
+        is_near = lane.distance(x, y) <= margin
+        if "lane" in table.columns and list(lanes_by_name) != [""]:
+            is_near &= (table["lane"].astype(str) == lane_name).to_numpy()
+        near |= is_near
+    return near
 
 
 def _borders(lanes: LaneLike) -> str:
@@ -107,7 +99,7 @@ def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
     }
     counts = {}
     for trial, changed in trials.items():
-        counts[trial] = int(_are_in_reach(changed, lanes, halo).sum())
+        counts[trial] = int(are_near(changed, lanes, halo).sum())
     tried = ", ".join(f"with {trial} {number}" for trial, number in counts.items())
     best = max(counts, key=lambda trial: counts[trial])
     if 2 * counts[best] > len(targets):

@@ -7,14 +7,9 @@ from pathlib import Path
 from flgpr.chain.recipe import Recipe
 from flgpr.model import Lane
 from flgpr.store import read_lane
+from flgpr.store.tables import lane_file_of
 
 PathLike = str | Path
-
-
-def lane_file_of(run: PathLike) -> Path:
-    """Return where the lane of a run lies that has one beside it: ``NAME-lane.toml``."""
-    store = Path(run)
-    return store.with_name(f"{store.stem}-lane.toml")
 
 
 def choose_lane(

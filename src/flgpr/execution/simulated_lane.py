@@ -23,6 +23,7 @@ from flgpr.store import (
 )
 from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
+from flgpr.store.tables import lane_file_of
 
 
 def simulate_to_store(
@@ -152,7 +153,7 @@ def _write_named_truth(path: Path, simulator: Simulator) -> Path:
 
 def _write_borders(store: Path, simulator: Simulator) -> Path:
     """Write the lane of the scene."""
-    path = store.with_name(f"{store.stem}-lane.toml")
+    path = lane_file_of(store)
     write_whole(path, lane_text(simulator.scene.lane))
     return path
 

@@ -38,6 +38,14 @@ class Lane:
         """Area, m²."""
         return (self.x_max - self.x_min) * (self.y_max - self.y_min)
 
+    def distance(self, x: Any, y: Any) -> Any:
+        """Return the distance of points from the lane, m; zero in it and on its border."""
+        x = np.asarray(x, dtype=float)
+        y = np.asarray(y, dtype=float)
+        beyond_x = np.maximum(np.maximum(self.x_min - x, x - self.x_max), 0)
+        beyond_y = np.maximum(np.maximum(self.y_min - y, y - self.y_max), 0)
+        return np.hypot(beyond_x, beyond_y)
+
     def contains(self, x: Any, y: Any) -> Any:
         """Mark the points that lie in the lane or on its border."""
         x = np.asarray(x, dtype=float)

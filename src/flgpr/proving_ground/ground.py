@@ -23,6 +23,7 @@ from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
 from flgpr.store import lane_text, merge_tables, open_run, read_table, sample_lane, write_whole
 from flgpr.store.files import existing, faults_of
+from flgpr.store.tables import lane_file_of
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
 """The packaged descriptions, the first by default."""
@@ -196,7 +197,7 @@ class GroundLane:
             simulate_to_store(self.scene, self.sensor, self.seed, store, blind=True)
         else:
             open_run(self.stored[0])  # refuses what is no run store
-            write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(self.lane))
+            write_whole(lane_file_of(store), lane_text(self.lane))
             store.symlink_to(self.stored[0].resolve(), target_is_directory=True)
 
 

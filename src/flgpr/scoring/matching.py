@@ -114,9 +114,7 @@ def check_place(points: FloatArray, lane: Lane, name: str) -> None:
             f"{name} must have x across and y along the lane ({borders}), got {extent}: "
             "are the axes swapped?"
         )
-    beyond_x = np.maximum(np.maximum(lane.x_min - x, x - lane.x_max), 0)
-    beyond_y = np.maximum(np.maximum(lane.y_min - y, y - lane.y_max), 0)
-    if np.hypot(beyond_x, beyond_y).min() > MARGIN:
+    if lane.distance(x, y).min() > MARGIN:
         raise ValueError(
             f"{name} must lie in or near the lane ({borders}), got {extent}, "
             f"all more than {MARGIN:g} m outside: {_likely_cause(x, y)}"

@@ -376,6 +376,12 @@ def parse_lane(data: bytes) -> Lane:
     return as_lane(parse_toml(data))
 
 
+def lane_file_of(run: str | Path) -> Path:
+    """Return where the lane of a run store lies that has one beside it: ``NAME-lane.toml``."""
+    store = Path(run)
+    return store.with_name(f"{store.stem}-lane.toml")
+
+
 def lane_text(lane: Lane) -> str:
     """Return a lane as TOML, which :func:`read_lane` reads.
 
