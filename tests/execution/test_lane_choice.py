@@ -34,7 +34,7 @@ def test_the_order_of_lanes(tmp_path):
 def test_a_file_beside_the_run_that_is_no_lane_is_named(tmp_path):
     (tmp_path / "road-lane.toml").write_text("x_min = 1.0\n")
     with pytest.raises(ValueError, match=r"road-lane\.toml"):
-        choose_lane(tmp_path / "road.zarr", None, None)
+        choose_lane(tmp_path / "road.zarr", None, parse_recipe(small_recipe()))
 
 
 def test_detect_takes_the_lane_beside_the_run_and_says_so(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -184,7 +184,7 @@ def detect(
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
 
     lane_names(run_list)  # refuses runs of one name before a recipe is made
-    text = _recipe_of_survey(run_list, recipe, lanes, model, options)
+    text = _recipe_text(recipe, run_list[0], model, options)
     folders = detect_survey(
         run_list,
         text,
@@ -221,8 +221,7 @@ def _detect_lane(
 
     text = _recipe_text(recipe, locations.run, model, options)
     parsed = parse_recipe(text, str(recipe))
-    named_recipe = None if recipe is None else parsed
-    lane, lane_source = choose_lane(locations.run, lane_file, named_recipe)
+    lane, lane_source = choose_lane(locations.run, lane_file, parsed)
     area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
 
     job = make_job(
@@ -254,28 +253,6 @@ def _recipe_text(
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
     return recipe_for(run, max_memory=options.max_memory)
-
-
-def _recipe_of_survey(
-    runs: Sequence[PathLike],
-    recipe: PathLike | None,
-    lanes: Sequence[PathLike] | None,
-    model: PathLike | None,
-    options: RunOptions,
-) -> str:
-    """Return the text of the recipe of all runs.
-
-    A recipe that is made for the first run must not fix its lane, which is another in each run.
-    """
-    from flgpr.chain.recipe import parse_recipe
-
-    text = _recipe_text(recipe, runs[0], model, options)
-    if recipe is None and lanes is None and parse_recipe(text).lane is not None:
-        raise ValueError(
-            f"lanes or a recipe must be given: {runs[0]} is so short that the recipe made for it "
-            "fixes its lane"
-        )
-    return text
 
 
 def _is_in_memory(run: Any) -> bool:

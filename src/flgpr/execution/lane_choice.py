@@ -13,7 +13,7 @@ PathLike = str | Path
 
 
 def choose_lane(
-    run: PathLike, lane_file: PathLike | None, recipe: Recipe | None
+    run: PathLike, lane_file: PathLike | None, recipe: Recipe
 ) -> tuple[Lane | None, str]:
     """Return the lane that a run is searched in, and where its borders come from.
 
@@ -26,8 +26,8 @@ def choose_lane(
         Run store.
     lane_file : path, optional
         Lane that is given.
-    recipe : Recipe, optional
-        Recipe whose lane comes before that beside the run; None for one that was made for the run.
+    recipe : Recipe
+        Recipe whose lane comes before that beside the run.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def choose_lane(
     """
     if lane_file is not None:
         return read_lane(lane_file), f"{Path(lane_file).name}, as given"
-    if recipe is not None and recipe.lane is not None:
+    if recipe.lane is not None:
         return None, ""
     beside = lane_file_of(run)
     if beside.is_file():
