@@ -44,8 +44,8 @@ def _before(call: Arguments) -> Iterator[str]:
 
 def _results(returned: Result | Survey) -> list[Result]:
     """Return the results of all lanes; a lane in sections counts as one result a section."""
-    from flgpr.execution.finished import results_at
     from flgpr.results.result import Result, read_result
+    from flgpr.results.sections import results_at
 
     if isinstance(returned, Result) and results_at(returned.folder) == [returned.folder]:
         return [returned]
@@ -215,8 +215,7 @@ def _detect_lane(
     from flgpr.chain.recipe import parse_recipe
     from flgpr.chain.recipe_fit import area_of
     from flgpr.execution.driver import detect_lane
-    from flgpr.execution.job import make_job
-    from flgpr.execution.lane_choice import choose_lane
+    from flgpr.execution.job import choose_lane, make_job
     from flgpr.store import open_run
 
     text = _recipe_text(recipe, locations.run, model, options)

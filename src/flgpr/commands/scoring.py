@@ -21,7 +21,6 @@ from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.door import Folder, parse_toml, read_named
-from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.report import comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
@@ -32,7 +31,7 @@ from flgpr.results.score import (
     score_detections,
     view_score,
 )
-from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.results.sections import SECTIONS, read_sections, results_at
 from flgpr.scoring import Rules, Score, SideBySide, as_lanes, side_by_side
 from flgpr.scoring import score as score_list
 from flgpr.scoring.matching import LaneLike

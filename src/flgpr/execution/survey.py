@@ -14,13 +14,11 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
-from flgpr.execution.driver import detect_lane
-from flgpr.execution.finished import holds_result, is_done, results_at
-from flgpr.execution.job import LaneJob, make_job
-from flgpr.execution.lane_choice import choose_lane
-from flgpr.execution.pass_runner import OnReport, ignore_report
+from flgpr.execution.driver import OnReport, detect_lane, ignore_report
+from flgpr.execution.job import LaneJob, choose_lane, holds_result, is_done, make_job
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
 from flgpr.results.result import check_free, read_result
+from flgpr.results.sections import results_at
 from flgpr.store import MAX_MEMORY, open_run, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 

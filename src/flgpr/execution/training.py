@@ -42,8 +42,8 @@ from flgpr.chain.too_few import (
 )
 from flgpr.door import read_named
 from flgpr.execution.driver import passes_of_lane
-from flgpr.execution.job import code_versions, make_job, report
-from flgpr.execution.lane_choice import choose_lane
+from flgpr.execution.job import choose_lane, code_versions, make_job
+from flgpr.execution.pieces import report
 from flgpr.execution.survey import RunOptions
 from flgpr.execution.workers import Executor
 from flgpr.live import forecast

@@ -129,3 +129,15 @@ def _check_section(folder: Path, home: Path, name: str, identity: str) -> None:
 def _identity(home: Path) -> str:
     """Return the identity of a result, which does not change when pages and scores are added."""
     return str(read_sealed(home, _MANIFEST)["identity"])
+
+
+def results_at(folder: str | Path) -> list[Path]:
+    """Return the result folders of a lane: the folder itself, or those of its sections in order."""
+    folder = Path(folder)
+    return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
+
+
+def section_names(count: int) -> list[str]:
+    """Return the names of the folders of a lane's sections, which sort as they are numbered."""
+    width = max(2, len(str(count)))
+    return [f"section-{number:0{width}d}" for number in range(1, count + 1)]
