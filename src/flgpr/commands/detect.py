@@ -1,4 +1,7 @@
-"""``flgpr detect``: raise alarms on runs."""
+"""``flgpr detect``: raise alarms on runs.
+
+Runs and options become jobs; ``execution/driver.py`` runs the passes of ``chain/method.py`` for them.
+"""
 
 from __future__ import annotations
 
@@ -213,27 +216,20 @@ def _detect_lane(
 ) -> None:
     """Detect on one stored run, in one piece or in sections."""
     from flgpr.chain.recipe import parse_recipe
-    from flgpr.chain.recipe_fit import area_of
     from flgpr.execution.driver import detect_lane
-    from flgpr.execution.job import choose_lane, make_job
-    from flgpr.store import open_run
+    from flgpr.execution.survey import job_of_run
 
     text = _recipe_text(recipe, locations.run, model, options)
-    parsed = parse_recipe(text, str(recipe))
-    lane, lane_source = choose_lane(locations.run, lane_file, parsed)
-    area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
-
-    job = make_job(
+    job = job_of_run(
         locations.run,
+        parse_recipe(text, str(recipe)),
         text,
-        area,
         locations.output,
-        report=report,
-        model=model,
-        max_memory=options.max_memory,
-        others=locations.other_runs,
-        pass_cache=options.pass_cache,
-        lane_source=lane_source,
+        lane_file,
+        locations.other_runs,
+        model,
+        report,
+        options,
     )
     with options.executor() as executor:
         detect_lane(job, executor, options.track, options.note, section, overwrite)

@@ -11,12 +11,13 @@ from typing import Any
 
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import as_imaged, parse_recipe
+from flgpr.chain.recipe import Recipe, as_imaged, parse_recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
 from flgpr.execution.driver import OnReport, detect_lane, ignore_report
 from flgpr.execution.job import LaneJob, choose_lane, holds_result, is_done, make_job
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
+from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import MAX_MEMORY, open_run, write_whole
@@ -158,28 +159,78 @@ def _make_jobs(
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         lane_file = None if lanes is None else lanes[number]
-        lane, lane_source = choose_lane(run, lane_file, recipe)
-        dataset = open_run(run, options.max_memory)
-        area = area_of(dataset, recipe, lane)
-        job = make_job(
-            run,
-            recipe_text,
-            area,
-            survey / name,
-            report,
-            model,
-            options.max_memory,
-            None if others is None else others[number],
-            pass_cache=options.pass_cache,
-            lane_source=lane_source,
+        other_runs = None if others is None else others[number]
+        job = job_of_run(
+            run, recipe, recipe_text, survey / name, lane_file, other_runs, model, report, options
         )
         jobs.append(job)
         check_free(survey / name)
-        sizes = sizes_of(as_imaged(dataset, recipe))
+        sizes = sizes_of(as_imaged(open_run(run, options.max_memory), recipe))
+        area = Lane(*job.lane)
         sections = plan_sections(sizes, recipe, area, options.max_memory, section)
         if not overwrite:
             holds_result(job, sections)
     return jobs
+
+
+def job_of_run(
+    run: PathLike,
+    recipe: Recipe,
+    recipe_text: str,
+    output: PathLike,
+    lane_file: PathLike | None = None,
+    others: Mapping[str, PathLike] | None = None,
+    model: PathLike | None = None,
+    report: bool = True,
+    options: RunOptions = DEFAULTS,
+) -> LaneJob:
+    """Choose the lane that a run is searched in, and describe the detection as a job.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : Recipe
+        The recipe.
+    recipe_text : str
+        Its TOML text.
+    output : str or path
+        Result folder to make.
+    lane_file : str or path, optional
+        File of the lane's borders.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    model : str or path, optional
+        Folder of a trained model.
+    report : bool
+        Whether to write a report.
+    options : RunOptions
+        Who does the work.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or a run, the lane or the model is not valid.
+    """
+    lane, lane_source = choose_lane(run, lane_file, recipe)
+    area = area_of(open_run(run, options.max_memory), recipe, lane)
+    return make_job(
+        run,
+        recipe_text,
+        area,
+        output,
+        report=report,
+        model=model,
+        max_memory=options.max_memory,
+        others=others,
+        pass_cache=options.pass_cache,
+        lane_source=lane_source,
+    )
 
 
 def _detect_at_once(
