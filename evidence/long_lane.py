@@ -29,7 +29,7 @@ import pandas as pd
 import flgpr
 from flgpr.chain.memory import memory_needed, plan_sections
 from flgpr.chain.recipe import load_recipe
-from flgpr.execution.finished import results_at
+from flgpr.results.sections import results_at
 from flgpr.model import Lane
 from flgpr.results.result import read_result
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import socket
 import threading
 import time
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr import system
 from flgpr.chain.engine import Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
@@ -349,7 +349,7 @@ def report(lane: str, stage: str, number: int, begun: _Clocks, size: int) -> Rep
         "seconds": wall - begun[0],
         "processor_seconds": own_share,
         "bytes": size,
-        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "peak_bytes": system.peak_memory(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
         "cpu": processor(),
     }
