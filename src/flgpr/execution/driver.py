@@ -37,7 +37,7 @@ from flgpr.execution.pieces import (
     open_lane,
     results_of,
 )
-from flgpr.execution.workers import Executor, Report
+from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
 from flgpr.results.sections import results_at, section_names, write_sections
@@ -46,14 +46,8 @@ from flgpr.store.files import listed_files, replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 from flgpr.store.tables import parse_own_table
 
-OnReport = Callable[[Report], None]
-"""Takes a report of every piece of work that was done."""
 _COSTS = ("seconds", "processor_seconds")
 """Entries of reports that add up."""
-
-
-def ignore_report(report: Report) -> None:
-    """Take a report and do nothing."""
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,16 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, as_imaged, parse_recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
-from flgpr.execution.driver import OnReport, detect_lane, ignore_report
+from flgpr.execution.driver import detect_lane
 from flgpr.execution.job import LaneJob, choose_lane, holds_result, is_done, make_job
-from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
+from flgpr.execution.workers import (
+    Cluster,
+    Executor,
+    InProcess,
+    OnReport,
+    Processes,
+    ignore_report,
+)
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result
 from flgpr.results.sections import results_at

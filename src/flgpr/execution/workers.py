@@ -26,6 +26,8 @@ from flgpr.chain.engine import run_pieces
 from flgpr.store.extras import optional
 
 Report = dict[str, Any]
+OnReport = Callable[[Report], None]
+"""Takes a report of every piece of work that was done."""
 Work = Callable[..., Report]
 _TRIALS = 3  # times that work is begun before lost workers end it
 _PATIENCE = "20s"  # with a scheduler that does not answer
@@ -34,6 +36,10 @@ _SLOW = ("dask.array", "sklearn")
 
 Workers are forked with it where this process has needed it.
 """
+
+
+def ignore_report(report: Report) -> None:
+    """Take a report and do nothing."""
 
 
 class LostWorkersError(ValueError):
