@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from collections import ChainMap
 from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
@@ -86,6 +87,18 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         latest = self._latest
         if latest is not None and latest[0] == name:
             self._latest = None
+
+    def with_shared(self, folder: str) -> MutableMapping[str, Any]:
+        """Return the results of passes here, and of those that all sections of a lane share.
+
+        Parameters
+        ----------
+        folder : str
+            The work folder of the whole lane, which holds the latter; "" of a lane in one piece.
+        """
+        if not folder:
+            return self
+        return ChainMap(self, Checkpoint(Path(folder), self.most))
 
     def drop_blocks(self, name: str) -> None:
         """Delete the states of the blocks of a pass, which are merged."""

@@ -29,14 +29,7 @@ from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.job import LaneJob, holds_result, is_done, is_whole, lasting_identity
-from flgpr.execution.pieces import (
-    do_block,
-    do_finish,
-    do_merge,
-    merged_blocks,
-    open_lane,
-    results_of,
-)
+from flgpr.execution.pieces import do_block, do_finish, do_merge, merged_blocks, open_lane
 from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
@@ -124,7 +117,7 @@ def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
     """
     # The lane is opened before the work folder is made: what does not fit is refused first.
     work = Checkpoint(job.work, job.largest)
-    lane = open_lane(job, results_of(job, work))
+    lane = open_lane(job, work.with_shared(job.shared))
     sizes = sizes_of(lane.setup.run)
     sections = plan_sections(sizes, lane.recipe, lane.lane, job.max_memory, longest)
     threads = 1
@@ -374,7 +367,7 @@ def _section_of(lane: LaneSetup, job: LaneJob, work: Checkpoint) -> LaneSetup:
         lane.recipe,
         lane.lane,
         lane.model,
-        results=results_of(job, work),
+        results=work.with_shared(job.shared),
         section=job.section,
         others=lane.setup.others,
     )

@@ -6,7 +6,6 @@ import os
 import socket
 import threading
 import time
-from collections import ChainMap
 from collections.abc import Iterator, MutableMapping, Sequence
 from contextlib import nullcontext
 from functools import lru_cache
@@ -246,18 +245,8 @@ def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
 def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
     """Open what a job names; the latest ones stay open, as a process does many pieces of a job."""
     work = Checkpoint(job.work, job.largest)
-    lane = open_lane(job, results_of(job, work))
+    lane = open_lane(job, work.with_shared(job.shared))
     return lane, engine_of(lane), work
-
-
-def results_of(job: LaneJob, work: Checkpoint) -> MutableMapping[str, Any]:
-    """Return the results of the passes of a job, which its work folder holds.
-
-    Those that all sections of a lane share lie in the work folder of the whole lane.
-    """
-    if not job.shared:
-        return work
-    return ChainMap(work, Checkpoint(Path(job.shared), job.largest))
 
 
 def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> LaneSetup:
