@@ -89,10 +89,6 @@ def check_declared(
     needed = 0.0
     for name, dims in DIMS.items():
         description = _description(files, read, f"{name}/zarr.json", "array")
-        if consolidated is not None and consolidated.get(name) != description:
-            raise ValueError(
-                f"{name}: the group's consolidated metadata must be the array's own, got others"
-            )
         layout = _layout(name, description)
         for dim, length in zip(dims, layout.shape, strict=True):
             if sizes.setdefault(dim, length) != length:
@@ -108,6 +104,10 @@ def check_declared(
                 f"(shape {layout.shape}, chunks {layout.chunks})"
             )
         _check_chunks(name, layout, files)
+        if consolidated is not None and consolidated.get(name) != description:
+            raise ValueError(
+                f"{name}: the group's consolidated metadata must be the array's own, got others"
+            )
         layouts[name] = layout
     return layouts
 
