@@ -47,9 +47,7 @@ def make_lane(folder: Path, name: str, seed: int) -> Path:
     run = folder / f"{name}.zarr"
     if not run.exists():
         sample = sample_drive()
-        simulate_lane(
-            sample / "scene.toml", sensor=sample / "sensor.toml", seed=seed, output=run
-        )
+        simulate_lane(sample / "scene.toml", sensor=sample / "sensor.toml", seed=seed, output=run)
     return run
 
 
@@ -84,16 +82,16 @@ def detect_live(run: Path, model: Path, output: Path) -> list[dict[str, Any]]:
     live = LiveRun(options)
     detection = threading.Thread(target=live.run)
     detection.start()
-    handed_over = -1
+    handed_over = 0
 
     def wait_for_the_last(lead: float) -> None:
         nonlocal handed_over
-        if handed_over < 0:  # before the first scan: detection loads and compiles
+        if not handed_over:  # before the first scan: detection loads and compiles
             time.sleep(lead)
         deadline = time.monotonic() + MOST_PATIENCE
         while _scans_in(events_file) < handed_over and time.monotonic() < deadline:
             time.sleep(0.02)
-        handed_over += 1 if handed_over >= 0 else 2
+        handed_over += 1
 
     # A rate that no waiting is as slow as: what is waited for sets the pace.
     feed(run, incoming, rate=1e-6, lead=LEAD, wait=wait_for_the_last)
