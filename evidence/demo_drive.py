@@ -127,17 +127,17 @@ def summarise(events: list[dict[str, Any]], truth: pd.DataFrame) -> None:
     alarms = pd.DataFrame([event for event in events if event["event"] == "alarm"])
     shown = alarms[(alarms["state"] != "withdrawn") & (alarms["confidence"] >= SHOWN_FROM)]
     is_hit = np.zeros(len(shown), bool)
-    for mine in truth.itertuples():
-        near = np.hypot(shown["x"] - mine.x, shown["y"] - mine.y) <= NEAR
-        is_hit |= near.to_numpy()
+    for mine in truth.to_dict("records"):
+        near = np.hypot(shown["x"] - mine["x"], shown["y"] - mine["y"]) <= NEAR
+        is_hit |= np.asarray(near)
         ahead = shown[near & (shown["left_m"] > 0)]
         if ahead.empty:
-            print(f"{mine.target_id}: not raised")
+            print(f"{mine['target_id']}: not raised")
             continue
         first = ahead.iloc[0]
         last = ahead.iloc[-1]
         print(
-            f"{mine.target_id}: raised {first['left_m']:.1f} m ahead with p {first['p']:.2f}, "
+            f"{mine['target_id']}: raised {first['left_m']:.1f} m ahead with p {first['p']:.2f}, "
             f"p {last['p']:.2f} at {last['left_m']:.1f} m"
         )
     others = shown[~is_hit]["alarm_id"].nunique()

@@ -64,7 +64,7 @@ def test_alarms_without_truth_are_larger_where_they_are_surer():
     [points] = figure.axes[0].collections
     assert points.get_offsets().tolist() == ALARMS[["y", "x"]].to_numpy().tolist()
     assert list(points.get_sizes()) == sorted(points.get_sizes(), reverse=True)
-    assert alarm_overview(LANE, ALARMS[:0]).axes[0].collections == []
+    assert len(alarm_overview(LANE, ALARMS[:0]).axes[0].collections) == 0
     assert not is_short(LANE)
 
 
