@@ -157,14 +157,14 @@ class Score:
         if not n_targets:
             last = self.curve.iloc[-1]
             false_alarms = _counted(int(last["n_false"]), "false alarm")
-            return f"There was nothing to find, and there were {false_alarms}"
+            return f"There was nothing to find: {false_alarms} on {_square_metres(last['area'])}"
         sentence = (
             f"{point['n_detected']:.0f} of {_counted(n_targets, self.noun)} "
             f"{'was' if n_targets == 1 else 'were'} found{when}, "
             f"with {_counted(int(point['n_false']), 'false alarm')}"
         )
         if point["area"] > 0:
-            sentence += f" on {point['area']:.3g} m² of other ground"
+            sentence += f" on {_square_metres(point['area'])} of other ground"
         missed = self.missed()
         if 0 < len(missed) <= _MOST_NAMED:
             sentence += f"; missed: {', '.join(map(_named, missed.to_dict('records')))}"
@@ -321,14 +321,19 @@ def _counted(count: int, noun: str) -> str:
     return f"{count or 'no'} {noun}{'' if count == 1 else 's'}"
 
 
+def _square_metres(area: float) -> str:
+    """Return an area, m², to three digits or to the square metre."""
+    return f"{area:.0f} m²" if area >= 100 else f"{area:.3g} m²"
+
+
 def _named(target: Mapping[Any, Any]) -> str:
     """Return a target by its kind and depth."""
     depth = 100 * target["depth"]
     if math.isnan(depth):
         return f"{target['kind']}"
     if depth <= 0:
-        return f"{target['kind']}, on the ground"
-    return f"{target['kind']}, {depth:.3g} cm deep"
+        return f"{target['kind']} on the ground"
+    return f"{target['kind']} {depth:.3g} cm deep"
 
 
 def score(
