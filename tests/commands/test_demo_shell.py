@@ -4,6 +4,7 @@ import json
 import shutil
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -71,13 +72,10 @@ def test_the_drive_is_shown_on_the_drivers_screen(monkeypatch, tmp_path):
     seen = {}
 
     def serve(paths, live, open_browser, announce):
-        file = f"{live}/live.jsonl"
-        for _ in range(200):
+        file = Path(live) / "live.jsonl"
+        while not (file.is_file() and file.stat().st_size):
             time.sleep(0.02)
-            with open(file) as events:
-                first = events.readline()
-            if first.endswith("\n"):
-                break
+        first = file.read_text().splitlines()[0]
         seen.update(json.loads(first), opens=open_browser, paths=paths)
 
     monkeypatch.setattr("flgpr.viewer.serve", serve)
