@@ -47,7 +47,9 @@ def make_lane(folder: Path, name: str, seed: int) -> Path:
     run = folder / f"{name}.zarr"
     if not run.exists():
         sample = sample_drive()
-        simulate_lane(sample / "scene.toml", sensor=sample / "sensor.toml", seed=seed, output=run)
+        simulate_lane(
+            sample / "scene.toml", sensor=str(sample / "sensor.toml"), seed=seed, output=run
+        )
     return run
 
 

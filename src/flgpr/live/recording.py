@@ -68,7 +68,7 @@ def play_recording(
     path: str | Path,
     folder: str | Path,
     rate: float = 4.2,
-    wait: Callable[[float], bool] = lambda seconds: bool(time.sleep(seconds)),
+    wait: Callable[[float], bool] | None = None,
 ) -> int:
     """Write the events of a recording as live detection would, and return the number of scans.
 
@@ -80,8 +80,8 @@ def play_recording(
         Folder for the file of events, which is begun anew; it is made if need be.
     rate : float
         Scans per second.
-    wait : callable
-        Waits for so many seconds, and returns whether to stop.
+    wait : callable, optional
+        Waits for so many seconds, and returns whether to stop; by default it sleeps.
 
     Raises
     ------
@@ -90,6 +90,7 @@ def play_recording(
     """
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")
+    wait = wait or _sleep
     before, scans, after = read_recording(path)
     Path(folder).mkdir(parents=True, exist_ok=True)
     begin = time.time()
@@ -102,6 +103,12 @@ def play_recording(
             file.append(_dated(event, arrived) for event in scan.events)
         file.append(after)
     return len(scans)
+
+
+def _sleep(seconds: float) -> bool:
+    """Sleep, and stop never."""
+    time.sleep(seconds)
+    return False
 
 
 def _wait_until(moment: float, file: EventFile, wait: Callable[[float], bool]) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -223,7 +224,7 @@ def _draw_road(axes: Axes, lane: Lane) -> None:
     axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
 
 
-def _lane_patch(lane: Lane, **style: object) -> Rectangle:
+def _lane_patch(lane: Lane, **style: Any) -> Rectangle:
     """Return the outline of a lane that lies along the picture."""
     corner = (lane.y_min, lane.x_min)
     return Rectangle(corner, lane.y_max - lane.y_min, lane.x_max - lane.x_min, **style)
@@ -264,7 +265,7 @@ def _draw_points(
 
 def _finish(figure: Figure, strips: list[Axes]) -> None:
     """Add a legend of what is drawn, each entry once."""
-    entries = {}
+    entries: dict[Any, Any] = {}
     for axes in strips:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
