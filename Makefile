@@ -19,6 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo benchmark quick test lint docs robustness clean
 
+# Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
 

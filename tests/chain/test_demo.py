@@ -78,7 +78,7 @@ def test_the_roc_file_holds_what_scoring_computes(demo):
 
 def test_the_report_needs_nothing_beside_it(demo):
     page = (demo[0].folder / "report.html").read_text(encoding="utf-8")
-    assert page.count('src="data:image/png;base64,') == 8
+    assert page.count('src="data:image/png;base64,') == 11
     assert not re.search(r'(src|href)="(?!data:)', page)
     assert "http" not in re.sub(r'data:image/png;base64,[^"]*', "", page)
     for word in ("mine-3", "95 %", "recipe.toml", "SHA-256", "roadside"):
