@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 Lane = Annotated[PathLike | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
 Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
+Tcp = Annotated[
+    str | None,
+    Option(help="TCP port of this machine that scans arrive on, or ADDRESS:PORT."),
+]
 VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
 NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
@@ -128,6 +132,7 @@ def live(
         PathLike, Option("-o", "--output", help="Folder for events, snapshot and alarms.")
     ] = "live-result",
     socket: Socket = None,
+    tcp: Tcp = None,
     lane: Lane = None,
     anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
     speed: Annotated[
@@ -196,6 +201,7 @@ def live(
         threshold=threshold,
         fresh=fresh,
         worth=worth,
+        tcp=tcp,
     )
     run = LiveRun(options, emit or _no_event)
     with _stopped_by_signals(run):
@@ -213,6 +219,7 @@ def feed(
     incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
     rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
     socket: Socket = None,
+    tcp: Tcp = None,
     first: Annotated[int, Option(help="First scan.")] = 0,
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[
@@ -233,7 +240,7 @@ def feed(
     Raises
     ------
     ValueError
-        If neither or both of folder and socket are given, or an option breaks its rule.
+        If not one of folder, socket and TCP address is given, or an option breaks its rule.
     """
     from flgpr.live import feeding
 
@@ -246,4 +253,5 @@ def feed(
         count,
         lead,
         faults=fault or (),
+        tcp=tcp,
     )

@@ -1,6 +1,6 @@
 """Live detection.
 
-Scans come from a folder or a socket, alarms go to a file of events and to a callback.
+Scans come from a folder or over sockets, alarms go to a file of events and to a callback.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from flgpr.chain.model import Model, load_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
-from flgpr.geo import read_anchor
+from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
 from flgpr.live.event_rate import Event
 from flgpr.live.events import (
     EVENT_FILE,
     EventFile,
+    add_places_on_earth,
     alarm_event,
     anew_event,
     as_line,
@@ -38,7 +39,7 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.intake import Intake
-from flgpr.live.senders import SENDERS, SocketWatch
+from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
 from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
@@ -48,6 +49,7 @@ from flgpr.live.state import (
     take_snapshot,
 )
 from flgpr.live.stream import largest_frame
+from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
@@ -65,7 +67,9 @@ from flgpr.store import (
 )
 from flgpr.store.bundle import PARTIAL
 from flgpr.store.files import write_whole
+from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
+from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.tables import write_table
 
 PathLike = str | Path
@@ -98,6 +102,8 @@ class LiveOptions:
     #: an alarm advises to wait for the next look if that changes the decision with at least this
     #: probability
     worth: float = 0.1
+    #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
+    tcp: str | None = None
 
 
 @dataclass(frozen=True)
@@ -131,8 +137,10 @@ class LiveRun:
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
-        if options.incoming is None and options.socket is None:
-            raise ValueError("live needs a folder or a socket to take scans from, got neither")
+        if options.incoming is None and options.socket is None and options.tcp is None:
+            raise ValueError(
+                "live needs a folder, a socket or a TCP address to take scans from, got none"
+            )
         if options.threshold is not None and not np.isfinite(options.threshold):
             raise ValueError(f"threshold must be finite, got {options.threshold}")
         if not 0 <= options.worth <= 1:
@@ -140,6 +148,9 @@ class LiveRun:
         if options.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options = options
+        self._tcp = None if options.tcp is None else parse_tcp(options.tcp)
+        #: where it listens, once it does
+        self.listens_on: TcpAddress | None = None
         self._send_line = tell
         if options.recipe is None and options.model is not None:
             raise ValueError("recipe must be given with a model: it names the model's stages")
@@ -234,6 +245,8 @@ class LiveRun:
         sources: list[threading.Thread] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
+        if self._tcp is not None:
+            sources.append(self._listen_on_tcp(self._tcp))
         with EventFile(self.output / EVENT_FILE, snapshot is None) as events:
             writer = SnapshotWriter(path)
             if options.incoming is not None:
@@ -250,6 +263,16 @@ class LiveRun:
                 for source in sources:
                     source.join(2.0)
             return self._finish(events, writer)
+
+    def _listen_on_tcp(self, address: TcpAddress) -> TcpWatch:
+        """Return the source that listens on a TCP address, and note where that is."""
+        watch = TcpWatch(address, self.inbox)
+        self.listens_on = watch.address
+        note = f"listens on {watch.address}"
+        if not watch.address.is_loopback:
+            note += ": whoever reaches this address may send scans, and nothing is encrypted"
+        log_note(note)
+        return watch
 
     def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
         """Process arrivals one by one until the run ends."""
@@ -320,6 +343,7 @@ class LiveRun:
         :meth:`_fit_recipe`, unless an earlier process has made one.
         """
         self.inbox.largest = largest_frame(description)
+        self._use_own_anchor(description, events)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
             recipe = self._fitted_recipe()
@@ -333,6 +357,17 @@ class LiveRun:
             return
         intake = Intake(description, limits=recipe.motion)
         self._build(recipe, intake, events, snapshot)
+
+    def _use_own_anchor(self, description: RunDescription, events: EventFile) -> None:
+        """Use the georeference that a run is described with, unless an anchor was given."""
+        reference = description.attrs.get("georeference")
+        if self._anchor is not None or reference is None:
+            return
+        try:
+            self._anchor = _anchor_on_earth(reference)
+        except ValueError as error:
+            words = f"alarms have places in the lane alone: {error}"
+            events.append([{"event": "problem", "name": RUN_FILE, "words": words}])
 
     def _build(
         self, recipe: Recipe, intake: Intake, events: EventFile, snapshot: Snapshot | None
@@ -441,6 +476,8 @@ class LiveRun:
             event = self._alarm_event(alarm, scan, pose, latency)
             if event.get("wait") is False:
                 events.append(event)
+        if self._anchor is not None:
+            add_places_on_earth(events, self._anchor)
         for event in events:
             if event.get("wait"):
                 self._waiting.add(event["alarm_id"])
@@ -490,7 +527,7 @@ class LiveRun:
         screen = recipe.prescreen
         vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
-        if self._anchor is not None:
+        if self.options.anchor is not None and self._anchor is not None:
             reference = self._anchor.georeference()
         return {
             "event": "start",
@@ -558,6 +595,14 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
         signal = (noise[0] + 1j * noise[1]).astype(np.complex64)
         detector.add(Scan(number, float("nan"), pose, signal))
+
+
+def _anchor_on_earth(reference: Any) -> Anchor:
+    """Return the anchor of a run's georeference; one that lies nowhere is a ValueError."""
+    anchor = own_anchor(reference)
+    if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
+        raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
+    return anchor
 
 
 def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
