@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -159,6 +160,9 @@ def live(
         float,
         Option(help="Probability of another decision from which an alarm advises one more look."),
     ] = 0.1,
+    mcap: Annotated[
+        bool, Option("--mcap", help="At the end write live.mcap, which Foxglove plays.")
+    ] = False,
     fresh: Annotated[
         bool, Option("--fresh", help="Start anew, whatever the output folder holds.")
     ] = False,
@@ -180,11 +184,16 @@ def live(
     ------
     ValueError
         If the recipe has a stage that cannot work scan by scan, or an option breaks its rule.
+    MissingExtraError
+        If a recording in MCAP is asked for and its library is not installed.
     """
     from flgpr.live.detector import LiveSettings
-    from flgpr.live.session import LiveOptions, LiveRun
+    from flgpr.live.session import LIVE_RECORDING, LiveOptions, LiveRun
     from flgpr.live.vehicle import Vehicle
+    from flgpr.store.extras import optional
 
+    if mcap:
+        optional("mcap.writer", "bags")  # that it is missing is told before the drive
     metres_per_second = None if speed is None else speed / 3.6
     options = LiveOptions(
         recipe=recipe,
@@ -205,7 +214,12 @@ def live(
     )
     run = LiveRun(options, emit or _no_event)
     with _stopped_by_signals(run):
-        return run.run()
+        report = run.run()
+    if mcap:
+        from flgpr.commands.recording_export import record_live_run
+
+        record_live_run(output, Path(output) / LIVE_RECORDING, replace=True)
+    return report
 
 
 def _played_lines(count: int, _: Arguments) -> Iterator[str]:

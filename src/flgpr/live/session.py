@@ -77,6 +77,7 @@ _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the a
 _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
 RECIPE_FILE = "recipe.toml"  # of a run without a given recipe
+LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where it is asked for
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
@@ -661,6 +662,7 @@ def _check_output(folder: Path) -> None:
     """Refuse a folder that holds anything but the files of a live run."""
     known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
+    known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []
     for entry in entries:
