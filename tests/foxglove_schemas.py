@@ -50,9 +50,9 @@ def faults(value, schema, where="message"):
     if not isinstance(value, TYPES[kind]) or (is_flag and kind != "boolean"):
         yield f"{where}: {value!r} is no {kind}"
         return
-    if kind in ("integer", "number"):
-        if value < schema.get("minimum", value) or value > schema.get("maximum", value):
-            yield f"{where}: {value} is out of bounds"
+    is_number = kind in ("integer", "number")
+    if is_number and not schema.get("minimum", value) <= value <= schema.get("maximum", value):
+        yield f"{where}: {value} is out of bounds"
     if kind == "array":
         for number, item in enumerate(value):
             yield from faults(item, schema["items"], f"{where}[{number}]")

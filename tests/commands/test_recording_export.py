@@ -63,7 +63,7 @@ def read(path):
 
 
 def events(folder, kind):
-    lines = [json.loads(line) for line in (folder / "live.jsonl").open()]
+    lines = [json.loads(line) for line in (folder / "live.jsonl").read_text().splitlines()]
     return [line for line in lines if line["event"] == kind]
 
 

@@ -36,7 +36,8 @@ def events_of(tmp_path, reference, anchor=None):
         tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "incoming", anchor=anchor
     )
     LiveRun(options, lines.append).run()
-    written = [json.loads(line) for line in (tmp_path / "out" / "live.jsonl").open()]
+    text = (tmp_path / "out" / "live.jsonl").read_text()
+    written = [json.loads(line) for line in text.splitlines()]
     alarms = [event for event in written if event["event"] == "alarm"]
     assert [json.loads(line) for line in lines] == alarms
     assert alarms

@@ -123,7 +123,8 @@ def _no_event(_: str) -> None:
 )
 def live(
     incoming: Annotated[
-        PathLike | None, Argument(help="Folder that the radar writes scans into.")
+        PathLike | None,
+        Argument(help="Folder that the radar writes scans into, or a recording (.mcap) to play."),
     ] = None,
     recipe: Annotated[
         str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
@@ -155,6 +156,10 @@ def live(
     idle: Annotated[float | None, Option(help="End after this time without a scan, s.")] = None,
     threshold: Annotated[
         float | None, Option(help="Confidence from which the page shows alarms; default all.")
+    ] = None,
+    rate: Annotated[
+        float | None,
+        Option(help="Recording: scans per second, 0 as fast as it can; default as recorded."),
     ] = None,
     worth: Annotated[
         float,
@@ -194,11 +199,16 @@ def live(
 
     if mcap:
         optional("mcap.writer", "bags")  # that it is missing is told before the drive
+    played = None
+    if incoming is not None and Path(incoming).is_file():
+        from flgpr.commands.recorded import read_recorded
+
+        played = read_recorded(incoming, anchor)
     metres_per_second = None if speed is None else speed / 3.6
     options = LiveOptions(
         recipe=recipe,
         output=output,
-        incoming=incoming,
+        incoming=None if played is not None else incoming,
         socket=socket,
         model=model,
         lane=lane,
@@ -211,6 +221,8 @@ def live(
         fresh=fresh,
         worth=worth,
         tcp=tcp,
+        played=played,
+        rate=math.inf if rate == 0 else rate,
     )
     run = LiveRun(options, emit or _no_event)
     with _stopped_by_signals(run):

@@ -1,6 +1,6 @@
 """Live detection.
 
-Scans come from a folder or over sockets, alarms go to a file of events and to a callback.
+Scans come from a folder, over sockets or from a recording, alarms go to a file of events and to a callback.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 import flgpr
@@ -39,6 +40,7 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.intake import Intake
+from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
 from flgpr.live.state import (
     SNAPSHOT_FILE,
@@ -105,6 +107,8 @@ class LiveOptions:
     worth: float = 0.1
     #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
     tcp: str | None = None
+    played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
+    rate: float | None = None  #: scans per second of that run; None plays it as it was recorded
 
 
 @dataclass(frozen=True)
@@ -138,10 +142,14 @@ class LiveRun:
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
-        if options.incoming is None and options.socket is None and options.tcp is None:
+        sources = (options.incoming, options.socket, options.tcp, options.played)
+        if all(source is None for source in sources):
             raise ValueError(
-                "live needs a folder, a socket or a TCP address to take scans from, got none"
+                "live needs a folder, a socket, a TCP address or a recording to take scans from, "
+                "got none"
             )
+        if options.rate is not None and options.played is None:
+            raise ValueError(f"rate goes with a recording that is played, got {options.rate:g}")
         if options.threshold is not None and not np.isfinite(options.threshold):
             raise ValueError(f"threshold must be finite, got {options.threshold}")
         if not 0 <= options.worth <= 1:
@@ -248,10 +256,12 @@ class LiveRun:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
         if self._tcp is not None:
             sources.append(self._listen_on_tcp(self._tcp))
+        known = set(snapshot[0]["names"]) if snapshot else None
+        if options.played is not None:
+            sources.append(RunPlayer(options.played, self.inbox, options.rate, known))
         with EventFile(self.output / EVENT_FILE, snapshot is None) as events:
             writer = SnapshotWriter(path)
             if options.incoming is not None:
-                known = set(snapshot[0]["names"]) if snapshot else None
                 sources.append(FolderWatch(Path(options.incoming), self.inbox, known))
             if snapshot is not None:
                 self._describe(parse_description(snapshot[0]["run"]), events, snapshot)
