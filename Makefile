@@ -53,7 +53,7 @@ robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
 docs: $(VENV)/.docs
-	$(BIN)/codespell *.md docs src tests benchmarks evidence viewer
+	$(BIN)/codespell *.md docs src tests benchmarks evidence examples viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 $(VENV)/bin/python:
