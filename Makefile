@@ -44,9 +44,9 @@ lint: $(VENV)/.test
 ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_commands_errors.py \
     commands/test_implausible_poses.py detect/test_scorers.py \
     formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
-    live/test_live_positions.py live/test_senders.py live/test_session.py model/test_motion.py model/test_plausible.py \
-    store/test_csv_formulas.py store/test_outputs.py store/test_run_races.py store/test_run_store.py \
-    store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
+    live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
+    model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
+    store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
 
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test

@@ -369,7 +369,7 @@ def _alarms_of(
     """Return the alarms of a detection, with places on the Earth where it is known."""
     alarms = []
     for row in detection.alarms.to_dict("records"):
-        alarm = {"alarm_id": str(row["alarm_id"])}
+        alarm: dict[str, Any] = {"alarm_id": str(row["alarm_id"])}
         for name in ("x", "y", "confidence"):
             alarm[name] = float(row[name])
         alarms.append(alarm)

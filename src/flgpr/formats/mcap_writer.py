@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from flgpr.door import open_own
 from flgpr.formats.foxglove import SCHEMAS, Message, compact_json
 from flgpr.store.extras import optional
 
@@ -79,7 +80,7 @@ class McapWriter:
 @contextmanager
 def mcap_file(path: Path) -> Iterator[McapWriter]:
     """Open a new MCAP file to write to, and complete it where nothing fails."""
-    with path.open("xb") as file:
+    with open(path, "xb", opener=open_own) as file:
         writer = McapWriter(file)
         yield writer
         writer.finish()
