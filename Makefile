@@ -45,16 +45,16 @@ lint: $(VENV)/.test
 ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_commands_errors.py \
     commands/test_implausible_poses.py detect/test_scorers.py \
     formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
-    live/test_live_positions.py live/test_senders.py live/test_session.py model/test_motion.py model/test_plausible.py \
-    store/test_csv_formulas.py store/test_outputs.py store/test_run_races.py store/test_run_store.py \
-    store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
+    live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
+    model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
+    store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
 
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
 docs: $(VENV)/.docs
-	$(BIN)/codespell *.md docs src tests benchmarks evidence viewer
+	$(BIN)/codespell *.md docs src tests benchmarks evidence examples viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 $(VENV)/bin/python:

@@ -11,7 +11,7 @@ from typer import Argument, Option
 from flgpr.commands.options import Output, PathLike
 from flgpr.commands.shell import Arguments, command
 
-FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd")
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd", "mcap")
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
@@ -23,7 +23,10 @@ def _lines(written: Path, _: Arguments) -> Iterator[Path]:
 def export(
     source: Annotated[
         PathLike,
-        Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd)."),
+        Argument(
+            help="Result folder, truth or alarm table (CSV), run store (for cphd), "
+            "or folder of a live run (for mcap)."
+        ),
     ],
     output: Output,
     to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
@@ -48,6 +51,8 @@ def export(
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
 
+    A recording (mcap) of a result or a live run needs no place on the Earth.
+
     Returns
     -------
     pathlib.Path
@@ -67,6 +72,10 @@ def export(
         raise ValueError(f"score goes with qgis, got to {to!r}")
     if to == "cphd":
         return exporting.export_run(source, output, anchor)
+    if to == "mcap":
+        from flgpr.commands import recording_export
+
+        return recording_export.export_recording(source, output, anchor, detection, time)
     if to == "qgis":
         return exporting.export_qgis(source, output, anchor, detection, time, score)
     if Path(source).suffix == ".csv":

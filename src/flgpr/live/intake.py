@@ -42,7 +42,7 @@ COUNTS = {
     "senders_refused": "senders on the socket that were refused, "
     "because as many as may be were connected",
     "senders_ended": "senders on the socket that were ended, "
-    "because they sent nothing of use for too long",
+    "because they sent nothing of use for too long, or began with something else than a frame",
 }
 _KNOWN_POSES = 8
 _FORGOTTEN = ("taken", "warm_up", "out_of_order", "late", "still", "refused")
