@@ -25,7 +25,9 @@ export class AlarmList {
     private readonly choose: (row: number) => void,
     private readonly tick: (rows: number[], on: boolean) => void,
   ) {
-    const head = ["", "alarm", "confid.", "x, m", "y, m", "as", "verdict"].map((name) => make("th", { scope: "col" }, name));
+    const ticks = make("th", { scope: "col" }, make("span", { class: "unseen" }, "for export"));
+    const names = ["alarm", "confid.", "x, m", "y, m", "as", "verdict"].map((name) => make("th", { scope: "col" }, name));
+    const head = [ticks, ...names];
     document.querySelector("#list thead")!.append(make("tr", {}, ...head));
     el<HTMLInputElement>("tick-all").addEventListener("change", (event) => {
       if (this.state) this.tick(this.state.rows, (event.target as HTMLInputElement).checked);
