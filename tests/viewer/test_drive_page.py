@@ -70,6 +70,7 @@ class Screen:
     """A driver's screen on a page whose clock goes only when it is told to, and a detection that seems alive."""
 
     def __init__(self, page, folder):
+        self.watched = page
         self.page = page.page
         self.file = folder / "live.jsonl"
 

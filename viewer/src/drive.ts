@@ -14,7 +14,7 @@ const BEHIND = 1000;
 const LISTED = 3;
 /** The least screen, px, for which type and buttons have their sizes, lying and upright; drive.css shrinks them on a smaller one. */
 const LEAST_LYING = [1024, 768] as const;
-const LEAST_UPRIGHT = [640, 1024] as const;
+const LEAST_UPRIGHT = [640, 1280] as const;
 /** The picture's type of 11 px is as large as 29 px then: 12 minutes of arc from 1.5 m. */
 const ENLARGED = 2.6;
 /** What the driver is told of scans that went wrong. */
@@ -199,8 +199,9 @@ export class Drive {
     const verdict = state.level === "lost" ? "blind" : stale ? "free" : !nearest ? "free" : margin === null ? "unknown" : margin < 0 ? "halt" : "go";
     el("drive").dataset["verdict"] = verdict;
     el("drive-left").textContent = stale || !nearest ? "–" : `${fixed(nearest.left, 1)} m`;
+    el("drive-head").textContent = nearest && !stale && live.besideLane(nearest.alarm) ? "Beside lane" : "Nearest";
     const aside = nearest ? live.aside(nearest.alarm) : 0;
-    el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}${live.besideLane(nearest.alarm) ? ", beside lane" : ""}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
+    el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
     el("drive-chances").textContent = stale || !nearest ? "" : chances(nearest.alarm);
     const spare = verdict === "go" && nearest!.alarm.wait ? ", look again" : " to spare";
     const words = { blind: "Stop", free: "–", unknown: "Speed?", halt: "Cannot stop", go: "Can stop" };
