@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from test_drive_page import BEGIN
+from test_drive_page import BEGIN, Screen
 from test_live_page import Feeder, alarm, scan
 
 from flgpr.commands.raw_run import RawRun
@@ -68,6 +68,7 @@ def test_a_live_run_at_the_desk_and_on_the_drivers_screen(watch, serving, tmp_pa
     feeder.give(*(alarm(f"alarm-{k}", 0.1 * k, 4.0 + k, 4.5, 1.0) for k in range(12)))
     with serving([], live=tmp_path) as viewer:
         one = watch(viewer, size=size)
+        Screen(one, tmp_path).alive()
         one.until("document.getElementById('drive-left').textContent.endsWith(' m')")
         assert findings(one.page) == []
         one.page.click("#drive-set")

@@ -74,7 +74,7 @@ def drive_at(tmp_path, serving, watch):
 def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, size):
     screen, feeder = drive_at(size)
     look = {"p": 0.622, "next_p": [0.396, 0.704], "wait": True}
-    feeder.give(scan(2, 2.0), alarm("alarm-1", -1.6, 2.4, 4.5, 0.0) | look)
+    feeder.give(scan(2, 2.0), alarm("alarm-1", -1.6, 4.4, 4.5, 0.0) | look)
     feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
     screen.alive()

@@ -457,6 +457,7 @@ export class App {
     const { width, height } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
     this.view.box = Picture.box(width, height, !this.driving);
     if (this.fitting) this.view.fit();
+    else if (this.following.on) this.following.set(true);
     else this.view.hold();
     this.redraw();
   }

@@ -19,6 +19,8 @@ const MOST_COVERED = 0.5;
 /** So few alarms are never grouped. */
 const FEW = 200;
 const LARGEST = 13;
+/** Symbols keep this distance from the edges of the picture, px. */
+const EDGE = 10;
 
 /**
  * Return the alarms in sight by cells of the picture, or null where there is room for each of them.
@@ -30,7 +32,7 @@ export function groupAlarms(view: View, detection: Detection, visible: (row: num
   if (xs.length <= FEW) return null;
   const { left, top, width, height } = view.box;
   const cells = new Map<string, { rows: number[]; sumX: number; sumY: number; middle: Point }>();
-  const [originX, originY] = view.toScreen(0, 0);
+  const [originX, originY] = cornerOf(view);
   let count = 0;
   for (let row = 0; row < xs.length; row++) {
     if (!visible(row)) continue;
@@ -50,12 +52,20 @@ export function groupAlarms(view: View, detection: Detection, visible: (row: num
     cell.sumY += py;
   }
   if (count <= FEW || count * SYMBOL ** 2 <= MOST_COVERED * groundInSight(view)) return null;
-  const near = (mean: number, middle: number): number => Math.min(Math.max(mean, middle - OFF_MIDDLE), middle + OFF_MIDDLE);
+  const within = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
+  const near = (mean: number, middle: number): number => within(mean, middle - OFF_MIDDLE, middle + OFF_MIDDLE);
   return [...cells.values()].map(({ rows, sumX, sumY, middle }) => ({
-    px: near(sumX / rows.length, middle[0]),
-    py: near(sumY / rows.length, middle[1]),
+    px: within(near(sumX / rows.length, middle[0]), left + EDGE, left + width - EDGE),
+    py: within(near(sumY / rows.length, middle[1]), top + EDGE, top + height - EDGE),
     rows,
   }));
+}
+
+/** The upper left corner of the lane in the picture. */
+function cornerOf(view: View): Point {
+  const [ax, ay] = view.toScreen(view.extent.x_min, view.extent.y_min);
+  const [bx, by] = view.toScreen(view.extent.x_max, view.extent.y_max);
+  return [Math.min(ax, bx), Math.min(ay, by)];
 }
 
 /** Area of the lane's ground in the picture, px². */
