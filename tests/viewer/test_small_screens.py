@@ -96,9 +96,13 @@ def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, siz
         words = screen.page.inner_text("#drive-small")
         assert f"{size[0]} × {size[1]} px" in words
         assert "1024 × 768" in words
-    for _ in range(4):  # the worst banner, and the settings
+    for _ in range(4):  # banners, and the settings
         screen.pass_time(400)
     assert screen.says()["state-words"] == "No radar"
+    assert screen.page.evaluate(CUT) == []
+    screen.alive(ago=5.0)
+    screen.pass_time(400)
+    assert screen.says()["state-words"] == "Detection stopped"  # the longest
     assert screen.page.evaluate(CUT) == []
     screen.page.click("#drive-set")
     box = screen.page.locator("#drive-settings").bounding_box()
