@@ -160,5 +160,6 @@ def test_the_viewer_fits_any_window(watch, shown, size):
     if size[0] <= 900:
         assert beside["x"] == 0
         assert beside["y"] >= picture["y"] + picture["height"]
+        assert page.evaluate("scrollY") == 0  # the list does not take the page from the picture
     else:
         assert beside["x"] >= picture["width"]
