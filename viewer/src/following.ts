@@ -1,6 +1,6 @@
 import type { App } from "./app";
-import { el } from "./dom";
 import { UNSEEN } from "./data";
+import { el } from "./dom";
 import type { Moment } from "./history";
 import type { Live, LiveAlarm, LiveRows } from "./live";
 import { thresholdsOf } from "./roc";

@@ -2,7 +2,7 @@ import type { App } from "./app";
 import { el, fixed } from "./dom";
 
 /**
- * The slider through the scans below the picture.
+ * The slider through the scans above the picture.
  *
  * Of a live run or its recording it goes back in time: vehicle, alarms and run-view as they were after a scan. Of a result or
  * a run it marks a scan on the track, with the ground that it sees; a run shows that scan's raw data as well.
