@@ -161,7 +161,7 @@ def test_held_out_scores_come_from_the_others(small):
     assert novel.clutter.shape == (30, 5)  # every fold scores all clutter
     seen.clear()
     alone = ma.leave_one_out(table, X, classifier, 5)
-    assert len(alone.kept) == len(seen) == 50
+    assert len(alone.vector_share) == len(seen) == 50
     assert all(len(train) == 49 for train, _ in seen)
     # N_o · N_c outputs: every mine left out once, and all clutter scored each time (par. 52).
     seen.clear()

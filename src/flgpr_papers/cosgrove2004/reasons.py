@@ -45,7 +45,7 @@ from flgpr_papers.cosgrove2004.signature import (
     polarization_correlation,
     visibility_db,
 )
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import read_or_make, key_of
 from flgpr_papers.kit.findings import Bounds, Interval, share_error
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -132,12 +132,12 @@ def trials(
     records: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
     for name, seed in track(jobs, "changed lanes", len(jobs)):
         path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}.json"
-        record = kept(path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed))  # type: ignore[misc]
+        record = read_or_make(path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed))  # type: ignore[misc]
         records[name].append(record)
     path = folder / "reasons" / f"alone-{_key(recipe, 'nothing')}.json"
-    alone = kept(path, lambda: alone_record(recipe))
+    alone = read_or_make(path, lambda: alone_record(recipe))
     path = folder / "reasons" / f"visible-{_key(recipe, 'nothing')}.json"
-    levels = kept(path, lambda: visibility_record(recipe))
+    levels = read_or_make(path, lambda: visibility_record(recipe))
     return [
         *eigenvalue_trials(records),
         *correlation_trials(records, alone),

@@ -143,7 +143,7 @@ class Results:
             )
         )
 
-    def tell_areas(self, name: str, scores: HeldOut, searched: float, count: int) -> None:
+    def add_areas(self, name: str, scores: HeldOut, searched: float, count: int) -> None:
         """Keep both areas under a ROC, and what chance gives."""
         measure = Measure(searched)
         self.areas[name] = auc_interval(scores, count)
@@ -410,7 +410,7 @@ def sparsity(material: Material) -> Results:
         label: roc(machine_scores, searched) for label, machine_scores in scores.items()
     }
     for label, machine_scores in scores.items():
-        results.tell_areas(f"fig6 {label}", machine_scores, searched, count)
+        results.add_areas(f"fig6 {label}", machine_scores, searched, count)
     few = thin_examples(chosen, options.examples, settings.seed)
     compared = {name: machine for name, machine in machines.items() if "polynomial" not in name}
     del compared["sum of the correlations"]
@@ -421,19 +421,19 @@ def sparsity(material: Material) -> Results:
     results.notes["vectors, leave-one-out"] = {
         "examples": len(few[0]),
         "mines": int((few[0]["kind"] != "clutter").sum()),
-        **{label: float(machine_scores.kept.mean()) for label, machine_scores in loo.items()},
+        **{label: float(machine_scores.vector_share.mean()) for label, machine_scores in loo.items()},
     }
     results.notes["vectors by fold"] = {
-        label: machine_scores.kept.tolist() for label, machine_scores in loo.items()
+        label: machine_scores.vector_share.tolist() for label, machine_scores in loo.items()
     }
     own = "RVM, ARD, width by evidence"
     measure = Measure(searched)
     results.judge("machines", difference(scores["RVM"], scores["SVM"], measure, count))
-    results.judge("relevance-share", spread_of_folds(loo["RVM"].kept))
-    results.judge("support-share", spread_of_folds(loo["SVM"].kept))
-    results.judge("sparser", ratio_interval(loo["RVM"].kept, loo["SVM"].kept))
+    results.judge("relevance-share", spread_of_folds(loo["RVM"].vector_share))
+    results.judge("support-share", spread_of_folds(loo["SVM"].vector_share))
+    results.judge("sparser", ratio_interval(loo["RVM"].vector_share, loo["SVM"].vector_share))
     results.judge("own", difference(scores[own], scores["RVM"], measure, count))
-    results.judge("own-sparser", ratio_interval(loo[own].kept, loo["RVM"].kept))
+    results.judge("own-sparser", ratio_interval(loo[own].vector_share, loo["RVM"].vector_share))
     results.judge("kernel", difference(scores["RVM"], scores["RVM polynomial"], measure, count))
     return results
 
@@ -477,17 +477,17 @@ def unscreened(material: Material) -> Results:
         results.curves.setdefault("fig7", {})[kind] = roc(binary[kind], searched)
         results.curves["fig7"][f"{kind}, sum of the correlations"] = roc(baseline, searched)
         results.curves.setdefault("fig9", {})[kind] = roc(novel[NOVELTY_RIVALS[0]], searched)
-        results.tell_areas(f"fig7 {kind}", binary[kind], searched, count)
-        results.tell_areas(f"fig7 {kind}, sum of the correlations", baseline, searched, count)
+        results.add_areas(f"fig7 {kind}", binary[kind], searched, count)
+        results.add_areas(f"fig7 {kind}, sum of the correlations", baseline, searched, count)
         by_mine = held_out(*chosen, rvm(options), options.folds)
-        results.tell_areas(
+        results.add_areas(
             f"fig7 {kind}, both looks at a mine held out together", by_mine, searched, count
         )
         again = retrained(*chosen, rvm(options), options.folds, max(count // 80, 4))
         retrained_name = f"fig7 {kind}, both looks held out, trained anew in every draw"
         results.areas[retrained_name] = spread(auc(by_mine), again, bounds=SHARE)
         for name, scores in novel.items():
-            results.tell_areas(f"fig9 {kind}, one-class {name}", scores, searched, count)
+            results.add_areas(f"fig9 {kind}, one-class {name}", scores, searched, count)
         gaps = {
             name: difference(binary[kind], scores, measure, count)
             for name, scores in novel.items()
@@ -516,7 +516,7 @@ def _depths(searched: float, chosen: Examples, scores: HeldOut, results: Results
         if not rows.any():
             continue
         subset = HeldOut(
-            scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept
+            scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.vector_share
         )
         results.curves.setdefault("fig8", {})[label] = roc(subset, searched)
     for far in (0.04, 0.07):
@@ -560,8 +560,8 @@ def between_sites(material: Material) -> Results:
                 **{f"one-class {n}": s for n, s in novel[kind].items()},
                 "binary": binary,
             }.items():
-                results.tell_areas(f"fig10 {direction}, {kind}, {name}", scores, searched, count)
-            results.tell_areas(
+                results.add_areas(f"fig10 {direction}, {kind}, {name}", scores, searched, count)
+            results.add_areas(
                 f"fig10 {direction}, {kind}, sum of the correlations", baseline, searched, count
             )
             if claimed:

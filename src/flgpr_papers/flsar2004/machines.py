@@ -231,7 +231,7 @@ class HeldOut:
     #: target, tile: mine that each score belongs to, and name of each clutter example
     target: NDArray[Any]
     tile: NDArray[Any]
-    kept: FloatArray  #: (fold,) share of the training examples kept as vectors
+    vector_share: FloatArray  #: (fold,) share of the training examples that are vectors
 
 
 def held_out(
@@ -355,7 +355,7 @@ def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> Hel
     looks = zip(offered["target"], offered["direction"], strict=True)
     mine_scores = np.array([of_look.get(look, -np.inf) for look in looks])
     return HeldOut(
-        mine_scores, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.kept
+        mine_scores, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.vector_share
     )
 
 

@@ -60,7 +60,7 @@ from flgpr_papers.flsar2004.machines import (
     rvm,
     svm,
 )
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import read_or_make, key_of
 from flgpr_papers.kit.findings import SHARE, Bounds, Interval, clip
 from flgpr_papers.kit.reasons import Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -122,7 +122,7 @@ def trials(
     trial_list: list[Trial] = []
     for name, experiment in track(EXPERIMENTS.items(), "experiments", len(EXPERIMENTS)):
         path = folder / "reasons" / f"{name}-{key}.json"
-        rows = kept(path, lambda run=experiment: [asdict(entry) for entry in run(material)])  # type: ignore[misc]
+        rows = read_or_make(path, lambda run=experiment: [asdict(entry) for entry in run(material)])  # type: ignore[misc]
         trial_list += [_trial(row) for row in rows]
     return trial_list
 
@@ -381,14 +381,14 @@ def sparsity_trials(material: Material) -> list[Trial]:
 
     def add(changed: str, machines: tuple[Classifier, Classifier], why: str) -> None:
         relevance, support = (leave_one_out(*few, one, options.folds) for one in machines)
-        kept_vectors = spread_of_folds(relevance.kept)
+        kept_vectors = spread_of_folds(relevance.vector_share)
         rule = RELEVANCE if why else None
         trial_list.append(
             Trial(
                 share, why, changed, "relevance vectors over examples", kept_vectors, sample, rule
             )
         )
-        over = ratio_interval(relevance.kept, support.kept)
+        over = ratio_interval(relevance.vector_share, support.vector_share)
         rule = SPARSER if why else None
         trial_list.append(
             Trial(ratio, why, changed, "relevance over support vectors", over, sample, rule)

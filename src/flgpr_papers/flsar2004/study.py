@@ -20,7 +20,7 @@ from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import JUDGED, PARTS, Material, Results, prepare
 from flgpr_papers.flsar2004.lanes import drive, load_settings
 from flgpr_papers.flsar2004.page import page_html
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import read_or_make, key_of
 from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
@@ -72,7 +72,7 @@ def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
     results = Results()
     for name, part in track(PARTS.items(), "experiments", len(PARTS)):
         path = folder / f"{name.replace(' ', '-')}-{key}.json"
-        results.add(_from_json(kept(path, lambda part=part: _as_json(part(material)))))  # type: ignore[misc]
+        results.add(_from_json(read_or_make(path, lambda part=part: _as_json(part(material)))))  # type: ignore[misc]
     return results
 
 

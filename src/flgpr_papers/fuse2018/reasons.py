@@ -34,7 +34,7 @@ from flgpr_papers.fuse2018.process import (
 )
 from flgpr_papers.fuse2018.results import result_key, stored_calibration
 from flgpr_papers.fuse2018.study import LANES, lane_result
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import read_or_make, key_of
 from flgpr_papers.kit.findings import Bounds, Interval, clustered
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -92,7 +92,7 @@ def trials(
             frames = simulate_lane(stores, recipe, name, track)
             return lane_losses(frames, calibration, recipe, track)
 
-        rows += [{**row, "lane": name} for row in kept(path, make)]
+        rows += [{**row, "lane": name} for row in read_or_make(path, make)]
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     spared = clustered(*own_changes(lanes, "least squares spared"), recipe.boxes.draws)
     return loss_trials(pd.DataFrame(rows), spared, recipe)

@@ -25,7 +25,7 @@ from flgpr_papers.fuse2018.process import (
     roadside_objects,
     stage_images,
 )
-from flgpr_papers.kit.cache import Arrays, kept, key_of, read_arrays, write_arrays
+from flgpr_papers.kit.cache import Arrays, read_or_make, key_of, read_arrays, write_arrays
 
 FloatArray = NDArray[np.float64]
 TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")
@@ -78,7 +78,7 @@ def stored_calibration(path: Path, make: Callable[[], Calibration]) -> Calibrati
     """Read a calibration, or make and write it."""
     arrays = {
         name: np.asarray(value)
-        for name, value in kept(path, lambda: calibration_record(make())).items()
+        for name, value in read_or_make(path, lambda: calibration_record(make())).items()
     }
     background = arrays.pop("background")
     return Calibration(arrays, background)

@@ -29,7 +29,7 @@ from flgpr.scoring import assign, clopper_pearson, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import read_or_make, key_of
 from flgpr_papers.kit.findings import Bounds, Interval
 from flgpr_papers.kit.mines import MIXES, mix_draws
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
@@ -144,7 +144,7 @@ def trials(
         make, scene = _job(kind, name, quick, world)
         key = key_of(scene.model_dump(mode="json"), seed, SCAN_EVERY, flgpr.__version__)
         path = folder / "reasons" / f"{kind}-{key}.json"
-        record = kept(path, lambda make=make, scene=scene, seed=seed: make(scene, seed))  # type: ignore[misc]
+        record = read_or_make(path, lambda make=make, scene=scene, seed=seed: make(scene, seed))  # type: ignore[misc]
         records.setdefault((kind, name), []).append(record)
     clutter = {name: records["clutter", name] for name in CLUTTER_CHANGES}
     made_trials = clutter_trials(clutter)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flgpr.execution.survey import DEFAULTS, RunOptions
 from flgpr.store import write_whole
-from flgpr_papers.kit.page import telling_if_same
+from flgpr_papers.kit.page import log_if_unchanged
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
 from flgpr_papers.worlds.page import page_html, short_tables
@@ -81,7 +81,7 @@ def map_worlds(
     for name, table in short_tables(folder).items():
         write_table(folder / f"{name}.csv", table)
     page = folder / "index.html"
-    with telling_if_same(page):
+    with log_if_unchanged(page):
         write_whole(page, page_html(folder, pictures, quick))
     return page
 
