@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flgpr_papers.kit.cache import read_or_make, key_of, read_arrays, write_arrays
+from flgpr_papers.kit.cache import key_of, read_arrays, read_or_make, write_arrays
 
 
 def test_a_key_stands_for_all_that_a_result_comes_from():

@@ -45,7 +45,7 @@ from flgpr_papers.cosgrove2004.signature import (
     polarization_correlation,
     visibility_db,
 )
-from flgpr_papers.kit.cache import read_or_make, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, share_error
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -132,7 +132,9 @@ def trials(
     records: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
     for name, seed in track(jobs, "changed lanes", len(jobs)):
         path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}.json"
-        record = read_or_make(path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed))  # type: ignore[misc]
+        record = read_or_make(
+            path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed)
+        )  # type: ignore[misc]
         records[name].append(record)
     path = folder / "reasons" / f"alone-{_key(recipe, 'nothing')}.json"
     alone = read_or_make(path, lambda: alone_record(recipe))

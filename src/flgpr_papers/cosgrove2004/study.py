@@ -41,7 +41,7 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.page import page_html
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
-from flgpr_papers.kit.cache import read_or_make, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
@@ -174,7 +174,9 @@ def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[
     share = recipe.study.share
     models = folder / "models" if seed == 1 else None
     path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
-    cases: dict[str, dict[str, Case]] = read_or_make(path, lambda: run_seed(recipe, seed, share, models))
+    cases: dict[str, dict[str, Case]] = read_or_make(
+        path, lambda: run_seed(recipe, seed, share, models)
+    )
     return cases
 
 

@@ -421,7 +421,10 @@ def sparsity(material: Material) -> Results:
     results.notes["vectors, leave-one-out"] = {
         "examples": len(few[0]),
         "mines": int((few[0]["kind"] != "clutter").sum()),
-        **{label: float(machine_scores.vector_share.mean()) for label, machine_scores in loo.items()},
+        **{
+            label: float(machine_scores.vector_share.mean())
+            for label, machine_scores in loo.items()
+        },
     }
     results.notes["vectors by fold"] = {
         label: machine_scores.vector_share.tolist() for label, machine_scores in loo.items()

@@ -355,7 +355,11 @@ def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> Hel
     looks = zip(offered["target"], offered["direction"], strict=True)
     mine_scores = np.array([of_look.get(look, -np.inf) for look in looks])
     return HeldOut(
-        mine_scores, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.vector_share
+        mine_scores,
+        scores.clutter,
+        offered["target"].to_numpy(dtype=str),
+        scores.tile,
+        scores.vector_share,
     )
 
 

@@ -60,7 +60,7 @@ from flgpr_papers.flsar2004.machines import (
     rvm,
     svm,
 )
-from flgpr_papers.kit.cache import read_or_make, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import SHARE, Bounds, Interval, clip
 from flgpr_papers.kit.reasons import Trial
 from flgpr_papers.kit.study_worlds import OWN

@@ -20,7 +20,7 @@ from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import JUDGED, PARTS, Material, Results, prepare
 from flgpr_papers.flsar2004.lanes import drive, load_settings
 from flgpr_papers.flsar2004.page import page_html
-from flgpr_papers.kit.cache import read_or_make, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world

@@ -34,7 +34,7 @@ from flgpr_papers.fuse2018.process import (
 )
 from flgpr_papers.fuse2018.results import result_key, stored_calibration
 from flgpr_papers.fuse2018.study import LANES, lane_result
-from flgpr_papers.kit.cache import read_or_make, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, clustered
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
 from flgpr_papers.kit.study_worlds import OWN

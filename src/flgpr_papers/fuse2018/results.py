@@ -25,7 +25,7 @@ from flgpr_papers.fuse2018.process import (
     roadside_objects,
     stage_images,
 )
-from flgpr_papers.kit.cache import Arrays, read_or_make, key_of, read_arrays, write_arrays
+from flgpr_papers.kit.cache import Arrays, key_of, read_arrays, read_or_make, write_arrays
 
 FloatArray = NDArray[np.float64]
 TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")

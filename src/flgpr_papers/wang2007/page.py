@@ -33,7 +33,8 @@ from flgpr_papers.wang2007.analysis import (
     prescreened,
     table_one,
 )
-from flgpr_papers.wang2007.findings import SETS, all_findings, retrainings
+from flgpr_papers.wang2007.comparisons import retrainings
+from flgpr_papers.wang2007.findings import SETS, all_findings
 from flgpr_papers.wang2007.twins import Shown, drawings
 
 Row = tuple[Any, ...]

@@ -29,7 +29,7 @@ from flgpr.scoring import assign, clopper_pearson, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
-from flgpr_papers.kit.cache import read_or_make, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval
 from flgpr_papers.kit.mines import MIXES, mix_draws
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
