@@ -33,7 +33,7 @@ from flgpr_papers.kit.worlds import changed, turned
 
 FloatArray = NDArray[np.float64]
 BAND = "band"
-WORLDS = ("roadside", "open")
+SURROUNDINGS = ("roadside", "open")
 WIDE_MINES = ((-0.6, 15.0), (0.5, 20.0), (0.0, 25.0))
 """Places (x, y), m, of the mines of the paper's Fig. 2, at its ranges."""
 _SIGNATURES = 999_000
@@ -99,7 +99,7 @@ def lane_looks(
     has beside the lane, "open" the same lane without them.
     """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _seed(recipe, name, seed), share)
-    looks: dict[str, list[Look]] = {world: [] for world in WORLDS}
+    looks: dict[str, list[Look]] = {world: [] for world in SURROUNDINGS}
     for direction in (0, 1):
         order = slice(None, None, 1 - 2 * direction)
         number = _seed(recipe, name, seed) + direction
