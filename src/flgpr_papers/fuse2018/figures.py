@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
 from flgpr.scoring import random_pd
-from flgpr_papers.fuse2018.findings import CONVENTIONS, PAPER_DB, power_db, scored, strongest_boxes
+from flgpr_papers.fuse2018.findings import PAPER_DB
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
+from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
+from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
 from flgpr_papers.fuse2018.process import VARIANTS
 from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.kit.findings import clustered

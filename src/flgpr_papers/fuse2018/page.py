@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
 from flgpr.store import write_whole
-from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
+from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import VARIANTS, Calibration
 from flgpr_papers.fuse2018.results import LaneResult
