@@ -1,7 +1,4 @@
-"""What is done to the frames of a lane.
-
-Thresholds from the calibration lane, masks, suppression, alarms.
-"""
+"""Process the frames of a lane: thresholds, masks, suppression by every variant, and alarms."""
 
 from __future__ import annotations
 
@@ -50,7 +47,7 @@ VARIANTS = {
     ),
     "L band alone": "iteration, masks from VV and VH alone",
 }
-"""What is compared, and how it is called in full."""
+"""Variants of the suppression that are compared, and how they are called in full."""
 _FORMS: dict[str, dict[str, str]] = {
     "iteration": {},
     "shared": {"method": "iteration"},
@@ -71,25 +68,35 @@ class Calibration:
 
     #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
     learnt: Arrays
-    #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are
-    #: measured in units of it
+    #: (row,) median magnitude of VV between the roadsides at every distance ahead, in which units
+    #: alarms are measured
     background: FloatArray
 
 
 def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
-    """Learn thresholds and background from the calibration lane, whose targets are known."""
+    """Learn thresholds and background from the calibration lane, whose targets are known.
+
+    Parameters
+    ----------
+    frames : Frames
+        The calibration lane's frames.
+    recipe : FuseRecipe
+        The study.
+    track : Track
+        Shows progress.
+    """
     stage = frames.stage
-    rows = []
+    backgrounds = []
     examples = stage.calibration(stage.settings)
     targets = ground_points(frames.truth)
-    road = np.abs(stage.grid.x) < recipe.mask.roadside[0]
+    is_road = np.abs(stage.grid.x) < recipe.mask.roadside[0]
     complete_frames = range(recipe.image.frames - 1, len(frames))
     for k in track(complete_frames, "calibration lane", len(complete_frames)):
         aperture = stage.aperture(k)
         stage.learn_from(aperture, lane_to_scan(targets, frames.pose(k)), examples)
-        rows.append(np.median(np.abs(aperture.vv[:, road]), axis=1))
+        backgrounds.append(np.median(np.abs(aperture.vv[:, is_road]), axis=1))
     learnt, _ = stage.fit(stage.settings, [examples.state()])
-    return Calibration(learnt, np.mean(rows, axis=0))
+    return Calibration(learnt, np.mean(backgrounds, axis=0))
 
 
 @dataclass
@@ -99,9 +106,8 @@ class LaneRecords:
     #: variant, frame, x, y (m, lane frame), across, ahead (m, scan frame), magnitude over the
     #: background
     alarms: list[dict[str, Any]] = field(default_factory=list)
-    boxes: list[dict[str, Any]] = field(
-        default_factory=list
-    )  #: frame, object, side, stage, power in the box
+    #: frame, object, side, stage, power in the box
+    boxes: list[dict[str, Any]] = field(default_factory=list)
     #: frame, target, variant, peak, whether the mask covers the original peak
     mines: list[dict[str, Any]] = field(default_factory=list)
     #: frame, variant, iterations that raised the residual and by how much at most, whether the last
@@ -113,11 +119,10 @@ class LaneRecords:
     #: frame, target, variant, change of what the mine alone gives at its peak, dB
     own: list[dict[str, Any]] = field(default_factory=list)
     #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it
-    #: lies in, share of its VV power that the fundamental mask holds
+    #: lies in, share of its VV power that the fundamental mask covers
     bands: list[dict[str, Any]] = field(default_factory=list)
-    maps: Arrays = field(
-        default_factory=dict
-    )  #: mean magnitude over the background of all looks, by variant
+    #: mean magnitude over the background of all looks, by variant
+    maps: Arrays = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,7 @@ class Cleaned:
     """An aperture with its masks and what each variant made of it."""
 
     index: int  #: the latest frame
-    forms: dict[str, MaskedSuppression]  #: the stage by variant, as far as it knows them
+    forms: dict[str, MaskedSuppression]  #: the stage by variant, of the variants that it knows
     aperture: Aperture
     masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region", "L" and "calibrated"
     courses: list[Iterated]  #: of the iteration in each frame under one mask
@@ -145,18 +150,30 @@ class Cleaned:
 
 
 def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSuppression]:
-    """Make the stage of the detection chain, trained, as every variant that it knows wants it."""
-    return {
-        name: trained(frames.stage, calibration.learnt, **changes)
-        for name, changes in _FORMS.items()
-    }
+    """Return the trained stage of the detection chain with the settings of each variant.
+
+    Variants that the stage does not know are left out.
+    """
+    forms = {}
+    for name, changes in _FORMS.items():
+        forms[name] = trained(frames.stage, calibration.learnt, **changes)
+    return forms
 
 
 def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
-    """Form the masks of the aperture that ends with a frame and suppress what lies under them."""
+    """Form the masks of an aperture and suppress what lies under them, by every variant.
+
+    Parameters
+    ----------
+    forms : dict of MaskedSuppression
+        The trained stage by variant, see :func:`stage_forms`.
+    index : int
+        Latest frame of the aperture.
+    variants : sequence of str
+        Names of the variants.
+    """
     stage = forms["iteration"]
     aperture = stage.aperture(index)
-    b = aperture.data[:, stage.setup.imaged]
     stack = aperture.stack_on(stage.points)
     masks = {
         "pixel": stage.mask(aperture),
@@ -165,33 +182,48 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
         "calibrated": forms["calibrated roadside"].mask(aperture),
     }
     before = time.process_time()
-    main = stage.courses(aperture, masks["pixel"])
-    spent = {"iteration": time.process_time() - before}
-    stage_levels = {}
+    main_courses = stage.courses(aperture, masks["pixel"])
+    # The courses of "iteration" serve other variants, too: their time is its own.
+    main_seconds = time.process_time() - before
+    data = {}
     images = {}
     rows = []
     for variant in variants:
         before = time.process_time()
-        data, courses = _suppressed(variant, forms, aperture, masks, main)
-        cpu = time.process_time() - before + spent.get(variant, 0.0)
-        stage_levels[variant] = data
-        images[variant] = stack.adjoint(data)[0, 0]
-        falls_back = variant != "as printed" and forms.get(variant, stage).settings.fall_back
+        cleaned, courses = _suppressed(variant, forms, aperture, masks, main_courses)
+        seconds = time.process_time() - before
+        if variant == "iteration":
+            seconds += main_seconds
+        data[variant] = cleaned
+        images[variant] = stack.adjoint(cleaned)[0, 0]
+        original = aperture.data[:, stage.setup.imaged]
         rows.append(
             {
                 "frame": index,
                 "variant": variant,
-                "rises": sum(course.rises for course in courses),
-                "rise": max((course.rise for course in courses), default=0.0),
-                "diverged": any(course.diverged for course in courses),
-                "fallen": falls_back
-                and any(fallen_back(course, stage.settings.combination) for course in courses),
-                "residual": float(np.linalg.norm(data) / np.linalg.norm(b)),
+                **_course_summary(variant, forms, courses),
+                "residual": float(np.linalg.norm(cleaned) / np.linalg.norm(original)),
                 "masked": float(masks[MASKS.get(variant, "pixel")].mean()),
-                "cpu": cpu,
+                "cpu": seconds,
             }
         )
-    return Cleaned(index, forms, aperture, masks, main, stage_levels, images, rows)
+    return Cleaned(index, forms, aperture, masks, main_courses, data, images, rows)
+
+
+def _course_summary(
+    variant: str, forms: dict[str, MaskedSuppression], courses: Sequence[Iterated]
+) -> dict[str, Any]:
+    """Return how the iterations of a variant went, for ``LaneRecords.courses``."""
+    stage = forms.get(variant, forms["iteration"])
+    combination = forms["iteration"].settings.combination
+    falls_back = variant != "as printed" and stage.settings.fall_back
+    has_fallen = any(fallen_back(course, combination) for course in courses)
+    return {
+        "rises": sum(course.rises for course in courses),
+        "rise": max((course.rise for course in courses), default=0.0),
+        "diverged": any(course.diverged for course in courses),
+        "fallen": falls_back and has_fallen,
+    }
 
 
 def _suppressed(
@@ -199,31 +231,43 @@ def _suppressed(
     forms: dict[str, MaskedSuppression],
     aperture: Aperture,
     masks: dict[str, BoolArray],
-    main: list[Iterated],
+    main_courses: list[Iterated],
 ) -> tuple[ComplexArray, list[Iterated]]:
-    """Clean an aperture by a variant, whose courses of iterations it tells.
+    """Clean an aperture by a variant; returns the data and the courses of its iterations.
 
-    ``main`` are those of "iteration".
+    ``main_courses`` are those of "iteration".
     """
     stage = forms.get(variant, forms["iteration"])
-    b = aperture.data[:, stage.setup.imaged]
+    data = aperture.data[:, stage.setup.imaged]
     mask = masks[MASKS.get(variant, "pixel")]
     if variant == "original":
-        return b, []
+        return data, []
     if variant == "as printed":
-        return averaged_frames(main, stage.settings.combination, fall_back=False), main
+        combination = stage.settings.combination
+        return averaged_frames(main_courses, combination, fall_back=False), main_courses
     if variant in ("least squares", "least squares spared"):
         return stage.least_squares(aperture, mask), []
     if variant == "least squares per frame":
-        if not mask.any():
-            return b, []
-        count = equal_cost(stage.settings.iterations, mask, stage.region)
-        pairs = zip(b, aperture.operators, strict=True)
-        return np.stack(
-            [suppress_by_model(data, make(stage.points[mask]), count).data for data, make in pairs]
-        ), []
-    courses = main if variant == "iteration" else stage.courses(aperture, mask)
+        return _least_squares_per_frame(stage, aperture, mask), []
+    courses = main_courses
+    if variant != "iteration":
+        courses = stage.courses(aperture, mask)
     return stage.averaged(courses), courses
+
+
+def _least_squares_per_frame(
+    stage: MaskedSuppression, aperture: Aperture, mask: BoolArray
+) -> ComplexArray:
+    """Clean an aperture by least squares at equal cost, with a reflectivity for every frame."""
+    frames = aperture.data[:, stage.setup.imaged]
+    if not mask.any():
+        return frames
+    iterations = equal_cost(stage.settings.iterations, mask, stage.region)
+    cleaned = []
+    for frame, operator_on in zip(frames, aperture.operators, strict=True):
+        operator = operator_on(stage.points[mask])
+        cleaned.append(suppress_by_model(frame, operator, iterations).data)
+    return np.stack(cleaned)
 
 
 def process_lane(
@@ -237,163 +281,232 @@ def process_lane(
 ) -> LaneRecords:
     """Clean every aperture of a lane and record alarms, clutter boxes and mines.
 
-    The truth is used to say where mines and roadside objects are when something is measured, never
+    The truth says where mines and roadside objects are when something is measured. It is never used
     to form a mask, to suppress or to raise an alarm.
+
+    Parameters
+    ----------
+    frames : Frames
+        The lane's frames.
+    calibration : Calibration
+        What the calibration lane teaches.
+    recipe : FuseRecipe
+        The study.
+    track : Track
+        Shows progress.
+    variants : sequence of str
+        Names of the variants.
+    every : int
+        Frames from aperture to aperture.
+    example : callable, optional
+        Gets the aperture that the figures show.
     """
     records = LaneRecords()
     forms = stage_forms(frames, calibration)
     sums = MeanViewSums(recipe.map_grid, recipe.score.y[1])
-    latest = range(recipe.image.frames - 1, len(frames), every)
-    shown = min(latest, key=lambda k: abs(frames.pose(k)[1] - recipe.study.example))
-    for k in track(latest, f"lane {frames.name}", len(latest)):
+    latest_frames = range(recipe.image.frames - 1, len(frames), every)
+    example_frame = min(latest_frames, key=lambda k: abs(frames.pose(k)[1] - recipe.study.example))
+    for k in track(latest_frames, f"lane {frames.name}", len(latest_frames)):
         cleaned = clean(forms, k, variants)
         records.courses += cleaned.rows
         _record_boxes(records, cleaned, frames, recipe)
         _record_mines(records, cleaned, frames, recipe)
         _record_own(records, cleaned, frames, recipe)
         _record_bands(records, cleaned, frames, recipe)
-        levels = {
-            name: np.abs(image) / calibration.background[:, None]
-            for name, image in cleaned.images.items()
-        }
+        levels = {}
+        for name, image in cleaned.images.items():
+            levels[name] = np.abs(image) / calibration.background[:, None]
         _record_alarms(records, cleaned, levels, recipe)
-        sums.add(
-            np.stack(list(levels.values())).astype(np.float32), cleaned.stage.grid, cleaned.pose
-        )
-        loss = measured_coherence(cleaned.aperture.looks).loss_db
-        records.coherence += [{"frame": k, "loss_db": float(value)} for value in loss]
-        if example is not None and k == shown:
+        all_levels = np.stack(list(levels.values())).astype(np.float32)
+        sums.add(all_levels, cleaned.stage.grid, cleaned.pose)
+        for loss in measured_coherence(cleaned.aperture.looks).loss_db:
+            records.coherence.append({"frame": k, "loss_db": float(loss)})
+        if example is not None and k == example_frame:
             example(cleaned)
     records.maps = dict(zip(variants, sums.result()[0], strict=True))
     return records
 
 
 def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd.DataFrame:
-    """List the bushes and posts whose boxes lie within a frame's image, at the roadside.
+    """Return the bushes and posts at the roadside whose boxes lie within a frame's image.
 
-    ``x``, ``y`` in its frame.
+    Parameters
+    ----------
+    frames : Frames
+        The lane's frames.
+    pose : (6,) ndarray
+        Pose of the frame.
+    recipe : FuseRecipe
+        The study.
+
+    Returns
+    -------
+    DataFrame
+        Rows of the lane's objects; ``x`` and ``y`` in the scan frame, m.
     """
     near, far = recipe.mask.roadside
     margin = recipe.boxes.margin
-    table = frames.objects[frames.objects["kind"].isin(["bush", "post"])]
-    x, y = local(table, pose).T
-    good = (np.abs(x) >= near) & (np.abs(x) <= far - margin)
-    good &= (y >= recipe.image.y[0] + margin) & (y <= recipe.image.y[1] - margin)
-    return table.assign(x=x, y=y)[good]
+    y_min, y_max = recipe.image.y
+    objects = frames.objects[frames.objects["kind"].isin(["bush", "post"])]
+    x, y = local(objects, pose).T
+    is_inside = (np.abs(x) >= near) & (np.abs(x) <= far - margin)
+    is_inside &= (y >= y_min + margin) & (y <= y_max - margin)
+    return objects.assign(x=x, y=y)[is_inside]
 
 
 def box_of(grid: Grid, x: float, y: float, side: float) -> BoolArray:
-    """Mark the pixels of a square box about a place, m."""
+    """Return which pixels (y, x) lie in a square box about a position, m."""
     columns = np.abs(grid.x - x) <= side / 2
     rows = np.abs(grid.y - y) <= side / 2
     return rows[:, None] & columns[None, :]
 
 
 def halo_of(grid: Grid, position: FloatArray, radius: float) -> BoolArray:
-    """Mark the pixels within a radius of a place, m."""
+    """Return which pixels (y, x) lie within a radius of a position, m."""
     return np.asarray(np.hypot(grid.x - position[0], grid.y[:, None] - position[1]) <= radius)
 
 
 def targets_in_area(
     frames: Frames, pose: FloatArray, recipe: FuseRecipe
 ) -> list[tuple[Any, FloatArray]]:
-    """Return the rows of the mines in the detection area of a frame, and their positions.
+    """Return the mines in the detection area of a frame: row of the truth, and position.
 
-    Positions are in the frame's scan frame.
+    Positions (2,) are in the frame's scan frame, m.
     """
-    places = zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True)
-    return [(row, position) for row, position in places if recipe.area.contains(*position)]
+    targets = []
+    for row, position in zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True):
+        if recipe.area.contains(*position):
+            targets.append((row, position))
+    return targets
 
 
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
-    """Image iterations and the combinations of Table II on some pixels.
+    """Image the iterations, and the combinations of Table II as printed, on some pixels.
 
-    They are named "iteration 0" ... and, as printed, "#0" ....
+    Parameters
+    ----------
+    cleaned : Cleaned
+        An aperture.
+    chosen : (y, x) ndarray of bool
+        The pixels.
+
+    Returns
+    -------
+    dict
+        Images (pixel,) by name: "iteration 0" and so on, "#0" and so on.
     """
     stack = cleaned.aperture.stack_on(cleaned.stage.points[chosen])
-    single = []
+    iterations = []
     for frames in zip(*(course.data for course in cleaned.courses), strict=True):
-        single.append(stack.adjoint(np.stack(frames))[0, 0])
-    images = {f"iteration {number}": image for number, image in enumerate(single)}
-    for number, iterations in TABLE_II.items():
-        combined = [single[i] for i in iterations]
-        images[f"#{number}"] = np.mean(combined, axis=0)
+        iterations.append(stack.adjoint(np.stack(frames))[0, 0])
+    images = {f"iteration {number}": image for number, image in enumerate(iterations)}
+    for number, members in TABLE_II.items():
+        images[f"#{number}"] = np.mean([iterations[member] for member in members], axis=0)
     return images
 
 
 def _record_boxes(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
-    """Record the power in the boxes of roadside objects."""
+    """Record the power in the boxes of roadside objects, at every stage and of every variant."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
         return
-    boxes = [
-        box_of(cleaned.stage.grid, x, y, recipe.boxes.side)
-        for x, y in objects[["x", "y"]].to_numpy()
-    ]
-    together = np.any(boxes, axis=0)
-    stages = stage_images(cleaned, together) | {
-        name: image[together] for name, image in cleaned.images.items()
-    }
+    boxes = _boxes_of(objects, cleaned, recipe)
+    # Only pixels in some box are imaged: the stages are many.
+    in_any_box = np.any(boxes, axis=0)
+    images = stage_images(cleaned, in_any_box)
+    for name, image in cleaned.images.items():
+        images[name] = image[in_any_box]
     sides = np.where(objects["x"] < 0, "left", "right")
     for name, side, box in zip(objects["object_id"], sides, boxes, strict=True):
-        inside = box[together]
-        records.boxes += [
-            {"frame": cleaned.index, "object": name, "side": side, "stage": stage}
-            | {"power": float(np.mean(np.abs(image[inside]) ** 2))}
-            for stage, image in stages.items()
-        ]
+        inside = box[in_any_box]
+        for stage, image in images.items():
+            power = float(np.mean(np.abs(image[inside]) ** 2))
+            row = {"frame": cleaned.index, "object": name, "side": side, "stage": stage}
+            records.boxes.append(row | {"power": power})
+
+
+def _boxes_of(objects: pd.DataFrame, cleaned: Cleaned, recipe: FuseRecipe) -> list[BoolArray]:
+    """Return the pixels of every object's box."""
+    boxes = []
+    for x, y in objects[["x", "y"]].to_numpy():
+        boxes.append(box_of(cleaned.stage.grid, x, y, recipe.boxes.side))
+    return boxes
 
 
 def _record_mines(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
     """Record the mines' peaks under each variant."""
-    strength = np.abs(cleaned.aperture.vv)
-    for row, position in targets_in_area(frames, cleaned.pose, recipe):
+    original = np.abs(cleaned.aperture.vv)
+    for target, position in targets_in_area(frames, cleaned.pose, recipe):
         halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
-        at = np.unravel_index(int(np.where(halo, strength, -1).argmax()), halo.shape)
-        records.mines += [
-            {"frame": cleaned.index, "target": row.target_id, "variant": name, "depth": row.depth}
-            | {"peak": float(np.abs(image[halo]).max()), "masked": bool(cleaned.masks["pixel"][at])}
-            for name, image in cleaned.images.items()
-        ]
+        is_masked = bool(cleaned.masks["pixel"][_peak_pixel(original, halo)])
+        for variant, image in cleaned.images.items():
+            records.mines.append(
+                {
+                    "frame": cleaned.index,
+                    "target": target.target_id,
+                    "variant": variant,
+                    "depth": target.depth,
+                    "peak": float(np.abs(image[halo]).max()),
+                    "masked": is_masked,
+                }
+            )
+
+
+def _peak_pixel(magnitude: NDArray[np.floating[Any]], halo: BoolArray) -> tuple[Any, ...]:
+    """Return the row and column of the largest magnitude in a halo."""
+    return np.unravel_index(int(np.where(halo, magnitude, -1).argmax()), halo.shape)
 
 
 def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
-    """Follow what the mines alone add to the data through what was done to the data as they are."""
+    """Record how the suppression changes what the mines alone give at their peaks."""
     stage = cleaned.stage
-    aperture = cleaned.aperture
     mask = cleaned.masks["pixel"]
     targets = targets_in_area(frames, cleaned.pose, recipe)
     if frames.mines is None or not targets or not mask.any():
         return
-    alone = frames.mines[stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]]
-    images = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
+    stack = cleaned.aperture.stack_on(stage.points)
+    levels = {}
+    for variant, data in _mines_through_variants(cleaned, frames.mines).items():
+        levels[variant] = np.abs(stack.adjoint(data)[0, 0])
+    original = levels.pop("original")
+    for target, position in targets:
+        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
+        pixel = _peak_pixel(original, halo)
+        for variant, level in levels.items():
+            records.own.append(
+                {
+                    "frame": cleaned.index,
+                    "target": target.target_id,
+                    "variant": variant,
+                    "masked": bool(mask[pixel]),
+                    "change_db": float(20 * np.log10(level[pixel] / original[pixel])),
+                }
+            )
+
+
+def _mines_through_variants(cleaned: Cleaned, mines: ComplexArray) -> dict[str, ComplexArray]:
+    """Return what the mines alone add to an aperture's data, before and after each variant.
+
+    The suppression is that of the data as they are, with the clutter.
+    """
+    stage = cleaned.stage
+    aperture = cleaned.aperture
+    scans = stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]
+    alone = mines[scans]
+    data = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
     without = aperture.data.copy()
     without[:, stage.setup.imaged] -= alone
-    for name in ("least squares", "least squares spared"):
-        if name in cleaned.images:
+    for variant in ("least squares", "least squares spared"):
+        if variant in cleaned.images:
             # Its steps depend on the data: what the mines add is what they change.
-            rest = cleaned.forms[name].least_squares(replace(aperture, data=without), mask)
-            images[name] = cleaned.data[name] - rest
-    stack = aperture.stack_on(stage.points)
-    level = {name: np.abs(stack.adjoint(data)[0, 0]) for name, data in images.items()}
-    for row, position in targets:
-        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
-        at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), halo.shape)
-        records.own += [
-            {
-                "frame": cleaned.index,
-                "target": row.target_id,
-                "variant": name,
-                "masked": bool(mask[at]),
-            }
-            | {"change_db": float(20 * np.log10(image[at] / level["original"][at]))}
-            for name, image in level.items()
-            if name != "original"
-        ]
+            form = cleaned.forms[variant]
+            rest = form.least_squares(replace(aperture, data=without), cleaned.masks["pixel"])
+            data[variant] = cleaned.data[variant] - rest
+    return data
 
 
 def _record_bands(
@@ -402,84 +515,94 @@ def _record_bands(
     """Record how strong mines and roadside objects are in VV, VH and the X band."""
     aperture = cleaned.aperture
     stage = cleaned.stage
-    images = {"vv": np.abs(aperture.vv), "vh": np.abs(aperture.vh)} | (
-        {} if aperture.second is None else {"x": aperture.second}
-    )
-    settings = stage.settings
+    images = {"vv": np.abs(aperture.vv), "vh": np.abs(aperture.vh)}
+    if aperture.second is not None:
+        images["x"] = aperture.second
     mask = fundamental_mask(
         aperture.vv,
         aperture.vh,
         stage.limits_for(aperture),
         stage.region,
         aperture.second,
-        settings.intersect,
+        stage.settings.intersect,
     )
     objects = roadside_objects(frames, cleaned.pose, recipe)
-    boxes = [box_of(stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
-    places = [("clutter", name, box) for name, box in zip(objects["object_id"], boxes, strict=True)]
-    for row, position in targets_in_area(frames, cleaned.pose, recipe):
-        places.append(("mine", row.target_id, halo_of(stage.grid, position, recipe.score.halo / 2)))
-    for what, name, pixels in places:
+    regions = []
+    boxes = _boxes_of(objects, cleaned, recipe)
+    for name, box in zip(objects["object_id"], boxes, strict=True):
+        regions.append(("clutter", name, box))
+    for target, position in targets_in_area(frames, cleaned.pose, recipe):
+        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
+        regions.append(("mine", target.target_id, halo))
+    for what, name, pixels in regions:
         power = images["vv"][pixels] ** 2
-        records.bands.append(
-            {
-                "frame": cleaned.index,
-                "what": what,
-                "name": name,
-                "held": float(power[mask[pixels]].sum() / power.sum()),
-            }
-            | {band: _over_rows(image, pixels) for band, image in images.items()}
-        )
+        row = {
+            "frame": cleaned.index,
+            "what": what,
+            "name": name,
+            "held": float(power[mask[pixels]].sum() / power.sum()),
+        }
+        for band, image in images.items():
+            row[band] = _over_rows(image, pixels)
+        records.bands.append(row)
 
 
 def _over_rows(image: NDArray[np.floating[Any]], pixels: BoolArray) -> float:
-    """Peak of a magnitude on some pixels over the median of the rows they lie in."""
+    """Return the peak of a magnitude on some pixels over the median of the rows they lie in."""
     return float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
 
 
 def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
-    """Suppress data by the mask and the amplitudes B of the aperture's iteration, held fixed.
+    """Suppress data by the mask and the amplitudes B of an aperture's iteration, held fixed.
 
-    A linear operation.
+    This is a linear operation.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture.
+    data : (frame, 1, pair, frequency) ndarray
+        Other data of the same frames.
     """
-    frames = zip(data, cleaned.aperture.operators, cleaned.courses, strict=True)
-    return np.stack([_frame_alone(cleaned, *frame) for frame in frames])
+    suppressed = []
+    for frame, operator_on, course in zip(
+        data, cleaned.aperture.operators, cleaned.courses, strict=True
+    ):
+        suppressed.append(_frame_alone(cleaned, frame, operator_on, course))
+    return np.stack(suppressed)
 
 
 def _frame_alone(
     cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated
 ) -> ComplexArray:
-    """Suppress the data (polarization, pair, frequency) of a frame by its courses' amplitudes."""
+    """Suppress the data (polarization, pair, frequency) of a frame by its course's amplitudes."""
     stage = cleaned.stage
     mask = cleaned.masks["pixel"]
-    under = {
-        int(r): operator_on(stage.points[mask & (stage.region == r)])
-        for r in np.unique(stage.region[mask])
-    }
+    operators = {}
+    for region in np.unique(stage.region[mask]):
+        operators[int(region)] = operator_on(stage.points[mask & (stage.region == region)])
     iterates = [data]
     for B in course.amplitude:
         rest = iterates[-1]
-        for r, operator in under.items():
+        for region, operator in operators.items():
             x_hat = operator.adjoint(iterates[-1])
-            rest = rest - np.float32(B[r, 0]) * operator.forward(x_hat)  # Eq. 5 and 6
+            rest = rest - np.float32(B[region, 0]) * operator.forward(x_hat)  # Eq. 5 and 6
         iterates.append(rest)
     combination = stage.settings.combination
     best = fallen_back(course, combination).get(0)
     iterations = TABLE_II[combination] if best is None else (best,)
-    return np.asarray(
-        np.mean([iterates[number] for number in iterations], axis=0), dtype=np.complex64
-    )
+    averaged = np.mean([iterates[number] for number in iterations], axis=0)
+    return np.asarray(averaged, dtype=np.complex64)
 
 
 def _record_alarms(
     records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe
 ) -> None:
     """Record the alarms of a frame by variant, in the lane frame."""
-    for name, level in levels.items():
+    for variant, level in levels.items():
         alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
         x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T
-        alarms = alarms.rename(columns={"x": "across", "y": "ahead"}).assign(
-            variant=name, frame=cleaned.index, x=x, y=y
-        )
+        alarms = alarms.rename(columns={"x": "across", "y": "ahead"})
+        alarms = alarms.assign(variant=variant, frame=cleaned.index, x=x, y=y)
         rows: list[dict[Any, Any]] = alarms.to_dict("records")
         records.alarms += rows
