@@ -26,7 +26,7 @@ TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 
 
 def draw(
-    settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
+    settings: Settings, sites: list[Site], curves: Curves, details: dict[str, Any]
 ) -> Iterator[tuple[str, Figure]]:
     """Draw the figures with their names, one at a time.
 
@@ -39,11 +39,14 @@ def draw(
         yield "fig4", margin_figure()
         for number in range(5, 11):
             names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-            yield f"fig{number}", _rocs(curves, names, (1, len(names)), notes)
-        yield "machines", _rocs(curves, ["machines"], (1, 1), notes)
-        yield "vectors", _vectors(notes["vectors by fold"])
+            yield f"fig{number}", _rocs(curves, names, (1, len(names)), details)
+        yield "machines", _rocs(curves, ["machines"], (1, 1), details)
+        yield "vectors", _vectors(details["vectors by fold"])
         yield "one-class-width", kernel_width_figure()
-        yield "rocs", _rocs(curves, [name for name in TITLES if name != "machines"], (3, 3), notes)
+        yield (
+            "rocs",
+            _rocs(curves, [name for name in TITLES if name != "machines"], (3, 3), details),
+        )
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
@@ -204,7 +207,7 @@ def margin_figure() -> Figure:
 
 
 def _rocs(
-    curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
+    curves: Curves, names: Sequence[str], shape: tuple[int, int], details: dict[str, Any]
 ) -> Figure:
     """Draw ROC curves by name, a panel each."""
     size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
@@ -232,7 +235,7 @@ def _rocs(
         if curves.get(name):
             axes.legend(fontsize=7, loc="lower right")
         else:
-            reason = notes.get(f"{name} both", "too few examples")
+            reason = details.get(f"{name} both", "too few examples")
             axes.text(
                 0.5,
                 0.5,

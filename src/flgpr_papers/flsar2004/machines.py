@@ -233,6 +233,12 @@ class HeldOut:
     tile: NDArray[Any]
     vector_share: FloatArray  #: (fold,) share of the training examples that are vectors
 
+    def of_mines(self, rows: BoolArray) -> HeldOut:
+        """Return the scores of some of the mines, and of all clutter."""
+        return HeldOut(
+            self.mine[rows], self.clutter, self.target[rows], self.tile, self.vector_share
+        )
+
 
 def held_out(
     table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, novelty: bool = False

@@ -6,8 +6,8 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from flgpr_papers.flsar2004.experiment import Results
 from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.flsar2004.material import Results
 from flgpr_papers.kit.findings import Finding, by_chance, in_words
 from flgpr_papers.kit.page import Twin, study_html
 from flgpr_papers.kit.settings import packaged_text
@@ -26,7 +26,7 @@ def page_html(
     other: OtherWorld,
 ) -> str:
     """Write the page, which needs nothing beside it."""
-    notes = results.notes
+    details = results.details
     twins = list(_twins(results.findings, pictures))
     return study_html(
         "flsar2004.html",
@@ -36,12 +36,12 @@ def page_html(
         settings=settings,
         found=results.findings,
         chance=by_chance(results.findings),
-        sizes=_sizes(settings, notes),
+        sizes=_sizes(settings, details),
         areas=_areas(results),
-        cases=list(notes["templates"]),
-        templates=_variants(notes["templates"]),
-        energy=notes["energy of the first component"],
-        registration=_registration(notes["registration"]),
+        cases=list(details["templates"]),
+        templates=_variants(details["templates"]),
+        energy=details["energy of the first component"],
+        registration=_registration(details["registration"]),
         twins=[twin for twin in twins if twin.number],
         others=[twin for twin in twins if not twin.number],
     )
@@ -71,9 +71,9 @@ def _twins(found: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[
         )
 
 
-def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
+def _sizes(settings: Settings, details: Mapping[str, Any]) -> list[Row]:
     """Tabulate numbers of mines and examples in the paper and here."""
-    loo = notes["vectors, leave-one-out"]
+    loo = details["vectors, leave-one-out"]
     metal = sum(mines.metal for mines in settings.mines)
     plastic = sum(mines.plastic for mines in settings.mines)
     rows: list[Row] = [
@@ -104,12 +104,12 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
             f"{100 * loo['RVM, ARD, width by evidence']:.1f} %",
         ),
     ]
-    for site, counts in notes["examples"].items():
+    for site, counts in details["examples"].items():
         counts_in_words = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         rows.append(
             (f"examples without prescreener, both looks, {site}", "not given", counts_in_words)
         )
-    for name, counts_in_words in notes.items():
+    for name, counts_in_words in details.items():
         if name.startswith(("prescreen", "fig5")):
             text = (
                 ", ".join(f"{k}: {_short(v)}" for k, v in counts_in_words.items())

@@ -32,16 +32,6 @@ from flgpr_papers.flsar2004.examples import (
     open_examples,
     signatures,
 )
-from flgpr_papers.flsar2004.experiment import (
-    SHALLOW,
-    SURFACE,
-    Examples,
-    Material,
-    open_area,
-    pick_examples,
-    prepare,
-    thin_examples,
-)
 from flgpr_papers.flsar2004.findings import (
     Measure,
     proportion,
@@ -59,6 +49,16 @@ from flgpr_papers.flsar2004.machines import (
     one_class,
     rvm,
     svm,
+)
+from flgpr_papers.flsar2004.material import (
+    SHALLOW,
+    SURFACE,
+    Examples,
+    Material,
+    open_area,
+    pick_examples,
+    prepare,
+    thin_examples,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import SHARE, Bounds, Interval, clip
@@ -241,7 +241,10 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
     deep = set(metal.loc[metal["depth"] > SHALLOW, "target"])
     if deep and len(deep) < len(by_strength):
         shallow = [name for name in by_strength if name not in deep]
-        faint = "the deep mines, as faint as the ground, set an amplitude threshold within its even floor"
+        faint = (
+            "the deep mines, as faint as the ground, set an amplitude threshold within its even "
+            "floor"
+        )
         add(f"{len(deep)} mines deeper than 5 cm left out", shallow, faint)
         middle_ones = [name for name in shallow if name not in set(surface)]
         if middle_ones:
