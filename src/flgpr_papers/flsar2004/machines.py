@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,11 @@ from flgpr_papers.flsar2004.lanes import Classify
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Scorer = Callable[[FloatArray], FloatArray]
-"""A trained classifier: scores (n,) of features (n, feature)."""
+"""A trained classifier: returns the scores (n,) of features (n, feature)."""
 Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
-"""Trains on features and labels (True for a mine).
+"""Trains on features (n, feature) and labels (n,), True for a mine.
 
-Returns the scorer and the share of the examples that are kept as vectors.
+Returns the scorer and the share of the training examples that are vectors.
 """
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
@@ -81,7 +82,7 @@ def _rvm_on_the_kernel_of_the_svm(
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
         kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
-        return lambda train, label: _relevance(train, label, **kernel_options, **option)
+        return partial(_relevance, **kernel_options, **option)
 
     return TunedClassifier(choose)
 
@@ -100,7 +101,7 @@ def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
             machine = RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
             evidence.append(machine.log_evidence_)
         best = options[int(np.argmax(evidence))]
-        return lambda train, label: _relevance(train, label, n_starts=3, tol=1e-4, **best)
+        return partial(_relevance, n_starts=3, tol=1e-4, **best)
 
     return TunedClassifier(choose)
 
@@ -215,8 +216,8 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
             formulation=_FORMULATION_OF[kind],
             random_state=0,
         ).fit(mines)
-        kept_share = len(relevance_machine.relevance_) / len(mines)
-        return relevance_machine.score_samples, kept_share
+        vector_share = len(relevance_machine.relevance_) / len(mines)
+        return relevance_machine.score_samples, vector_share
 
     return fit
 
@@ -228,9 +229,8 @@ class HeldOut:
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
     #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
     clutter: FloatArray
-    #: target, tile: mine that each score belongs to, and name of each clutter example
-    target: NDArray[Any]
-    tile: NDArray[Any]
+    target: NDArray[Any]  #: (n,) name of the mine of each score
+    tile: NDArray[Any]  #: (m,) name of each clutter example
     vector_share: FloatArray  #: (fold,) share of the training examples that are vectors
 
     def of_mines(self, rows: BoolArray) -> HeldOut:
@@ -350,22 +350,28 @@ def across(
     )
 
 
-def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
-    """Add the mines that the prescreeners lost, which no threshold finds.
+def with_lost(scores: HeldOut, passed: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
+    """Return scores with the mines that the prescreeners lost, which no threshold finds.
 
-    ``seen`` has a row per scored mine, ``offered`` one per mine and drive, both with target and
-    direction.
+    Parameters
+    ----------
+    scores : HeldOut
+        Scores of the looks that passed the prescreeners.
+    passed : DataFrame
+        A row per scored look, with ``target`` and ``direction``.
+    offered : DataFrame
+        A row per mine and drive, with the same columns.
     """
-    seen_looks = zip(seen["target"], seen["direction"], strict=True)
-    of_look = dict(zip(seen_looks, scores.mine, strict=True))
-    looks = zip(offered["target"], offered["direction"], strict=True)
-    mine_scores = np.array([of_look.get(look, -np.inf) for look in looks])
+    passed_looks = zip(passed["target"], passed["direction"], strict=True)
+    score_of_look = dict(zip(passed_looks, scores.mine, strict=True))
+    offered_looks = zip(offered["target"], offered["direction"], strict=True)
+    mine_scores = [score_of_look.get(look, -np.inf) for look in offered_looks]
     return HeldOut(
-        mine_scores,
-        scores.clutter,
-        offered["target"].to_numpy(dtype=str),
-        scores.tile,
-        scores.vector_share,
+        mine=np.array(mine_scores),
+        clutter=scores.clutter,
+        target=offered["target"].to_numpy(dtype=str),
+        tile=scores.tile,
+        vector_share=scores.vector_share,
     )
 
 

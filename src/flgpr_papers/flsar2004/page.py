@@ -46,7 +46,10 @@ def page_html(
     papers_twins = []
     own_twins = []
     for twin in _twins(results.findings, pictures):
-        (papers_twins if twin.number else own_twins).append(twin)
+        if twin.number:
+            papers_twins.append(twin)
+        else:
+            own_twins.append(twin)
     return study_html(
         "flsar2004.html",
         quick=quick,
