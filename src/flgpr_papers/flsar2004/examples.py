@@ -27,7 +27,7 @@ from flgpr.features import (
     register_fiducials,
     template_features,
 )
-from flgpr.features.registration import Registration
+from flgpr.features.registration import SurveyOffset
 from flgpr.model import Grid, Lane
 from flgpr.screen import energy_ratio, find_clusters
 from flgpr.screen.clusters import Rule
@@ -53,7 +53,7 @@ class Site:
     mines: pd.DataFrame
     lanes: tuple[Lane, ...]  #: the lane in both drives
     registration: dict[
-        str, Registration
+        str, SurveyOffset
     ]  #: of (polarization, range) to the registration by fiducials, drive by drive
 
     @property
