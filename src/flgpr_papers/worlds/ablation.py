@@ -20,7 +20,7 @@ from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr_papers.kit.worlds import DECLARED, in_soil_of, on_soil_of
 from flgpr_papers.worlds.effects import block_differences
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 PARTS: dict[str, list[str]] = DECLARED["ablation"]["parts"]
 """Entries of a scene that belong to each part."""
@@ -108,9 +108,9 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*lanes[0].about, "lane"])
-    write_table(folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"]))
-    write_table(folder / "ablation.csv", table)
-    write_table(folder / "ablation-costs.csv", costs(table))
+    write_rounded_table(folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"]))
+    write_rounded_table(folder / "ablation.csv", table)
+    write_rounded_table(folder / "ablation-costs.csv", costs(table))
 
 
 def responses(table: pd.DataFrame) -> dict[str, pd.Series]:

@@ -17,7 +17,7 @@ from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
 from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
 from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 FloatArray = NDArray[np.float64]
 CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
@@ -62,10 +62,10 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*lanes[0].about, "lane"])
-    write_table(folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"]))
-    write_table(folder / "detection.csv", table)
-    write_table(folder / "detection-effects.csv", effects(table))
-    write_table(folder / "detection-missing.csv", missing_decibels(targets))
+    write_rounded_table(folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"]))
+    write_rounded_table(folder / "detection.csv", table)
+    write_rounded_table(folder / "detection-effects.csv", effects(table))
+    write_rounded_table(folder / "detection-missing.csv", missing_decibels(targets))
 
 
 def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:

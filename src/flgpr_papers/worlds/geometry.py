@@ -19,7 +19,7 @@ from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED
 from flgpr_papers.worlds.ablation import responses
 from flgpr_papers.worlds.lanes import LaneJob, lane_table, read_targets, run_jobs
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 WHERE = ["height", "nearest", "farthest"]
 """Columns that tell geometries apart, m."""
@@ -70,9 +70,9 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*WHERE, "replicate", "lane"])
-    write_table(folder / "geometry-mines.csv", targets)
-    write_table(folder / "geometry.csv", table)
-    write_table(folder / "geometry-means.csv", means(table))
+    write_rounded_table(folder / "geometry-mines.csv", targets)
+    write_rounded_table(folder / "geometry.csv", table)
+    write_rounded_table(folder / "geometry-means.csv", means(table))
 
 
 def means(table: pd.DataFrame) -> pd.DataFrame:

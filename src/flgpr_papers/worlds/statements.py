@@ -47,7 +47,7 @@ from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.worlds import AXES, World, worlds
 from flgpr_papers.worlds.design import marginal_row, model_matrix
 from flgpr_papers.worlds.effects import fit_means
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 TWO_SITES = "flsar2004"
 """Paper whose two sites are the two losses of a world: it is asked once for both."""
@@ -303,9 +303,9 @@ def write_tables(folder: Path, quick: bool = False) -> None:
                 by_world.append(
                     about | levels | {"margin": margin(finding), "verdict": finding.verdict}
                 )
-        write_table(folder / f"statements-{paper}.csv", short_table(several))
-    write_table(folder / "statements.csv", pd.DataFrame(regions))
-    write_table(folder / "statements-worlds.csv", pd.DataFrame(by_world))
+        write_rounded_table(folder / f"statements-{paper}.csv", short_table(several))
+    write_rounded_table(folder / "statements.csv", pd.DataFrame(regions))
+    write_rounded_table(folder / "statements-worlds.csv", pd.DataFrame(by_world))
     counts = []
     for paper, several_records in records.items():
         failed = sum(bool(record["failed"]) for _, record in several_records)
@@ -313,7 +313,7 @@ def write_tables(folder: Path, quick: bool = False) -> None:
         counts.append(
             {"paper": paper, "worlds": len(several_records), "asked": asked, "too_small": failed}
         )
-    write_table(folder / "statements-counts.csv", pd.DataFrame(counts))
+    write_rounded_table(folder / "statements-counts.csv", pd.DataFrame(counts))
 
 
 def short_table(several: Sequence[Statement]) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from flgpr.store import write_whole
 _DIGITS = 5
 
 
-def write_table(path: Path, table: pd.DataFrame) -> None:
+def write_rounded_table(path: Path, table: pd.DataFrame) -> None:
     """Write a table as CSV, numbers to five decimals, whole or not at all.
 
     An empty one is not written.
