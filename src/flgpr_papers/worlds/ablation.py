@@ -108,7 +108,9 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*lanes[0].about, "lane"])
-    write_rounded_table(folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"]))
+    write_rounded_table(
+        folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"])
+    )
     write_rounded_table(folder / "ablation.csv", table)
     write_rounded_table(folder / "ablation-costs.csv", costs(table))
 

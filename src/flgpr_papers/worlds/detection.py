@@ -62,7 +62,9 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*lanes[0].about, "lane"])
-    write_rounded_table(folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"]))
+    write_rounded_table(
+        folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"])
+    )
     write_rounded_table(folder / "detection.csv", table)
     write_rounded_table(folder / "detection-effects.csv", effects(table))
     write_rounded_table(folder / "detection-missing.csv", missing_decibels(targets))
