@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -58,7 +59,7 @@ Change = Callable[[Aperture, BoolArray, MaskedSuppression], tuple[Aperture, Bool
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``.
+    """Run the experiments, or read those that are on disk in ``folder/reasons``.
 
     Lanes and results are the study's.
 
@@ -81,19 +82,24 @@ def trials(
     recipe = fuse_recipe(quick, world)
     stores = folder / "lanes"
     key = result_key(recipe, quick)
-    calibration = stored_calibration(
-        folder / "results" / f"calibration-{key}.json",
-        lambda: calibrate(simulate_lane(stores, recipe, "calibration", track), recipe, track),
-    )
+
+    def make_calibration() -> Calibration:
+        frames = simulate_lane(stores, recipe, "calibration", track)
+        return calibrate(frames, recipe, track)
+
+    calibration_file = folder / "results" / f"calibration-{key}.json"
+    calibration = stored_calibration(calibration_file, make_calibration)
+
+    def make_losses(name: str) -> list[dict[str, Any]]:
+        frames = simulate_lane(stores, recipe, name, track)
+        return lane_losses(frames, calibration, recipe, track)
+
+    losses_key = key_of(key, EVERY, FARTHER, flgpr.__version__)
     rows: list[dict[str, Any]] = []
     for name in LANES:
-        path = folder / "reasons" / f"{name}-{key_of(key, EVERY, FARTHER, flgpr.__version__)}.json"
-
-        def make(name: str = name) -> list[dict[str, Any]]:
-            frames = simulate_lane(stores, recipe, name, track)
-            return lane_losses(frames, calibration, recipe, track)
-
-        rows += [{**row, "lane": name} for row in read_or_make(path, make)]
+        path = folder / "reasons" / f"{name}-{losses_key}.json"
+        for row in read_or_make(path, partial(make_losses, name)):
+            rows.append({**row, "lane": name})
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     spared = clustered(*own_changes(lanes, "least squares spared"), recipe.boxes.draws)
     return loss_trials(pd.DataFrame(rows), spared, recipe)
