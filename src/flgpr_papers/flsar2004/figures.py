@@ -50,7 +50,7 @@ def draw(
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
-    """Fig. 1: HH and VV over part of the lane, with mines."""
+    """Draw Fig. 1: HH and VV over part of the lane, with mines."""
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     end = min(30.0, settings.length)
     rows = (site.grid.y >= 0) & (site.grid.y <= end)
@@ -118,7 +118,7 @@ def _ellipse(settings: Settings, site: Site) -> Figure:
 
 
 def _templates(settings: Settings, sites: list[Site]) -> Figure:
-    """Fig. 3, with the ellipse of Fig. 2."""
+    """Draw Fig. 3, with the ellipse of Fig. 2."""
     figure = Figure(figsize=(5.6, 8.4), layout="constrained")
     axes = figure.subplots(4, len(settings.ranges))
     for s, site in enumerate(sites):
@@ -155,7 +155,7 @@ def _templates(settings: Settings, sites: list[Site]) -> Figure:
 
 
 def margin_figure() -> Figure:
-    """Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
+    """Draw Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
     rng = np.random.default_rng(4)
     points = np.concatenate(
         [rng.normal((-1.2, -0.6), 0.4, (20, 2)), rng.normal((1.2, 0.8), 0.4, (20, 2))]
