@@ -228,7 +228,7 @@ def correlation_record(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, 
 def correlation_over_looks(cuts: NDArray[Any]) -> float:
     """Correlate HH and VV of cuts (n, 2 m) over looks, pixel by pixel.
 
-    The mean is weighted by the pixels' energy.
+    The mean over pixels is weighted by their energy:
 
     ``Σ_i |Σ_n h_ni v_ni*| / Σ_i sqrt(Σ_n |h_ni|² Σ_n |v_ni|²)`` is 1 where VV follows from HH by a
     factor that is the same in all looks and may differ from pixel to pixel.
@@ -240,9 +240,9 @@ def correlation_over_looks(cuts: NDArray[Any]) -> float:
 
 
 def _mean_correlation(cuts: NDArray[Any], shift: int = 0) -> float:
-    """Return the mean correlation of HH with VV shifted by so many samples.
+    """Return the mean correlation of HH with VV shifted by some samples.
 
-    It is over the samples that both have.
+    Only the samples that both have are correlated.
     """
     hh, vv = np.split(cuts, 2, axis=1)
     first = hh[:, max(shift, 0) : hh.shape[1] + min(shift, 0)]
@@ -316,9 +316,12 @@ def _at_equal_level(white: ComplexArray, group: NDArray[np.int64]) -> ComplexArr
 
 
 def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
-    """Correlate HH and VV of the study's mines and of corner reflectors alone.
+    """Correlate HH and VV of the study's mines alone, and of corner reflectors in their place.
 
-    There is one of every depth and more.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
 
     Returns
     -------
@@ -345,7 +348,7 @@ def visibility_record(recipe: StudyRecipe) -> list[list[float]]:
 
 
 def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look]) -> float:
-    """Pd of the deflection detector at the study's P_FA on the test looks of a lane."""
+    """Return Pd of the deflection detector at the study's P_FA on the test looks of a lane."""
     detector = DeflectionDetector(recipe.detector.rank, recipe.detector.ddof).fit(training.white)
     form = chip_detector(recipe, detector.forms_, training.whitener, recipe.cut.length)
     peaks = score_looks(recipe, test, {"deflection": form})["deflection"]

@@ -17,35 +17,29 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Radar(Table):
-    """Sensor preset, step of its tones (Hz) and range of the mines (m).
+    """The radar and its stops."""
 
-    Also the stop spacing (m) and the surface scatterers per m².
-    """
-
-    sensor: str
-    tone_step: Positive
-    range: Positive
-    scatterers: Positive | None = None
-    stop_spacing: Positive
-    margin: Positive
+    sensor: str  #: preset
+    tone_step: Positive  #: Hz
+    range: Positive  #: distance of the mines from the stop, m
+    scatterers: Positive | None = None  #: surface scatterers per m²
+    stop_spacing: Positive  #: m
+    margin: Positive  #: simulated ground around the image, m
 
 
 class Image(Table):
-    """Image in the scan frame (m), band (Hz) and how it is formed.
+    """Image in the scan frame, and how it is formed."""
 
-    ``spacing`` is cross-track, down-track.
-    """
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-    spacing: tuple[Positive, Positive]
-    band: tuple[float, float]
-    filter: Literal["ramp", "none"]
-    calibrate: bool
-    self_signature: Literal["none", "mean", "median"]
+    x: tuple[float, float]  #: cross-track, m
+    y: tuple[float, float]  #: down-track, m
+    spacing: tuple[Positive, Positive]  #: of the pixels, cross-track and down-track, m
+    band: tuple[float, float]  #: Hz
+    filter: Literal["ramp", "none"]  #: weight of the tones
+    calibrate: bool  #: whether the gain of the antennas is taken out
+    self_signature: Literal["none", "mean", "median"]  #: how it is estimated
 
     def grid(self) -> Grid:
-        """Grid of the images."""
+        """Return the grid of the images."""
         dx, dy = self.spacing
         x0, x1 = self.x
         y0, y1 = self.y
@@ -77,16 +71,13 @@ class Detector(Table):
 
 
 class Score(Table):
-    """Boxes, clearance and reach of rocks (m), and the levels of comparisons.
+    """How detectors are scored, by boxes at the mines and away from them."""
 
-    They are the quantile beside the peak and the P_FA (per m²).
-    """
-
-    box: Positive
-    clearance: Annotated[float, Field(ge=0)]
-    quantile: Annotated[float, Field(gt=0, le=1)]
-    pfa: Positive
-    rock: Annotated[float, Field(ge=0)]
+    box: Positive  #: side of a box, m
+    clearance: Annotated[float, Field(ge=0)]  #: of clutter boxes from a mine's box, m
+    quantile: Annotated[float, Field(gt=0, le=1)]  #: tried in place of the peak of a box
+    pfa: Positive  #: false alarms per m² at which detectors are compared
+    rock: Annotated[float, Field(ge=0)]  #: distance at which a rock is near a box, m
 
 
 class Premises(Table):

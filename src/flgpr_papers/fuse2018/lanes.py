@@ -146,7 +146,7 @@ class FuseRecipe(Table):
     def map_grid(self) -> Grid:
         """Pixels of a lane's map, in the lane frame.
 
-        More than is scored, so that peaks at the border are whole.
+        The map is larger than what is scored, so that peaks at its border are complete.
         """
         return Grid.spanning(self.image.x, (0.0, self.lanes.length + 2.0), self.image.spacing)
 

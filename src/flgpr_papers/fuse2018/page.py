@@ -1,4 +1,4 @@
-"""The page of the reproduction: findings, figures and tables of the paper beside ours."""
+"""The page of the reproduction: findings, figures and tables of the paper, and ours."""
 
 from __future__ import annotations
 
@@ -41,10 +41,7 @@ def page_html(
     study_world: StudyWorld,
     other: OtherWorld,
 ) -> str:
-    """Write the page, which needs nothing beside it.
-
-    Its figures are left in the folder as PNG too.
-    """
+    """Return the page, which needs no other file, and write its figures into a folder as PNG."""
     shown = {**example, "box side": np.asarray(recipe.boxes.side)}
     drawn_from = Shown(recipe, lanes, loose, shown, poses, fullwave, found)
     twins = [_twin(drawing, folder, quick) for drawing in paper_drawings(drawn_from)]
@@ -119,7 +116,7 @@ def _system_rows(recipe: FuseRecipe) -> list[Row]:
 
 
 def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
-    """Pd at operating points, before and after, by both conventions of FAR."""
+    """Yield Pd at operating points, before and after, by both conventions of FAR."""
     for lane in lanes:
         for convention in CONVENTIONS:
             for variant in ("original", "iteration"):

@@ -194,10 +194,7 @@ def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Matc
 
 
 def _renamed(result: LaneResult, difference: Difference) -> LaneResult:
-    """Rename the columns that a difference reads to those of the printed ones.
-
-    Others are left out.
-    """
+    """Return the columns that a difference reads under the names of the printed ones."""
     read: Mapping[str, str] = {
         name: difference.column(name) for names in DETECTORS.values() for name in names
     }

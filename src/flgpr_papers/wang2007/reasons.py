@@ -407,7 +407,7 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
-    """Ask why plastic is not found as often as in the paper (Sec. III): mines or road."""
+    """Return trials of why plastic is found less often than in the paper (Sec. III)."""
     plastic = "Of the buried plastic mines C_HH finds 90% at 0.07 per m² (calibration)"
     reached = "HH F1 reaches 100 % at FAR <= 0.15 per m²"
     why = {

@@ -1,6 +1,6 @@
-"""What of stones, uneven soil, holes, waviness and the rest costs how much.
+"""What each part of a road costs, one at a time on the same mines: stones, holes, waves and more.
 
-One thing at a time, on the same mines. The smooth road is the prepared site with nothing in its
+The smooth road is the prepared site with nothing in its
 soil, no growth and nothing beside it. Each part of the natural site is added to it, and taken from
 the natural road. All roads have the soil of the prepared site.
 """
@@ -64,9 +64,9 @@ def replaced(road: Tables, other: Tables, parts: Iterable[str]) -> Tables:
 
 
 def jobs(quick: bool = False) -> list[LaneJob]:
-    """List the lanes.
+    """List the lanes: both roads as they are and with every part changed, in every replicate.
 
-    Both roads as they are and with every part changed, the same mines in every replicate.
+    All lanes of a replicate have the same mines.
     """
     declared = DECLARED["ablation"]
     changes = [NOTHING, *PARTS]
@@ -80,11 +80,9 @@ def jobs(quick: bool = False) -> list[LaneJob]:
         for road in ROADS:
             tables_of_road, other = (smooth, natural) if road == "smooth" else (natural, smooth)
             for change in changes:
-                tables = (
-                    tables_of_road
-                    if change == NOTHING
-                    else replaced(tables_of_road, other, [change])
-                )
+                tables = tables_of_road
+                if change != NOTHING:
+                    tables = replaced(tables_of_road, other, [change])
                 name = f"{road}-{change.replace(' ', '-')}-{replicate}"
                 about = {"road": road, "change": change, "replicate": replicate}
                 seed = declared["seed"] + replicate
@@ -116,9 +114,14 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 
 
 def responses(table: pd.DataFrame) -> dict[str, pd.Series]:
-    """Return what is compared between lanes, by name.
+    """Return what is compared between lanes, by name: Pd of each kind at each FAR, and its echo.
 
-    Pd of each kind at each FAR, and mean signal to clutter, dB.
+    The echo is the mean signal to clutter, dB.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``ablation.csv``: a row per lane.
     """
     columns: dict[str, pd.Series] = {}
     for kind in KINDS:

@@ -1,7 +1,4 @@
-"""Designed fractions of a space of axes.
-
-D-optimal tables by coordinate exchange, and what they can tell apart.
-"""
+"""Designed fractions of a space of axes: D-optimal tables, and what they can decide."""
 
 from __future__ import annotations
 
@@ -261,9 +258,9 @@ def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDA
 
 
 def efficiency(matrix: FloatArray) -> float:
-    """Compute the D-efficiency of a model matrix.
+    """Compute the D-efficiency of a model matrix (row, column).
 
-    1 for an orthogonal table of as many rows, 0 where effects alias.
+    It is 1 for an orthogonal table of as many rows, and 0 where effects alias.
     """
     rows, columns = matrix.shape
     sign, value = np.linalg.slogdet(matrix.T @ matrix / rows)

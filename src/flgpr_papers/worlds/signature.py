@@ -59,6 +59,6 @@ def signal_to_clutter(
 
 
 def _powers(run: xr.Dataset, grid: Grid, band: tuple[float, float]) -> FloatArray:
-    """Power (scan, y, x) of the images of a run with one polarization."""
+    """Return the power (scan, y, x) of the images of a run with one polarization."""
     imager = ScanImager(run, grid, {"band": band})
     return np.stack([np.abs(image.values[0, 0]).astype(np.float64) ** 2 for image in imager])
