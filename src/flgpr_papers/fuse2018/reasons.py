@@ -167,7 +167,11 @@ def half_the_array(
 
 def _of_some_pairs(make: OperatorOn, factor: NDArray[np.float32]) -> OperatorOn:
     """Return operators in which pairs have a factor."""
-    return lambda points: cast("ImagingOperator", SomePairs(make(points), factor))
+
+    def operator_on(points: NDArray[np.float64]) -> ImagingOperator:
+        return cast("ImagingOperator", SomePairs(make(points), factor))
+
+    return operator_on
 
 
 CHANGES: dict[str, Change] = {
@@ -206,10 +210,8 @@ def lane_losses(
             if chosen.any():
                 courses = stage.courses(aperture, chosen)
                 cleaned = Cleaned(index, forms, aperture, {"pixel": chosen}, courses, {}, {}, [])
-                rows += [
-                    {"frame": index, "changed": name, **row}
-                    for row in _losses(cleaned, frames, targets, recipe)
-                ]
+                for row in _losses(cleaned, frames, targets, recipe):
+                    rows.append({"frame": index, "changed": name, **row})
     return rows
 
 
@@ -225,19 +227,19 @@ def _losses(
     before = np.abs(stack.adjoint(alone)[0, 0])
     after = np.abs(stack.adjoint(suppressed_alone(cleaned, alone))[0, 0])
     rows = []
-    for row, position in targets:
+    for target, position in targets:
         halo = halo_of(stage.grid, position, recipe.score.halo / 2)
-        at = np.unravel_index(int(np.where(halo, before, -1).argmax()), halo.shape)
-        change = 20 * np.log10(after[at] / before[at])
-        masked = bool(cleaned.masks["pixel"][at])
-        rows.append({"target": row.target_id, "change_db": float(change), "masked": masked})
+        pixel = np.unravel_index(int(np.where(halo, before, -1).argmax()), halo.shape)
+        change = 20 * np.log10(after[pixel] / before[pixel])
+        is_masked = bool(cleaned.masks["pixel"][pixel])
+        rows.append({"target": target.target_id, "change_db": float(change), "masked": is_masked})
     return rows
 
 
 def loss_trials(rows: pd.DataFrame, spared: Interval, recipe: FuseRecipe) -> list[Trial]:
-    """Ask what takes 2 dB of a mine's own peak.
+    """Return trials of what takes 2 dB of a mine's own peak.
 
-    The mask on it, or the mask beside it through the array.
+    It is the mask on the mine, or the mask away from it, through the sidelobes of the array.
 
     Parameters
     ----------
