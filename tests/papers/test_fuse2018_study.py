@@ -36,14 +36,8 @@ from flgpr_papers.fuse2018.powers import (
     power_db,
     strongest_boxes,
 )
-from flgpr_papers.fuse2018.process import (
-    VARIANTS,
-    calibrate,
-    clean,
-    process_lane,
-    stage_forms,
-    suppressed_alone,
-)
+from flgpr_papers.fuse2018.process import calibrate, process_lane
+from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, suppressed_alone
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, without_paper
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 

@@ -20,8 +20,8 @@ from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
-from flgpr_papers.fuse2018.process import VARIANTS
 from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.suppression import VARIANTS
 from flgpr_papers.kit.findings import clustered
 
 Arrays = Mapping[str, NDArray[Any]]

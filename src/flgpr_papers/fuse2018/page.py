@@ -17,8 +17,8 @@ from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
-from flgpr_papers.fuse2018.process import VARIANTS, Calibration
 from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
 from flgpr_papers.fuse2018.twins import Drawing, Shown, own_drawings, paper_drawings
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html

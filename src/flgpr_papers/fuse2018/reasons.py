@@ -25,17 +25,16 @@ from flgpr.imaging import ImagingOperator
 from flgpr_papers.fuse2018.findings import KEPT
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, simulate_lane
 from flgpr_papers.fuse2018.powers import own_changes
-from flgpr_papers.fuse2018.process import (
-    Calibration,
-    Cleaned,
-    calibrate,
-    halo_of,
-    stage_forms,
-    suppressed_alone,
-    targets_in_area,
-)
+from flgpr_papers.fuse2018.process import calibrate
+from flgpr_papers.fuse2018.records import halo_of, targets_in_area
 from flgpr_papers.fuse2018.results import result_key, stored_calibration
 from flgpr_papers.fuse2018.study import LANES, lane_result
+from flgpr_papers.fuse2018.suppression import (
+    Calibration,
+    Cleaned,
+    stage_forms,
+    suppressed_alone,
+)
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, clustered
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial

@@ -16,15 +16,13 @@ from flgpr.chain.recipe import recipe_text
 from flgpr.clutter import above, extended_mask, fundamental_mask, roadside_level
 from flgpr.store import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
-from flgpr_papers.fuse2018.process import (
-    VARIANTS,
-    Calibration,
-    Cleaned,
+from flgpr_papers.fuse2018.records import (
     LaneRecords,
     box_of,
     roadside_objects,
     stage_images,
 )
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import Arrays, key_of, read_arrays, read_or_make, write_arrays
 
 FloatArray = NDArray[np.float64]
@@ -33,7 +31,7 @@ TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")
 
 @dataclass(frozen=True)
 class LaneResult:
-    """Results of a lane; the tables are those of `flgpr_papers.fuse2018.process.LaneRecords`."""
+    """Results of a lane; the tables are those of `flgpr_papers.fuse2018.records.LaneRecords`."""
 
     name: str
     truth: pd.DataFrame  #: targets in the lane

@@ -19,7 +19,7 @@ from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import VARIANTS, Calibration, Cleaned, calibrate, process_lane
+from flgpr_papers.fuse2018.process import calibrate, process_lane
 from flgpr_papers.fuse2018.results import (
     LaneResult,
     example_arrays,
@@ -28,6 +28,7 @@ from flgpr_papers.fuse2018.results import (
     stored_calibration,
     write_records,
 )
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
