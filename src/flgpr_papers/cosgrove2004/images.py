@@ -403,8 +403,9 @@ def run_images(
     images = [image.isel(subband=0, drop=True) for image in imager]
     if signature == "none":
         return images
-    estimate = "median" if signature == "median" else "mean"
-    pattern = self_signature([image.values for image in images], estimate)
+    pattern = self_signature(
+        [image.values for image in images], "median" if signature == "median" else "mean"
+    )
     cleaned = []
     for image in images:
         values = image.values / scan_gain(image.values) - pattern

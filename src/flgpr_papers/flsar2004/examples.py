@@ -90,7 +90,7 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
     grid = Grid(first.x_min, first.y_min, first.nx, first.ny * len(drives), first.dx, first.dy)
     tables = []
     lanes = []
-    registration = {}
+    registration: dict[str, SurveyOffset] = {}
     for k, drive in enumerate(drives):
         offset = k * first.ny * first.dy
         offsets = _survey_offsets(settings, drive)

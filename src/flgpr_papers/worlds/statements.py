@@ -392,10 +392,16 @@ def write_tables(folder: Path, quick: bool = False) -> None:
     write_rounded_table(folder / "statements-worlds.csv", pd.DataFrame(world_rows))
     papers_asked = [paper for paper, _ in studies(quick)]
     counts = []
-    for paper, of_paper in records.items():
-        row = {"paper": paper, "worlds": len(of_paper), "asked": papers_asked.count(paper)}
-        too_small = sum(bool(record["failed"]) for _, record in of_paper)
-        counts.append(row | {"too_small": too_small})
+    for paper, records_of_paper in records.items():
+        too_small = sum(bool(record["failed"]) for _, record in records_of_paper)
+        counts.append(
+            {
+                "paper": paper,
+                "worlds": len(records_of_paper),
+                "asked": papers_asked.count(paper),
+                "too_small": too_small,
+            }
+        )
     write_rounded_table(folder / "statements-counts.csv", pd.DataFrame(counts))
 
 
