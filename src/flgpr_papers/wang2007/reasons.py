@@ -1,4 +1,4 @@
-"""Why statements of Wang et al. 2007 do not hold here.
+"""Experiments on why statements of Wang et al. 2007 do not hold here.
 
 Small twins of its lanes with one thing changed. Twins have the study's site, radar and drive. Those
 of one seed differ in nothing but what is changed. What each explanation predicts was written before
@@ -407,51 +407,43 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
-    """Return trials of why plastic is found less often than in the paper (Sec. III)."""
+    """Return trials of why plastic is found less often than in the paper (Sec. III).
+
+    Parameters
+    ----------
+    records : mapping of str to sequence of Record
+        Records of every change, seed by seed, see :func:`mine_record`.
+    """
     plastic = "Of the buried plastic mines C_HH finds 90% at 0.07 per m² (calibration)"
     reached = "HH F1 reaches 100 % at FAR <= 0.15 per m²"
-    why = {
+    explanations = {
         _FUZE: "the mix of mines: what has neither metal nor much air is hardly found",
         _SMOOTH: "the surface, which could be as smooth as 1 mm",
         _BEST: "road and soil, which could be at the best ends of their ranges",
     }
     trial_list = []
     for name in MINE_CHANGES:
+        explanation = explanations.get(name, "")
         targets = pd.concat([pd.DataFrame(record["targets"]) for record in records[name]])
         buried = targets[(targets["kind"] == "plastic") & (targets["depth"] > 0)]
-        explanation = why.get(name, "")
-        for statement, chosen, by, far, rule, words in (
-            (
-                plastic,
-                buried,
-                "contrast",
-                0.07,
-                _FOUND,
-                "buried plastic found by C_HH at 0.07 per m²",
-            ),
-            (
-                plastic,
-                buried,
-                "contrast",
-                0.02,
-                None,
-                "buried plastic found by C_HH at 0.02 per m²",
-            ),
-            (
-                reached,
-                targets,
-                "prescreener",
-                0.15,
-                _ALL_FOUND,
-                "mines found by HH F1 at 0.15 per m²",
-            ),
-        ):
-            cost = chosen[by].to_numpy(dtype=np.float64)  # None becomes NaN, which is not found
-            number = int((cost <= far).sum())
-            low, high = clopper_pearson(number, len(chosen))
-            value = number / len(chosen), float(low), float(high)
-            sample = f"{number} of {len(chosen)} mines"
+        # A number without a rule is shown for comparison: it has no explanation either.
+        for far, rule in ((0.07, _FOUND), (0.02, None)):
+            value, sample = _found_share(buried["contrast"], far)
+            quantity = f"buried plastic found by C_HH at {far:g} per m²"
             asked = explanation if rule else ""
             predicted = rule if asked else None
-            trial_list.append(Trial(statement, asked, name, words, value, sample, predicted))
+            trial_list.append(Trial(plastic, asked, name, quantity, value, sample, predicted))
+        value, sample = _found_share(targets["prescreener"], 0.15)
+        quantity = "mines found by HH F1 at 0.15 per m²"
+        predicted = _ALL_FOUND if explanation else None
+        trial_list.append(Trial(reached, explanation, name, quantity, value, sample, predicted))
     return trial_list
+
+
+def _found_share(far_of_targets: pd.Series, far: float) -> tuple[Interval, str]:
+    """Return the share of targets found at an allowed FAR with its exact interval, and in words."""
+    cost = far_of_targets.to_numpy(dtype=np.float64)  # None becomes NaN, which is not found
+    number = int((cost <= far).sum())
+    low, high = clopper_pearson(number, len(cost))
+    value = number / len(cost), float(low), float(high)
+    return value, f"{number} of {len(cost)} mines"

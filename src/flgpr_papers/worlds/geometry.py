@@ -78,6 +78,11 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 def means(table: pd.DataFrame) -> pd.DataFrame:
     """Average every response over the lanes of a geometry.
 
+    Parameters
+    ----------
+    table : DataFrame
+        ``geometry.csv``: a row per lane and stretch of ground.
+
     Returns
     -------
     DataFrame
@@ -102,10 +107,7 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
                 exact_low, exact_high = clopper_pearson(totals, lanes[f"{kind}_targets"].sum())
                 low = max(min(low, float(exact_low)), 0.0)
                 high = min(max(high, float(exact_high)), 1.0)
-            row = dict(zip(WHERE, where, strict=True)) | {
-                "response": response,
-                "lanes": count,
-                "value": value,
-            }
-            rows.append(row | {"low": low, "high": high})
+            row = dict(zip(WHERE, where, strict=True))
+            row |= {"response": response, "lanes": count, "value": value, "low": low, "high": high}
+            rows.append(row)
     return pd.DataFrame(rows)
