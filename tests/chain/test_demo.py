@@ -14,7 +14,15 @@ from flgpr.commands.demo import demo as make_demo
 from flgpr.commands.replay import replay
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
-from flgpr.store import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
+from flgpr.store import (
+    json_with_digest,
+    open_run,
+    parse_with_digest,
+    read_table,
+    sample_lane,
+    save_run,
+    sha256,
+)
 
 
 @pytest.fixture(scope="module")
@@ -151,11 +159,11 @@ def test_replay_tells_a_result_that_differs(demo, tmp_path):
     other = recipe_text("demo").replace('window = "hann"', 'window = "taylor"')
     folder = shutil.copytree(demo[0].folder, tmp_path / "result")
     (folder / "recipe.toml").write_text(other)
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
     manifest["files"]["recipe.toml"] = sha256(other.encode())
     manifest["sizes"]["recipe.toml"] = len(other.encode())
-    (folder / "manifest.json").write_bytes(seal(manifest))
+    (folder / "manifest.json").write_bytes(json_with_digest(manifest))
     outcome = replay(folder)
     assert not outcome["identical"]
     assert not outcome["agrees"]

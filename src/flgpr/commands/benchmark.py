@@ -72,7 +72,7 @@ def run_benchmark(
 
     options = run_options(workers, scheduler, track=track)
     proving_ground.run_benchmark(list(entries or ()), output, quick, options, ground, tier)
-    return proving_ground.write_table([output], output)
+    return proving_ground.write_score_tables([output], output)
 
 
 @command(lines=_table_lines)
@@ -95,7 +95,7 @@ def run_oracle(
     from flgpr import proving_ground
 
     proving_ground.run_oracle(folder, recipe, run_options(workers, scheduler, track=track), tier)
-    return proving_ground.write_table([folder], folder)
+    return proving_ground.write_score_tables([folder], folder)
 
 
 @command(lines=_table_lines, quiet=False)
@@ -114,7 +114,7 @@ def benchmark_table(
     """
     from flgpr import proving_ground
 
-    return proving_ground.write_table(folders, output or folders[0])
+    return proving_ground.write_score_tables(folders, output or folders[0])
 
 
 def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:

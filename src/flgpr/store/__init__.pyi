@@ -4,11 +4,11 @@ from flgpr.store.bundle import write_bundle as write_bundle
 from flgpr.store.extras import MissingExtraError as MissingExtraError
 from flgpr.store.files import canonical_json as canonical_json
 from flgpr.store.files import check_free_folder as check_free_folder
+from flgpr.store.files import json_with_digest as json_with_digest
 from flgpr.store.files import merge_tables as merge_tables
+from flgpr.store.files import parse_with_digest as parse_with_digest
 from flgpr.store.files import replace_folder as replace_folder
-from flgpr.store.files import seal as seal
 from flgpr.store.files import sha256 as sha256
-from flgpr.store.files import unseal as unseal
 from flgpr.store.files import write_whole as write_whole
 from flgpr.store.run_store import RunStoreError as RunStoreError
 from flgpr.store.run_store import open_run as open_run

@@ -314,7 +314,7 @@ def merge_tables(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str
     return merged
 
 
-def seal(content: Mapping[str, Any]) -> bytes:
+def json_with_digest(content: Mapping[str, Any]) -> bytes:
     """Return a JSON object as text with its own SHA-256 as last entry.
 
     Parameters
@@ -338,13 +338,13 @@ def seal(content: Mapping[str, Any]) -> bytes:
     return json.dumps(with_digest, indent=1, allow_nan=False).encode() + b"\n"
 
 
-def unseal(data: bytes) -> dict[str, Any]:
-    """Read the JSON object that :func:`seal` wrote, and check it.
+def parse_with_digest(data: bytes) -> dict[str, Any]:
+    """Read the JSON object that :func:`json_with_digest` wrote, and check it.
 
     Parameters
     ----------
     data : bytes
-        Text of :func:`seal`.
+        Text of :func:`json_with_digest`.
 
     Returns
     -------
@@ -359,7 +359,7 @@ def unseal(data: bytes) -> dict[str, Any]:
     try:
         with_digest = parse_json(data)
         content = {name: value for name, value in with_digest.items() if name != "sha256"}
-        is_unaltered = seal(content) == data
+        is_unaltered = json_with_digest(content) == data
     except (ValueError, AttributeError) as error:
         raise ValueError(f"it cannot be read ({error})") from None
     if not is_unaltered:
@@ -367,9 +367,9 @@ def unseal(data: bytes) -> dict[str, Any]:
     return dict(with_digest)
 
 
-def read_sealed(folder: str | Path, name: str) -> dict[str, Any]:
-    """Read a file of :func:`seal` in an untrusted folder; an altered one is a ValueError."""
-    return unseal(Folder(folder).read(name, MOST_JSON))
+def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:
+    """Read a file of an untrusted folder by :func:`parse_with_digest`."""
+    return parse_with_digest(Folder(folder).read(name, MOST_JSON))
 
 
 def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
