@@ -316,7 +316,9 @@ def score_alarms(
     scored = score_list(table, targets, lanes, score_rules)
     own_far = _only_far(table, scored)
     if own_far and "far" not in rules:
-        scored = score_list(table, targets, lanes, dataclasses.replace(score_rules, far=own_far))
+        far_max = max(score_rules.far_max, own_far)  # the figures reach the only point
+        own_rules = dataclasses.replace(score_rules, far=own_far, far_max=far_max)
+        scored = score_list(table, targets, lanes, own_rules)
     scores = [scored]
     write_score_files(Path(output), score_files(scores, provenance, title=title), overwrite)
     return scores

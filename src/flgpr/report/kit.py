@@ -80,13 +80,14 @@ def _metres(value: float) -> str:
 
 
 def _css_text(text: str) -> Markup:
-    """Return text as a string of CSS; all but plain letters, digits and blanks are escaped.
+    """Return text as a string of CSS; all but plain letters and digits are escaped.
 
-    Nothing in the text can end the string or the style sheet, whose text HTML does not unescape.
+    Nothing in the text can end the string or the style sheet, whose text HTML does not unescape. A
+    blank is escaped, too: after an escape CSS would drop it.
     """
     escaped = []
     for letter in text:
-        is_plain = letter.isascii() and (letter.isalnum() or letter == " ")
+        is_plain = letter.isascii() and letter.isalnum()
         escaped.append(letter if is_plain else f"\\{ord(letter):06x}")
     return Markup('"' + "".join(escaped) + '"')  # noqa: S704 - nothing unescaped is left
 

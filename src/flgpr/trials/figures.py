@@ -114,7 +114,7 @@ def compared_roc_figure(
     Every detector has a line, a mark and a grey level of its own, so that the figure can be read
     without colour. Bars are the exact intervals at the operating points; those of different
     detectors stand a little beside one another. The last alarm of a list that ends before the axis
-    does has a mark. Chance is dotted.
+    does has a mark. A list of a single operating point is that mark alone. Chance is dotted.
 
     Parameters
     ----------
@@ -139,11 +139,15 @@ def compared_roc_figure(
             "lw": 1.7,
         }
         mark = MARKS[number % len(MARKS)]
-        _draw_steps(axes, curve, "pd", end, **style)
-        if "chance" in curve:
-            _draw_steps(axes, curve, "chance", end, **style | {"ls": (0, (1, 2)), "lw": 1.0})
+        rows = points[points["detector"] == name]
+        if len(curve) > 2:
+            _draw_steps(axes, curve, "pd", end, **style)
+            if "chance" in curve:
+                _draw_steps(axes, curve, "chance", end, **style | {"ls": (0, (1, 2)), "lw": 1.0})
+        else:  # a single operating point: no rate below it says anything of this detector
+            rows = rows[:0]
         offset = (number - (len(curves) - 1) / 2) * step
-        _draw_intervals(axes, curve, points[points["detector"] == name], offset, end, style, mark)
+        _draw_intervals(axes, curve, rows, offset, end, style, mark)
         count = int(curve.attrs["n_targets"])
         axes.plot(
             [], [], marker=mark, mfc="white", ms=6, label=f"{labels[name]} ({count})", **style
