@@ -150,7 +150,7 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
 def test_alarms_for_imsma_need_a_place_and_a_time(result, anchor, tmp_path):
     target = tmp_path / "imsma.csv"
     time = "2026-05-04T09:30:00Z"
-    with pytest.raises(ValueError, match="imsma needs latitude and longitude.*give --anchor"):
+    with pytest.raises(ValueError, match=r"imsma needs latitude and longitude.*give --anchor"):
         exporting.export_imsma(result, target, None, time)
     with pytest.raises(ValueError, match="imsma needs the time of the survey"):
         exporting.export_imsma(result, target, anchor, None)

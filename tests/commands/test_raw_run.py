@@ -152,7 +152,8 @@ def test_a_simulated_run_says_where_its_echoes_end(tmp_path):
     ground, own = RawRun(tmp_path / "a.zarr").answer("bscan", query)["ends"]
     assert ground["delay_ns"] == pytest.approx(path / SPEED_OF_LIGHT * 1e9, abs=0.01)
     assert own["delay_ns"] == pytest.approx(44 / SPEED_OF_LIGHT * 1e9, abs=0.01)
-    assert "20 m ahead" in ground["words"] and "vehicle itself" in own["words"]
+    assert "20 m ahead" in ground["words"]
+    assert "vehicle itself" in own["words"]
 
     later = json.dumps([{"do": "time-zero", "delay_ns": 10.0}])
     shifted = RawRun(tmp_path / "a.zarr").answer("bscan", query | {"steps": later})["ends"]

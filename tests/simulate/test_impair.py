@@ -92,7 +92,9 @@ def test_a_vehicle_wanders_stops_leaves_and_comes_back(quiet):
 
 def test_the_self_signature_ends_at_its_path_and_not_before(quiet):
     """Its range profile has echoes up to the end, and behind it nothing but the window's skirts."""
-    sensor = with_errors(quiet, self_signature_db=15.0, self_signature_drift=0.0)
+    own = {"self_signature_db": 15.0, "self_signature_drift": 0.0}
+    tones = {"start": 0.5e9, "step": 2.5e6, "count": 256}  # 120 m of path unambiguous
+    sensor = Sensor.model_validate(quiet.model_dump() | {"errors": own, "tones": tones})
     errors = Impairments(sensor, 4)
     signature = errors.apply(SILENCE, 0)[0]
     step = errors.frequency[1] - errors.frequency[0]

@@ -74,10 +74,11 @@ def test_compared_curves_are_told_apart_without_colour():
     assert len(styles) == 4
     greys = [np.dot(to_rgb(line.get_color()), (0.299, 0.587, 0.114)) for line in shown[:3]]
     assert min(abs(np.diff(sorted(greys)))) > 0.05
-    assert [text.get_text() for text in legend.get_texts()][0] == "V: a (3)"
+    assert legend.get_texts()[0].get_text() == "V: a (3)"
     # A bar at the point and at the last alarm of each; a list of one point has that one alone.
     bars = [len(lines.get_segments()) for lines in axes.collections]
     assert bars == [2, 2, 2, 1]
     for lines in axes.collections:
         for (x, low), (_, high) in lines.get_segments():
-            assert 0 <= x <= axes.get_xlim()[1] and 0 <= low < high <= 1
+            assert 0 <= x <= axes.get_xlim()[1]
+            assert 0 <= low < high <= 1
