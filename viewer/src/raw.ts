@@ -312,7 +312,7 @@ export class RawPanel {
       const y = top + this.shareOf(delay_ns) * height;
       pen.path([[left, y], [left + width, y]], false, { stroke: "#ffffff", width: 1.2, dash: [2, 4] });
       const above = i < length - 1 || y > top + height - 16; // two ends lie close together
-      pen.text(left + 6, above ? y - 4 : y + 13, `${fixed(delay_ns, 0)} ns: ${words}`, { fill: "#ffffff", size: 11, halo: "#000000" });
+      pen.text(left + 6, above ? y - 4 : y + 13, `${fixed(delay_ns, 1)} ns: ${words}`, { fill: "#ffffff", size: 11, halo: "#000000" });
     });
   }
 
@@ -434,7 +434,7 @@ export class RawPanel {
       return Number.isFinite(value) ? value : null;
     });
     const top = this.shown.top_db ?? 0;
-    this.plot("ascan", "delay, ns", scale === "db" ? "dB" : "of the scale", [delays, trace], scale === "db" ? [top - 80, top + 6] : null);
+    this.plot("ascan", "two-way delay, ns", scale === "db" ? "dB" : "amplitude / unit", [delays, trace], scale === "db" ? [top - 80, top + 6] : null);
     if (!this.spectrum) return;
     const { frequency_ghz: tones, level_db: level, median_db: median, disturbed_ghz: disturbed } = this.spectrum;
     const hit = new Set(disturbed);
