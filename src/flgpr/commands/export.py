@@ -11,7 +11,7 @@ from typer import Argument, Option
 from flgpr.commands.options import Output, PathLike
 from flgpr.commands.shell import Arguments, command
 
-FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd", "mcap")
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "mcap")
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
@@ -48,6 +48,9 @@ def export(
     columns: Annotated[
         str | None, Option(help="Columns of a table that have other names: x=Rechts,y=Hoch.")
     ] = None,
+    organisation: Annotated[
+        str | None, Option(help="With imsma: organisation that made the survey.")
+    ] = None,
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
 
@@ -70,6 +73,12 @@ def export(
 
     if score is not None and to != "qgis":
         raise ValueError(f"score goes with qgis, got to {to!r}")
+    if organisation is not None and to != "imsma":
+        raise ValueError(f"organisation goes with imsma, got to {to!r}")
+    if to == "imsma":
+        return exporting.export_imsma(
+            source, output, anchor, time, organisation, detection, columns
+        )
     if to == "cphd":
         return exporting.export_run(source, output, anchor)
     if to == "mcap":
