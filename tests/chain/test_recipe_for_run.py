@@ -155,7 +155,9 @@ FULL = bare_run(5.0, ("HH", "VV", "HV"), 0.75e9 + 2.5e6 * np.arange(841))
         ),
         (
             FULL.isel(polarization=[0, 1]),
-            ["features must be left out unless the run has HH, VV and HV or VH"],
+            [
+                "does not fit the run: its features are of runs with HH, VV, and HV or VH, got a run with HH, VV"
+            ],
         ),
         (
             FULL.isel(frequency=slice(0, 600)),
@@ -290,5 +292,5 @@ def test_a_survey_takes_the_recipe_of_its_first_run(stored, tmp_path):
         recipe_for(runs[0])
     }
     save_run(bare_run(scans=2), tmp_path / "c.zarr")
-    with pytest.raises(ValueError, match="lanes or a recipe must be given"):
+    with pytest.raises(ValueError, match="lane or recipe must be given"):
         flgpr.detect([tmp_path / "c.zarr", runs[0]], None, tmp_path / "other")

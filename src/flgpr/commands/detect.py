@@ -20,7 +20,9 @@ from flgpr.commands.options import (
     Scheduler,
     ShellType,
     With,
+    lane_option,
     one_or_more,
+    output_option,
     runs_by_name,
 )
 from flgpr.commands.run_options import run_options
@@ -102,7 +104,17 @@ def _summary(result: Result) -> dict[str, Any]:
     }
 
 
-@command(lines=_lines, as_json=_as_json, lines_before=_before, compiles_kernels=True)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    lines_before=_before,
+    panels={
+        "Recipe and lane": ("recipe", "model", "lane", "others"),
+        "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
+    },
+    resumes=True,
+    compiles_kernels=True,
+)
 def detect(
     runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
     recipe: Annotated[
@@ -111,11 +123,11 @@ def detect(
         ShellType(str),
     ] = None,
     output: Annotated[
-        PathLike | None, Option("-o", "--output", help="What to write."), REQUIRED
+        PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
     ] = None,
     lane: Annotated[
         OneOrMorePaths | None,
-        Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run."),
+        lane_option("once per run"),
     ] = None,
     model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
@@ -172,7 +184,7 @@ def detect(
 
     if len(run_list) == 1:
         if lanes is not None and len(lanes) > 1:
-            raise ValueError(f"lane must be one per run, got {len(lanes)} for 1 run")
+            raise ValueError(f"lane must be given once per run, got {len(lanes)} for 1 run")
         lane_file = None if lanes is None else lanes[0]
         with _Locations(run_list[0], output, other_runs[0]) as locations:
             _detect_lane(locations, recipe, lane_file, model, section, report, options, overwrite)
@@ -272,7 +284,7 @@ def _recipe_of_survey(
     text = _recipe_text(recipe, runs[0], model, options)
     if recipe is None and lanes is None and parse_recipe(text).lane is not None:
         raise ValueError(
-            f"lanes or a recipe must be given: {runs[0]} is so short that the recipe made for it "
+            f"lane or recipe must be given: {runs[0]} is so short that the recipe made for it "
             "fixes its lane"
         )
     return text

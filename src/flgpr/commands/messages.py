@@ -13,15 +13,21 @@ import typer
 
 from flgpr.commands.errors import USER_ERRORS, plain_message
 
+INTERRUPTED = 130
+"""Exit status of a command that was interrupted: 128 and the number of the signal."""
+STOPPED = "stopped"
+GOES_ON = "stopped; the same command goes on"
+
 _unchanged_outputs: set[str] = set()
 """Outputs that the running command left as they were: they were made of the same inputs."""
 
 
 @contextmanager
-def plain_errors(quiet: bool = False) -> Iterator[None]:
+def plain_errors(quiet: bool = False, stopped: str = STOPPED) -> Iterator[None]:
     """Print errors that the user can mend in one line, with exit status 2, and warnings likewise.
 
-    An output that was left as it was is reported in a line unless ``quiet``, and is no error.
+    An output that was left as it was is reported in a line unless ``quiet``, and is no error. An
+    interrupt (Ctrl-C) prints the line ``stopped``, with exit status 130.
     """
     # Several commands may run in one process, as tests do.
     _unchanged_outputs.clear()
@@ -31,6 +37,9 @@ def plain_errors(quiet: bool = False) -> Iterator[None]:
         with warnings.catch_warnings(), unchanged, reading:
             warnings.showwarning = _show_warning
             yield
+    except KeyboardInterrupt:
+        typer.echo(stopped, err=True)
+        raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:  # the program that read the output has ended
         raise
     except USER_ERRORS as error:

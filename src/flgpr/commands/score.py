@@ -16,7 +16,10 @@ from flgpr.commands.options import (
     PathLike,
     Progress,
     ShellType,
+    anchor_option,
+    lane_option,
     one_or_more,
+    output_option,
 )
 from flgpr.commands.score_text import (
     agreement_json,
@@ -101,7 +104,18 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
 
 
-@command(lines=_lines, as_json=_as_json, python_values=_passphrase)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    python_values=_passphrase,
+    panels={
+        "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
+        "Other dialects": ("columns", "truth_columns", "anchor"),
+        "Sealed truth": ("seal", "show", "sealed"),
+        "Register": ("recipe", "book", "witness"),
+        "Analysts": ("agreement",),
+    },
+)
 def score(
     alarms: Annotated[
         OneOrMorePaths,
@@ -116,11 +130,11 @@ def score(
     ] = None,
     lane: Annotated[
         PathLike | None,
-        Option(help="TOML or CSV of the lane or lanes; a result folder has its own."),
+        lane_option("or a CSV of several; a result folder has its own"),
     ] = None,
     output: Annotated[
         PathLike | None,
-        Option("-o", "--output", help="Folder for report and JSON; or the sealed file."),
+        output_option("folder of the report and its JSON; or the sealed file"),
     ] = None,
     halo: Annotated[
         float | None,
@@ -182,10 +196,7 @@ def score(
     truth_columns: Annotated[str | None, Option(help="The same for the truth.")] = None,
     anchor: Annotated[
         PathLike | None,
-        Option(
-            help="TOML that ties the lane to the Earth, for lists and truth by longitude and "
-            "latitude."
-        ),
+        anchor_option("for lists and truth by longitude and latitude"),
     ] = None,
     overwrite: Overwrite = False,
     *,

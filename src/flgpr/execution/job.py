@@ -31,7 +31,7 @@ from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.searched import searched_ground
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.door import read_named
-from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint
+from flgpr.execution.checkpoint import WORK_SUFFIX, BlockCheckpoint, Checkpoint
 from flgpr.execution.workers import Report
 from flgpr.model import Lane
 from flgpr.report import report_html
@@ -79,7 +79,7 @@ class LaneJob:
     def work(self) -> Path:
         """The work folder beside the output."""
         output = Path(self.output)
-        return output.with_name(output.name + ".work")
+        return output.with_name(output.name + WORK_SUFFIX)
 
     @property
     def largest(self) -> int:

@@ -114,7 +114,7 @@ def detect_survey(
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(
-            f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}"
+            f"lanes-at-once needs workers or a scheduler to be more than 1, got {at_once}"
         )
     jobs = _make_jobs(
         runs, recipe_text, survey, lanes, model, section, others, report, options, overwrite
@@ -134,7 +134,7 @@ def detect_survey(
             for job in unfinished:
                 detect(job)
         else:
-            _detect_at_once(detect, unfinished, at_once)
+            _detect_at_once(detect, unfinished, at_once, executor)
     folders = [Path(job.output) for job in jobs]
     _write_summary(survey, runs, folders)
     return folders
@@ -156,7 +156,7 @@ def _make_jobs(
     recipe = parse_recipe(recipe_text)
     names = lane_names(runs)
     if lanes is not None and len(lanes) != len(runs):
-        raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
+        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {len(runs)} runs")
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         lane_file = None if lanes is None else lanes[number]
@@ -185,14 +185,18 @@ def _make_jobs(
 
 
 def _detect_at_once(
-    detect: Callable[[LaneJob], None], jobs: Sequence[LaneJob], at_once: int
+    detect: Callable[[LaneJob], None],
+    jobs: Sequence[LaneJob],
+    at_once: int,
+    executor: Executor,
 ) -> None:
-    """Detect on several lanes at once; the first error ends all."""
+    """Detect on several lanes at once; the first error, or an interrupt, ends all."""
     with ThreadPoolExecutor(at_once) as pool:
         try:
             for future in [pool.submit(detect, job) for job in jobs]:
                 future.result()
         except BaseException:
+            executor.stop()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

@@ -61,19 +61,20 @@ def output_exists_error(
 
 
 @contextmanager
-def locked_folder(folder: Path, wait: bool = False) -> Iterator[None]:
+def locked_folder(folder: Path, wait: bool = False, output: Path | None = None) -> Iterator[None]:
     """Lock a folder, made if need be, so that no other process writes there.
 
-    If one does already, that is a BusyError, or with ``wait`` this process waits for it.
+    If one does already, that is a BusyError, or with ``wait`` this process waits for it. The error
+    names the ``output`` that is made in the folder, by default the folder itself.
     """
-    handle = _hold(folder, wait)
+    handle = _hold(folder, wait, output or folder)
     try:
         yield
     finally:
         os.close(handle)
 
 
-def _hold(folder: Path, wait: bool) -> int:
+def _hold(folder: Path, wait: bool, output: Path) -> int:
     """Open and lock a folder, again and again while other processes remove it meanwhile."""
     mode = fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB
     while True:
@@ -87,7 +88,7 @@ def _hold(folder: Path, wait: bool) -> int:
         except BlockingIOError:
             os.close(handle)
             raise BusyError(
-                f"{folder}: another process is writing here: wait until it is done, "
+                f"{output}: another process is writing here: wait until it is done, "
                 "or choose another output"
             ) from None
         except OSError:  # a file system without locks
@@ -127,7 +128,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
         If it cannot be written; the error names the output.
     """
     partial = _partial_of(path)
-    with writing(path), locked_folder(partial):
+    with writing(path), locked_folder(partial, output=path):
         _empty(partial)
         temporary = partial / path.name
         try:
