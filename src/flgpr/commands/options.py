@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional, Union
 from typer import Argument, Option
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
     from flgpr.chain.progress import Track
+    from flgpr.results.result import Result
 
 PathLike = str | Path
 Paths = Sequence[str | Path]
@@ -26,6 +28,10 @@ OneOrMorePaths = str | Path | Sequence[str | Path]
 RunLike = Union[str, Path, "xarray.Dataset"]
 """A run store, or a run in memory."""
 RunsLike = Union[str, Path, "xarray.Dataset", Sequence[Union[str, Path, "xarray.Dataset"]]]
+ResultsLike = Union[str, Path, "Result", Sequence[Union[str, Path, "Result"]]]
+"""Folders of results or files of alarm lists, or results that were read."""
+TruthLike = Union[str, Path, "pandas.DataFrame"]
+"""A file of targets, or a table of them in memory."""
 Limits = tuple[float, float]
 Point = tuple[float, float, float]
 

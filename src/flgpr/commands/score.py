@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import tempfile
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +18,9 @@ from flgpr.commands.options import (
     Overwrite,
     PathLike,
     Progress,
+    ResultsLike,
     ShellType,
+    TruthLike,
     anchor_option,
     lane_option,
     one_or_more,
@@ -118,13 +123,13 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
 )
 def score(
     alarms: Annotated[
-        OneOrMorePaths,
+        ResultsLike,
         Argument(
             help="Result folder, or an alarm list (CSV) of any detector; several are compared; "
             "see --agreement."
         ),
     ],
-    truth: Annotated[PathLike | None, Option(help="CSV of the targets.")] = None,
+    truth: Annotated[TruthLike | None, Option(help="CSV of the targets.")] = None,
     objects: Annotated[
         PathLike | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
     ] = None,
@@ -224,7 +229,7 @@ def score(
     from flgpr.commands.positions import table_reading
     from flgpr.commands.registering import with_witness
 
-    lists = [Path(path) for path in one_or_more(alarms)]
+    lists = [_path_of(entry) for entry in one_or_more(alarms)]
     recipes = one_or_more(recipe)
     # Options that have no effect are refused, not dropped without a word.
     options: dict[str, Any] = {
@@ -280,12 +285,33 @@ def score(
         _refuse({"objects": objects}, (), "several lists are compared without pictures")
         return _compare(lists, truth, output, lane, recipes, rules)
     rules["recipe"] = recipes[0] if recipes else None
-    return _score_single(lists[0], truth, objects, lane, output, rules, track)
+    scored = _score_single(lists[0], truth, objects, lane, output, rules, track)
+    # A result in memory may lie in a temporary folder, which lives as long as the result.
+    return dataclasses.replace(scored, source=one_or_more(alarms)[0])
+
+
+def _path_of(alarms: Any) -> Path:
+    """Return the folder of a result, or the path of a file or folder."""
+    return Path(alarms) if isinstance(alarms, str | Path) else Path(alarms.folder)
+
+
+@contextmanager
+def _truth_file(truth: TruthLike) -> Iterator[Path]:
+    """Yield the file of a truth; a table in memory is written to a temporary one."""
+    if isinstance(truth, str | Path):
+        yield Path(truth)
+        return
+    from flgpr.store import write_table
+
+    with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
+        path = Path(folder) / "truth.csv"
+        write_table(truth, path)
+        yield path
 
 
 def _compare(
     lists: list[Path],
-    truth: PathLike,
+    truth: TruthLike,
     output: PathLike | None,
     lane: PathLike | None,
     recipes: list[Any],
@@ -295,7 +321,8 @@ def _compare(
     from flgpr.commands.scoring import compare_alarms
 
     folder = Path(output or "score")
-    return compare_alarms(lists, truth, folder, lane, recipes=recipes, **rules)
+    with _truth_file(truth) as truth_path:
+        return compare_alarms(lists, truth_path, folder, lane, recipes=recipes, **rules)
 
 
 def _without_none(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -312,7 +339,7 @@ def _refuse(options: Mapping[str, Any], allowed: tuple[str, ...], why: str) -> N
 
 def _score_single(
     alarms: Path,
-    truth: PathLike,
+    truth: TruthLike,
     objects: PathLike | None,
     lane: PathLike | None,
     output: PathLike | None,
@@ -332,7 +359,8 @@ def _score_single(
     if lane is not None:
         _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
         folder = Path(output or "score")
-        return Scored(folder, score_alarms(alarms, truth, lane, folder, **rules))
+        with _truth_file(truth) as truth_path:
+            return Scored(folder, score_alarms(alarms, truth_path, lane, folder, **rules))
     _refuse({"halo": rules.get("halo")}, (), "a result is scored by the halo of its recipe")
     reading = rules.pop("reading", None)
     if reading is not None and reading.columns:
@@ -341,7 +369,10 @@ def _score_single(
         )
     result_folder = alarms.parent if alarms.name == "alarms.csv" else alarms
     folder = score_folder(result_folder) if output is None else Path(output)
-    result, scores = score_result(result_folder, truth, objects, folder, track or silent, **rules)
+    with _truth_file(truth) as truth_path:
+        result, scores = score_result(
+            result_folder, truth_path, objects, folder, track or silent, **rules
+        )
     return Scored(folder, scores, result)
 
 
