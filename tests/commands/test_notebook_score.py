@@ -17,8 +17,7 @@ def test_a_result_and_a_truth_in_memory_are_scored_as_their_files(tmp_path):
     scored = flgpr.score(flgpr.detect(run, "demo", report=False), truth=truth)
     gc.collect()
     assert (scored.folder / "roc.json").is_file()  # the result lives as long as its score
-    stored = flgpr.detect(LANE / "run.zarr", "demo", tmp_path / "result", report=False)
-    of_files = flgpr.score(stored.folder, truth=LANE / "truth.csv")
+    of_files = flgpr.score(scored.folder, truth=LANE / "truth.csv", output=tmp_path / "score")
     pd.testing.assert_frame_equal(scored.outcomes(), of_files.outcomes())
 
     shown = scored._repr_html_()

@@ -3,7 +3,7 @@
 import pytest
 
 from flgpr.execution.survey import RunOptions, detect_survey, lane_names
-from flgpr.execution.workers import InProcess, Processes
+from flgpr.execution.workers import InProcess, Processes, StoppedError
 from small_lane import small_recipe
 
 
@@ -34,3 +34,10 @@ def test_borders_are_one_file_per_run(tmp_path):
     with pytest.raises(ValueError, match="lane must be given once per run, got 1 for 2 runs"):
         detect_survey(["a.zarr", "b.zarr"], small_recipe(), tmp_path / "survey", lanes=["a.toml"])
     assert not (tmp_path / "survey").exists()
+
+
+def test_work_that_was_stopped_is_not_begun():
+    executor = Processes(1)
+    executor.stop()
+    with pytest.raises(StoppedError, match="the work was stopped"):
+        list(executor.run(lane_names, [(["a.zarr"],)]))

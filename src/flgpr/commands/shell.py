@@ -177,7 +177,8 @@ def _run(described: Command, values: dict[str, Any]) -> None:
     as_json = values.pop("as_json", False)
     silent = quiet or as_json
     call = SimpleNamespace(**values, quiet=quiet, as_json=as_json)
-    with plain_errors(quiet, _stopped_line(described, call)), ExitStack() as stack:
+    stopped = _stopped_line(described, call)
+    with plain_errors(quiet, stopped, _typed_names(described)), ExitStack() as stack:
         if described.lines_before is not None and not silent:
             print_lines(described.lines_before(call))
         if described.context is not None:
@@ -193,6 +194,19 @@ def _run(described: Command, values: dict[str, Any]) -> None:
         status = described.status(returned)
         if status:
             raise typer.Exit(status)
+
+
+def _typed_names(described: Command) -> dict[str, str]:
+    """Return options by their names in Python, where these can be no words of a sentence."""
+    typed_names = {}
+    for parameter in described.parameters:
+        option = parameter.shell
+        if "_" not in parameter.name or not isinstance(option, OptionInfo):
+            continue
+        long_names = [name for name in option.param_decls or () if name.startswith("--")]
+        usual = "--" + parameter.name.replace("_", "-")
+        typed_names[parameter.name] = long_names[0] if long_names else usual
+    return typed_names
 
 
 def _stopped_line(described: Command, call: Arguments) -> str:
