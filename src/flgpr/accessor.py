@@ -45,8 +45,9 @@ class RunAccessor:
         except ValueError as error:
             return f"<p>This dataset is no run: {html.escape(str(error))}</p>"
         title = html.escape(str(self._run.attrs.get("title", "run")))
-        axes = self.plot.geometry(_axes((4.5, 3.5)))
-        picture = picture_html(axes.get_figure(root=True), "plan of scans and antennas")
+        figure = Figure(figsize=(4.5, 3.5), layout="constrained")
+        self.plot.geometry(figure.subplots())
+        picture = picture_html(figure, "plan of scans and antennas")
         table = entries_html(_summary(self._run))
         return f"<p><b>{title}</b></p>{side_by_side_html(picture, table)}"
 

@@ -128,9 +128,8 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
         if parameter.shell is None:
             continue
         default = parameter.shell_default
-        panel = _panel_of(described, parameter.name)
-        annotation = Annotated[parameter.shell_type, _in_panel(parameter.shell, panel)]
-        keyword = _keyword(parameter.name, annotation, default)
+        option = _in_panel(parameter.shell, _panel_of(described, parameter.name))
+        keyword = _keyword(parameter.name, Annotated[parameter.shell_type, option], default)
         if isinstance(parameter.shell, ArgumentInfo):
             arguments.append(keyword)
         elif default is inspect.Parameter.empty:
@@ -140,8 +139,8 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
 
     for name, (annotation, default) in described.shell_options.items():
         option_type, option = get_args(annotation)
-        shown = Annotated[option_type, _in_panel(option, _panel_of(described, name))]
-        options.append(_keyword(name, shown, default))
+        option = _in_panel(option, _panel_of(described, name))
+        options.append(_keyword(name, Annotated[option_type, option], default))
     if described.quiet:
         options.append(_keyword("quiet", QUIET, False))
     if described.as_json is not None:

@@ -19,7 +19,7 @@ _POSE_TOLERANCE = 1e-6
 _TIME_TOLERANCE = 1e-3
 
 
-@xr.register_dataset_accessor("flgpr")  # type: ignore[no-untyped-call]
+@xr.register_dataset_accessor("flgpr")  # type: ignore[no-untyped-call, untyped-decorator]
 def _accessor(run: xr.Dataset) -> Any:
     """Return ``run.flgpr``, plots and checks of a run; their modules are loaded for the first."""
     return import_module("flgpr.accessor").RunAccessor(run)
