@@ -64,7 +64,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 # Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
 # $(1): extras to install; $(2): what else to compile, which for the linear algebra of trainings asks for SciPy.
 define install_and_compile
-	$(PIP) numba $(if $(2),scipy)
+	$(PIP) numba portalocker $(if $(2),scipy)
 	rm -f $@
 	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead $(2); test -e $@
 endef

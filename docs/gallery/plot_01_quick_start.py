@@ -31,8 +31,8 @@ result
 result.alarms.head(3)
 
 # %%
-# Scoring reads the truth, and says what became of each mine. ``n_false`` counts the false alarms with at least the
-# confidence of the mine's best alarm. Three mines on one lane say that the chain works, not how well.
+# Scoring reads the truth, and says what became of each mine, and how many false alarms rank above it. Three mines on
+# one lane say that the chain works, not how well.
 
 scored = flgpr.score(result, truth=lane / "truth.csv")
 scored

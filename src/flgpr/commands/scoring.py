@@ -76,7 +76,7 @@ class Scored:
         """Return the summary, the outcomes and a picture for a notebook."""
         main = self.scores[0]
         sentence = f"{main.name}: {main.in_words()}"
-        outcomes = main.outcomes[[*_OUTCOME_COLUMNS, "x", "y"]]
+        outcomes = main.outcomes
         if self.result is None:
             return curve_html(sentence, outcomes, main.curve)
         return outcomes_html(sentence, outcomes, self.result.detections[0], self.result.lane)

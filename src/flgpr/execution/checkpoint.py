@@ -6,7 +6,6 @@ purpose: what a crash of the machine damages is found and made again.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import time
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr import system
 from flgpr.chain.engine import Gatherer
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
@@ -204,7 +204,7 @@ def _locked(path: Path) -> Iterator[bool]:
     """Lock a file while the context lasts; yield whether no other process holds the lock."""
     with open(path, "ab", opener=open_own) as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            system.lock(lock)
         except OSError:
             yield False
         else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import resource
 import socket
 import threading
 import time
@@ -23,6 +22,7 @@ import numpy as np
 import pandas as pd
 
 import flgpr
+from flgpr import system
 from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
@@ -525,7 +525,7 @@ def report(lane: str, stage: str, number: int, begun: _Clocks, size: int) -> Rep
         "seconds": wall - begun[0],
         "processor_seconds": own_share,
         "bytes": size,
-        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "peak_bytes": system.peak_memory(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
         "cpu": processor(),
     }

@@ -23,6 +23,7 @@ from typing import Any
 import numba
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from flgpr import system
 from flgpr.chain.engine import run_pieces
 from flgpr.store.extras import optional
 
@@ -164,8 +165,9 @@ class Processes(Executor):
         """Return new processes, or those that another thread started after the broken ones."""
         with self._lock:
             if self._pool is None or self._pool is broken:
-                context = multiprocessing.get_context("forkserver")
+                context = multiprocessing.get_context(system.start_method())
                 slow = (name for name in _SLOW if name in sys.modules)
+                # Without effect where processes are started anew.
                 context.set_forkserver_preload([*slow, "flgpr.execution.preload"])
                 threads = max(1, (os.cpu_count() or 1) // self.count)
                 self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))

@@ -44,7 +44,7 @@ def outcomes_html(sentence: str, outcomes: pd.DataFrame, main: Detection, lane: 
     sentence : str
         What sums it up.
     outcomes : DataFrame
-        Targets with ``x``, ``y`` (m), ``found`` and what else the table shows.
+        Rows of targets as a score has them.
     main : Detection
         What was scored.
     lane : Lane
@@ -56,9 +56,9 @@ def outcomes_html(sentence: str, outcomes: pd.DataFrame, main: Detection, lane: 
     missed = outcomes[~is_found]
     axes.plot(found["x"], found["y"], "s", mfc="none", mec="tab:green", ms=13, label="found")
     axes.plot(missed["x"], missed["y"], "x", mec="tab:orange", ms=11, mew=2, label="missed")
-    axes.legend(loc="upper right", fontsize="small", title="targets")
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small", markerscale=0.6)
     picture = picture_html(figure, "run-view with alarms and targets")
-    table = table_html(outcomes.drop(columns=["x", "y"]))
+    table = table_html(_target_rows(outcomes))
     return f"<p>{html.escape(sentence)}</p>{side_by_side_html(picture, table)}"
 
 
@@ -75,8 +75,20 @@ def curve_html(sentence: str, outcomes: pd.DataFrame, curve: pd.DataFrame) -> st
     axes.set(xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.02))
     axes.set_xlim(left=0)
     picture = picture_html(figure, "ROC curve")
-    table = table_html(outcomes.drop(columns=["x", "y"]))
+    table = table_html(_target_rows(outcomes))
     return f"<p>{html.escape(sentence)}</p>{side_by_side_html(picture, table)}"
+
+
+def _target_rows(outcomes: pd.DataFrame) -> pd.DataFrame:
+    """Return what became of each target, with columns that can be read without a manual."""
+    rows = outcomes[["target_id", "kind", "depth"]].rename(
+        columns={"target_id": "target", "depth": "depth (m)"}
+    )
+    rows["outcome"] = np.where(outcomes["found"], "found", "missed")
+    # Of a target that no alarm lies near there is nothing to count.
+    rows["false alarms above"] = outcomes["n_false"].where(outcomes["detected"])
+    rows["off by (m)"] = outcomes["distance"]
+    return rows
 
 
 def picture_html(figure: Figure, text: str) -> str:
@@ -89,7 +101,9 @@ def picture_html(figure: Figure, text: str) -> str:
 
 def table_html(table: pd.DataFrame) -> str:
     """Return a table, to three digits."""
-    return table.to_html(index=False, float_format="{:.3g}".format, border=0, escape=True)
+    return table.to_html(
+        index=False, float_format="{:.3g}".format, border=0, justify="left", na_rep="–"
+    )
 
 
 def entries_html(entries: Mapping[str, Any]) -> str:
@@ -121,7 +135,7 @@ def _lane_figure(detection: Detection, lane: Lane) -> tuple[Figure, Axes]:
     extent = (float(x[0]), float(x[-1]), float(y[0]), float(y[-1]))
     axes.imshow(decibel, "gray", extent=extent, origin="lower", vmin=-_RANGE, vmax=0)
     alarms = detection.alarms
-    axes.scatter(alarms["x"], alarms["y"], s=60, facecolors="none", edgecolors="tab:red")
+    axes.plot(alarms["x"], alarms["y"], "o", mfc="none", mec="tab:red", ms=8, label="alarm")
     axes.set(
         xlim=(lane.x_min, lane.x_max),
         ylim=(lane.y_min, lane.y_max),

@@ -5,7 +5,6 @@ A file that is written here holds either its old or its new content, whenever th
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -17,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from flgpr import system
 from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, open_own, parse_json
 
@@ -171,6 +171,9 @@ def write_whole(path: Path, data: bytes | str) -> None:
         If the file cannot be written; the error names it.
     """
     content = data.encode() if isinstance(data, str) else data
+    if not system.OPENS_FOLDERS:
+        _write_under_own_name(path, content)
+        return
     temporary = path.with_name(path.name + ".partial")
     with writing(path), _open_alone(temporary) as file:
         if _holds(path, content):
@@ -195,18 +198,39 @@ def _holds(path: Path, content: bytes) -> bool:
         return file.read() == content
 
 
+def _write_under_own_name(path: Path, content: bytes) -> None:
+    """Write a file where an open file cannot be renamed.
+
+    It is closed before it is renamed, so that no lock can last until then: every process writes
+    under a temporary name of its own. What a killed process leaves stays.
+    """
+    with writing(path):
+        if _holds(path, content):
+            return
+        temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}.partial")
+        try:
+            with temporary.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
 def _open_alone(temporary: Path) -> BinaryIO:
     """Open an empty file that no other process writes.
 
     A file that a killed process left is emptied and used again.
     """
-    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    flags = os.O_RDWR | os.O_CREAT | system.NO_LINK | system.AT_ONCE | system.PLAIN
     while True:
         if os.path.lexists(temporary) and not stat.S_ISREG(temporary.lstat().st_mode):
             temporary.unlink()  # a link, which would lead elsewhere, or a pipe
         file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(file, fcntl.LOCK_EX)
+            system.lock(file, wait=True)
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file.fileno()), temporary.lstat()):
                 file.truncate(0)
