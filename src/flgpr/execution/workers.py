@@ -6,10 +6,8 @@ as the work gets done. What they return is small: arrays go through the work fol
 
 from __future__ import annotations
 
-import atexit
 import multiprocessing
 import os
-import signal
 import sys
 import threading
 from abc import abstractmethod
@@ -175,20 +173,11 @@ class Processes(Executor):
 
 
 def _begin_worker(threads: int) -> None:
-    """Set up a process with its share of threads. It ends with its parent.
-
-    Ctrl-C on a terminal reaches every process: one that works ends at once and says nothing.
-    """
-    signal.signal(signal.SIGINT, _end_at_once)
+    """Set up a process with its share of threads. It ends with its parent."""
+    system.end_at_interrupt()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     threadpool_limits(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_at_once(*_: object) -> None:
-    """End this process, after the locks of libraries were given back to the system."""
-    atexit._run_exitfuncs()  # as multiprocessing does where a process ends by itself
-    os._exit(1)
 
 
 def _end_with_parent() -> None:
