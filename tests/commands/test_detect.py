@@ -13,7 +13,7 @@ RUN = sample_lane() / "run.zarr"
 
 def test_a_run_in_memory_and_its_store_give_the_same_alarms_and_leave_nothing():
     stored = flgpr.detect(RUN, "demo", report=False)
-    in_memory = flgpr.detect(open_run(RUN).load(), "demo", report=False)
+    in_memory = flgpr.detect(open_run(RUN).load(), "demo", lane=stored.lane, report=False)
     assert in_memory.detections[0].alarms.equals(stored.detections[0].alarms)
     assert "alarms in" in in_memory._repr_html_()
     assert "data:image/png;base64," in in_memory._repr_html_()

@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from flgpr.commands.options import (
     REQUIRED,
-    OneOrMorePaths,
+    LanesLike,
     Overwrite,
     PathLike,
     Progress,
@@ -30,6 +30,7 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.execution.survey import RunOptions
+    from flgpr.model import Lane
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
 
@@ -126,7 +127,7 @@ def detect(
         PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
     ] = None,
     lane: Annotated[
-        OneOrMorePaths | None,
+        LanesLike | None,
         lane_option("once per run"),
     ] = None,
     model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
@@ -185,9 +186,9 @@ def detect(
     if len(run_list) == 1:
         if lanes is not None and len(lanes) > 1:
             raise ValueError(f"lane must be given once per run, got {len(lanes)} for 1 run")
-        lane_file = None if lanes is None else lanes[0]
+        given_lane = None if lanes is None else lanes[0]
         with _Locations(run_list[0], output, other_runs[0]) as locations:
-            _detect_lane(locations, recipe, lane_file, model, section, report, options, overwrite)
+            _detect_lane(locations, recipe, given_lane, model, section, report, options, overwrite)
             return locations.result()
 
     if output is None:
@@ -216,7 +217,7 @@ def detect(
 def _detect_lane(
     locations: _Locations,
     recipe: PathLike | None,
-    lane_file: PathLike | None,
+    given_lane: PathLike | Lane | None,
     model: PathLike | None,
     section: float | None,
     report: bool,
@@ -234,7 +235,7 @@ def _detect_lane(
     text = _recipe_text(recipe, locations.run, model, options)
     parsed = parse_recipe(text, str(recipe))
     named_recipe = None if recipe is None else parsed
-    lane, lane_source = choose_lane(locations.run, lane_file, named_recipe)
+    lane, lane_source = choose_lane(locations.run, given_lane, named_recipe)
     area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
 
     job = make_job(
@@ -271,7 +272,7 @@ def _recipe_text(
 def _recipe_of_survey(
     runs: Sequence[PathLike],
     recipe: PathLike | None,
-    lanes: Sequence[PathLike] | None,
+    lanes: Sequence[PathLike | Lane] | None,
     model: PathLike | None,
     options: RunOptions,
 ) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import xarray
 
     from flgpr.chain.progress import Track
+    from flgpr.model import Lane
     from flgpr.results.result import Result
 
 PathLike = str | Path
@@ -28,6 +29,8 @@ OneOrMorePaths = str | Path | Sequence[str | Path]
 RunLike = Union[str, Path, "xarray.Dataset"]
 """A run store, or a run in memory."""
 RunsLike = Union[str, Path, "xarray.Dataset", Sequence[Union[str, Path, "xarray.Dataset"]]]
+LanesLike = Union[str, Path, "Lane", Sequence[Union[str, Path, "Lane"]]]
+"""Files of lanes, or lanes in memory."""
 ResultsLike = Union[str, Path, "Result", Sequence[Union[str, Path, "Result"]]]
 """Folders of results or files of alarm lists, or results that were read."""
 TruthLike = Union[str, Path, "pandas.DataFrame"]

@@ -13,7 +13,7 @@ PathLike = str | Path
 
 
 def choose_lane(
-    run: PathLike, lane_file: PathLike | None, recipe: Recipe | None
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe | None
 ) -> tuple[Lane | None, str]:
     """Return the lane that a run is searched in, and where its borders come from.
 
@@ -24,8 +24,8 @@ def choose_lane(
     ----------
     run : path
         Run store.
-    lane_file : path, optional
-        Lane that is given.
+    given : path or Lane, optional
+        Lane that is given, or its file.
     recipe : Recipe, optional
         Recipe whose lane comes before that beside the run; None for one that was made for the run.
 
@@ -34,8 +34,10 @@ def choose_lane(
     ValueError
         If a file is no lane; the error names it.
     """
-    if lane_file is not None:
-        return read_lane(lane_file), f"{Path(lane_file).name}, as given"
+    if isinstance(given, Lane):
+        return given, "as given"
+    if given is not None:
+        return read_lane(given), f"{Path(given).name}, as given"
     if recipe is not None and recipe.lane is not None:
         return None, ""
     beside = lane_file_of(run)

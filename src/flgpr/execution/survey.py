@@ -20,6 +20,7 @@ from flgpr.execution.job import LaneJob, make_job
 from flgpr.execution.lane_choice import choose_lane
 from flgpr.execution.pass_runner import OnReport, ignore_report
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
+from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result
 from flgpr.store import MAX_MEMORY, open_run, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
@@ -57,7 +58,7 @@ def detect_survey(
     runs: Sequence[PathLike],
     recipe_text: str,
     output: PathLike,
-    lanes: Sequence[PathLike] | None = None,
+    lanes: Sequence[PathLike | Lane] | None = None,
     model: PathLike | None = None,
     section: float | None = None,
     others: Sequence[Mapping[str, PathLike]] | None = None,
@@ -78,8 +79,8 @@ def detect_survey(
         TOML text of the recipe.
     output : str or path
         Takes a result folder per lane, named like its run, and ``survey.json``.
-    lanes : sequence of str or path, optional
-        Files of the borders, one per run.
+    lanes : sequence of str, path or Lane, optional
+        Borders or their files, one per run.
     model : str or path, optional
         Folder of a trained model.
     section : float, optional
@@ -144,7 +145,7 @@ def _make_jobs(
     runs: Sequence[PathLike],
     recipe_text: str,
     survey: Path,
-    lanes: Sequence[PathLike] | None,
+    lanes: Sequence[PathLike | Lane] | None,
     model: PathLike | None,
     section: float | None,
     others: Sequence[Mapping[str, PathLike]] | None,
