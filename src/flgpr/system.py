@@ -106,5 +106,6 @@ def _end(*_: object) -> None:
     """End this process, after the locks that its libraries made are given back to the system."""
     import multiprocessing.util
 
-    multiprocessing.util._exit_function()  # as it does where a process ends by itself
+    # As it does where a process ends by itself.
+    multiprocessing.util._exit_function()  # type: ignore[attr-defined]
     os._exit(1)

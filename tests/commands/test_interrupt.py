@@ -169,3 +169,18 @@ def test_ctrl_c_on_a_terminal_ends_workers_without_a_traceback(lane, tmp_path):
     assert "Traceback" not in errors
     assert errors.splitlines()[-1] == GOES_ON
     assert not list((tmp_path / "all").glob("*/manifest.json"))
+
+
+@pytest.mark.parametrize(
+    ("words", "work"),
+    [
+        (["benchmark", "run", "wang2007", "--quick"], "flgpr.proving_ground.run_benchmark"),
+        (["reproduce", "wang2007", "--quick"], "flgpr_papers.reproduce"),
+        (["reproduce", "worlds", "--quick"], "flgpr_papers.map_worlds"),
+    ],
+)
+def test_a_study_that_is_interrupted_says_that_it_goes_on(words, work, tmp_path, monkeypatch):
+    monkeypatch.setattr(work, interrupted_at(1, None))
+    stopped = call(*words, "-o", tmp_path / "work")
+    assert stopped.exit_code == 130
+    assert stopped.stderr == f"{GOES_ON}\n"
