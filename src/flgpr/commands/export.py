@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike
+from flgpr.commands.options import Output, PathLike, anchor_option
 from flgpr.commands.shell import Arguments, command
 
 FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "mcap")
@@ -32,9 +32,7 @@ def export(
     to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
     anchor: Annotated[
         PathLike | None,
-        Option(
-            help="TOML that ties the lane to the Earth; needed where the data have no georeference."
-        ),
+        anchor_option("needed where the data have no georeference"),
     ] = None,
     kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
     time: Annotated[

@@ -26,6 +26,7 @@ from flgpr.store.files import (
     sha256,
     sync_file,
     write_whole,
+    writing,
 )
 from flgpr.store.journal import (
     JOURNAL,
@@ -68,7 +69,8 @@ class RunExistsError(FileExistsError):
         else:
             content = "which holds something else or a damaged store"
         super().__init__(
-            f"path must not exist yet, got {path}, {content}: move it away or choose another output"
+            f"output must not exist yet, got {path}, {content}: "
+            "move it away or choose another output"
         )
 
 
@@ -177,9 +179,10 @@ class RunWriter:
         """Return the journal of this run, which no other process holds."""
         self._check_free(overwrite)
         try:
-            journal = Journal(self._partial, self._about, resume)
+            with writing(self.path):
+                journal = Journal(self._partial, self._about, resume)
         except JournalError as error:
-            raise RunStoreError(str(error)) from error
+            raise RunStoreError(f"{self.path}: {error}") from error
         try:
             # Another process may have committed the run before the journal was free.
             self._check_free(overwrite)
