@@ -1,6 +1,5 @@
 """Several writers of one run: one wins, the others are told, and the store is whole."""
 
-import fcntl
 import os
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flgpr import system
 from flgpr.store import RunWriter, open_run
 
 FIXED = (np.arange(1.0, 5.0) * 1e9, ["HH"], np.zeros((2, 3)), np.ones((2, 3)))
@@ -37,7 +37,7 @@ def at_the_next(monkeypatch, owner, name, act):
 
 
 @pytest.mark.parametrize(
-    "step", [(Path, "mkdir"), (os, "open"), (fcntl, "flock")], ids=lambda step: step[1]
+    "step", [(Path, "mkdir"), (os, "open"), (system, "lock")], ids=lambda step: step[1]
 )
 def test_a_writer_that_begins_while_another_commits_is_refused(tmp_path, monkeypatch, step):
     first = begin(tmp_path / "a.zarr", resume=True)

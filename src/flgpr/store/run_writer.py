@@ -46,9 +46,12 @@ from flgpr.store.run_store import (
     manifest_bytes,
     read_manifest,
 )
+from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
 
 MADE_OF = "made-of.json"
 """File that records what a store's scans depend on, by which the same call knows it again."""
+GROUP = "zarr.json"
+"""File that describes a group or an array of Zarr."""
 _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it grows
 _SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
 
@@ -269,6 +272,7 @@ class RunWriter:
                 "attrs": self._attrs,
             }
         )
+        _consolidate(self._partial)
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
             made_of = {"commit": digest, "about": self._about}
@@ -383,6 +387,7 @@ class RunWriter:
             compressors=[Crc32cCodec()],
             filters=[],
             dimension_names=list(map(str, dims)),
+            attributes=VARIABLE_ATTRS[name],
             config={"write_empty_chunks": True},
         )
 
@@ -520,6 +525,16 @@ def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
         return difference(stored["about"], parse_json(canonical_json(about)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
+
+
+def _consolidate(root: Path) -> None:
+    """Let the group's description repeat those of its arrays."""
+    arrays = {}
+    for name in DIMS:
+        arrays[name] = parse_json((root / name / GROUP).read_bytes())
+    group = parse_json((root / GROUP).read_bytes())
+    text = json.dumps(consolidated_group(group, arrays), indent=2)
+    write_whole(root / GROUP, text)
 
 
 def _write_manifest(root: Path, scans: int) -> str:
