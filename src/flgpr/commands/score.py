@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -198,7 +198,7 @@ def score(
         ),
     ] = None,
     vendor: Annotated[
-        OneOrMorePaths | None,
+        str | Sequence[str] | None,
         Option(
             help="Whose alarms they are, for the head of every page; once per alarm list. By "
             "default what a comment at the head of the list says: # vendor: NAME."
