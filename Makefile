@@ -19,6 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo benchmark quick test lint docs robustness clean
 
+# Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
 
@@ -44,16 +45,16 @@ lint: $(VENV)/.test
 ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_commands_errors.py \
     commands/test_implausible_poses.py detect/test_scorers.py \
     formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
-    live/test_live_positions.py live/test_senders.py live/test_session.py model/test_motion.py model/test_plausible.py \
-    store/test_csv_formulas.py store/test_outputs.py store/test_run_races.py store/test_run_store.py \
-    store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
+    live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
+    model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
+    store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
 
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
 docs: $(VENV)/.docs
-	$(BIN)/codespell *.md docs src tests benchmarks evidence viewer
+	$(BIN)/codespell *.md docs src tests benchmarks evidence examples viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 $(VENV)/bin/python:
@@ -64,7 +65,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 # Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
 # $(1): extras to install; $(2): what else to compile, which for the linear algebra of trainings asks for SciPy.
 define install_and_compile
-	$(PIP) numba $(if $(2),scipy)
+	$(PIP) numba portalocker $(if $(2),scipy)
 	rm -f $@
 	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead $(2); test -e $@
 endef

@@ -36,7 +36,8 @@ import numpy as np
 import flgpr
 import scaling
 from flgpr.chain.recipe import recipe_text
-from flgpr.execution.job import LaneJob, code_versions, do_block
+from flgpr.execution.job import LaneJob, code_versions
+from flgpr.execution.pieces import do_block
 from flgpr.execution.workers import Cluster
 from suite.data import STEP, write_noise_run
 

@@ -29,9 +29,9 @@ import pandas as pd
 import flgpr
 from flgpr.chain.memory import memory_needed, plan_sections
 from flgpr.chain.recipe import load_recipe
-from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.results.result import read_result
+from flgpr.results.sections import results_at
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from suite.data import write_noise_run

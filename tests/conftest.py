@@ -28,7 +28,7 @@ DRAWING = {
     "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
-NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan"}
+NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan", "test_demo_shell"}
 """Files in these folders whose tests look at none."""
 HEAVY = (
     "test_systems",

@@ -30,7 +30,7 @@ from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.store import open_run, sample_lane, save_run, write_table, write_whole
 from flgpr_papers import overview, reasons
-from flgpr_papers.kit.cache import kept, store_lane, write_arrays
+from flgpr_papers.kit.cache import read_or_make, store_lane, write_arrays
 from flgpr_papers.kit.findings import measured, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.reasons import Trial
@@ -127,7 +127,7 @@ class MadeUpStudy:
     def reproduce(self, folder, quick, track, world):
         folder.mkdir(parents=True, exist_ok=True)
         store, _, _ = store_lane(folder / "lanes", self.scene, 3, self.sensor, track)
-        level = kept(folder / "parts" / "level.json", lambda: _rms(store))
+        level = read_or_make(folder / "parts" / "level.json", lambda: _rms(store))
         arrays = folder / "parts" / "level.arrays"
         if not arrays.is_file():
             write_arrays(arrays, {"level": np.array([level])})
@@ -146,7 +146,7 @@ class MadeUpStudy:
 
     def trials(self, home, _quick, _world, track):
         store, _, _ = store_lane(home / "lanes", self.scene, 3, self.sensor, track)
-        level = kept(home / "reasons" / "level.json", lambda: _rms(store))
+        level = read_or_make(home / "reasons" / "level.json", lambda: _rms(store))
         return [Trial("A above B", "", "nothing", "level", (level, 0.0, 2 * level), "one lane")]
 
 

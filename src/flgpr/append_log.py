@@ -7,7 +7,6 @@ next, so that it cannot spoil the line after.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import stat
 import time
@@ -15,6 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
+
+from flgpr import system
 
 MOST_BYTES = 2**30
 """Most bytes that a log may have."""
@@ -117,7 +118,7 @@ def read_log(path: Path, wait: float = 0.0) -> tuple[list[bytes], bytes]:
     except FileNotFoundError:
         return [], b""
     with file:
-        _lock(file, path, fcntl.LOCK_SH, wait)
+        _lock(file, path, wait, shared=True)
         *lines, torn = _read(file, path).split(b"\n")
     return lines, torn
 
@@ -135,7 +136,7 @@ def _hold(path: Path, wait: float) -> BinaryIO:
         except FileNotFoundError:
             continue
         try:
-            _lock(file, path, fcntl.LOCK_EX, wait)
+            _lock(file, path, wait)
         except BaseException:
             file.close()
             raise
@@ -149,7 +150,7 @@ def _hold(path: Path, wait: float) -> BinaryIO:
 
 def _open(path: Path, flags: int) -> BinaryIO:
     """Open a regular file; what is no file is a ValueError, and never waited for."""
-    handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    handle = os.open(path, flags | system.AT_ONCE | system.PLAIN, 0o666)
     try:
         state = os.fstat(handle)
         if not stat.S_ISREG(state.st_mode):
@@ -160,12 +161,12 @@ def _open(path: Path, flags: int) -> BinaryIO:
     return os.fdopen(handle, "rb" if flags == os.O_RDONLY else "ab+", buffering=0)
 
 
-def _lock(file: BinaryIO, path: Path, kind: int, wait: float) -> None:
+def _lock(file: BinaryIO, path: Path, wait: float, shared: bool = False) -> None:
     """Lock an open file, and try again for ``wait`` seconds if another process holds it."""
     end = time.monotonic() + wait
     while True:
         try:
-            fcntl.flock(file, kind | fcntl.LOCK_NB)
+            system.lock(file, shared=shared)
             return
         except BlockingIOError:
             if time.monotonic() >= end:
@@ -202,7 +203,9 @@ def write_all(file: BinaryIO, data: bytes) -> None:
 
 
 def sync_directory(path: Path) -> None:
-    """Flush the entries of a directory to disk."""
+    """Flush the entries of a directory to disk, where a directory can be opened."""
+    if not system.OPENS_FOLDERS:
+        return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

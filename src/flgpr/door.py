@@ -30,6 +30,8 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from flgpr import system
+
 MOST_BYTES = 256 * 2**20
 """Largest file that is read as a whole."""
 MOST_CHECKED = 4 * 2**30
@@ -58,8 +60,10 @@ _TOML_TEXT = re.compile(
 _TOML_MARKS = re.compile(r"[=,{}\[\]\n]")
 """Characters that a key of TOML does not have outside its strings."""
 _BLOCK = 2**15
-_FILE = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
-_FOLDER = os.O_RDONLY | os.O_DIRECTORY
+_FILE = os.O_RDONLY | system.NO_LINK | system.AT_ONCE | system.PLAIN
+_FOLDER = os.O_RDONLY | system.DIRECTORY
+_LEADS_ELSEWHERE = (0xA0000003, 0xA000000C)
+"""Tags of junctions and symbolic links on Windows ([MS-FSCC] 2.1.2.1)."""
 _KINDS = {
     stat.S_IFLNK: "a symbolic link",
     stat.S_IFDIR: "a folder",
@@ -159,6 +163,10 @@ class Folder:
     def check_size(self, name: str) -> None:
         """Check that a file is there, regular and of the size listed, without reading it."""
         folders, last = _split_name(self.root, name)
+        if not system.OPENS_FOLDERS:
+            path = _folder_by_path(self.root, name, folders) / last
+            self._check_state(name, _regular_by_path(path, self.root, name), MOST_CHECKED)
+            return
         folder = _open_folders(self.root, name, folders)
         try:
             self._check_state(name, _regular_state(folder, last, self.root, name), MOST_CHECKED)
@@ -205,6 +213,8 @@ class Folder:
     def path(self, name: str) -> Path:
         """Return the path of a folder inside; one behind a link is a DoorError."""
         folders, last = _split_name(self.root, name)
+        if not system.OPENS_FOLDERS:
+            return _folder_by_path(self.root, name, [*folders, last])
         os.close(_open_folders(self.root, name, [*folders, last]))
         return self.root / name
 
@@ -296,7 +306,9 @@ def open_own(path: str, flags: int) -> int:
     A link is a DoorError, as is what is not regular.
     """
     try:
-        return _opened_regular(path, flags | os.O_NOFOLLOW)
+        if not system.NO_LINK and os.path.lexists(path) and _is_link(os.lstat(path)):
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
+        return _opened_regular(path, flags | system.NO_LINK)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
@@ -306,7 +318,7 @@ def open_own(path: str, flags: int) -> int:
 def _opened_regular(path: str, flags: int) -> int:
     """Return a descriptor of a regular file, without waiting for anything else."""
     try:
-        handle = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY, 0o666)
+        handle = os.open(path, flags | system.AT_ONCE, 0o666)
     except OSError as error:
         if error.errno != errno.ENXIO:  # a socket, or a pipe that nobody reads
             raise
@@ -379,6 +391,8 @@ def _split_name(root: Path, name: str) -> tuple[list[str], str]:
     """Return the folders of a name and its last component; one that leads out is a DoorError."""
     components = name.split("/")
     has_bad_character = "\0" in name or "\\" in name
+    if not system.OPENS_FOLDERS:  # on Windows a colon leads to another drive or stream
+        has_bad_character |= ":" in name
     if has_bad_character or any(component in ("", ".", "..") for component in components):
         raise DoorError(f"{root}: names must be relative and stay inside, got {name!r}")
     return components[:-1], components[-1]
@@ -387,6 +401,8 @@ def _split_name(root: Path, name: str) -> tuple[list[str], str]:
 def _open_inside(root: Path, name: str) -> int:
     """Open a regular file below a folder, from folder to folder, so that no link is followed."""
     folders, last = _split_name(root, name)
+    if not system.OPENS_FOLDERS:
+        return _open_by_path(root, name, folders, last)
     folder = _open_folders(root, name, folders)
     try:
         # Checked before it is opened, because opening a device may already do something.
@@ -400,6 +416,63 @@ def _open_inside(root: Path, name: str) -> int:
         raise DoorError(f"{root}: {name} must be a regular file, got a symbolic link") from None
     finally:
         os.close(folder)
+
+
+def _open_by_path(root: Path, name: str, folders: Sequence[str], last: str) -> int:
+    """Open a regular file below a folder where folders cannot be opened, as on Windows.
+
+    Every component is looked at before the file is opened and again after, and the open file must
+    be the one that was seen.
+    """
+    folder = _folder_by_path(root, name, folders)
+    path = folder / last
+    _regular_by_path(path, root, name)
+    handle = os.open(path, _FILE)
+    try:
+        _folder_by_path(root, name, folders)
+        if not os.path.samestat(os.fstat(handle), _regular_by_path(path, root, name)):
+            raise DoorError(f"{root}: {name} must stay as it is while it is opened")
+    except BaseException:
+        os.close(handle)
+        raise
+    return _regular(handle, f"{root}: {name}")
+
+
+def _regular_by_path(path: Path, root: Path, name: str) -> os.stat_result:
+    """Return the state of a file, which must be regular and no link."""
+    try:
+        state = os.lstat(path)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
+    if _is_link(state) or not stat.S_ISREG(state.st_mode):
+        raise DoorError(f"{root}: {name} must be a regular file, got {_kind(state)}")
+    return state
+
+
+def _folder_by_path(root: Path, name: str, folders: Sequence[str]) -> Path:
+    """Return the path of a folder below another; a link on the way is a DoorError."""
+    if not root.is_dir():
+        error = errno.ENOTDIR if root.exists() else errno.ENOENT
+        kind = NotADirectoryError if root.exists() else FileNotFoundError
+        raise kind(error, os.strerror(error), str(root / name))
+    folder = root
+    for component in folders:
+        folder = folder / component
+        try:
+            state = os.lstat(folder)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
+        if _is_link(state) or not stat.S_ISDIR(state.st_mode):
+            raise DoorError(
+                f"{root}: {name} must lie in folders of its own, got {_kind(state)} at {component}"
+            )
+    return folder
+
+
+def _is_link(state: os.stat_result) -> bool:
+    """Return whether a name leads elsewhere: a symbolic link, or a junction of Windows."""
+    is_junction = getattr(state, "st_reparse_tag", 0) in _LEADS_ELSEWHERE
+    return stat.S_ISLNK(state.st_mode) or is_junction
 
 
 def _regular_state(folder: int, last: str, root: Path, name: str) -> os.stat_result:
@@ -424,7 +497,7 @@ def _open_folders(root: Path, name: str, folders: Sequence[str]) -> int:
         raise type(error)(error.errno, error.strerror, str(root / name)) from None
     for component in folders:
         try:
-            inner_folder = os.open(component, _FOLDER | os.O_NOFOLLOW, dir_fd=folder)
+            inner_folder = os.open(component, _FOLDER | system.NO_LINK, dir_fd=folder)
         except FileNotFoundError as error:
             raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
         except OSError as error:

@@ -1,6 +1,6 @@
 """The papers' experiments, run again on simulated lanes.
 
-A room and a page per paper, and the ``kit`` they share.
+Every paper has a package of its own and a page; ``kit`` is what they share.
 """
 
 from flgpr_papers.kit.settings import PAPERS

@@ -1,20 +1,27 @@
-"""The papers, and the overview of where their verdicts stand once they have been run again."""
+"""Run the studies of the papers, and write the overview of their verdicts."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import InProcess, Processes
+from flgpr.execution.workers import Executor, InProcess, Processes
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import OPEN, read_findings
-from flgpr_papers.kit.page import study_html, telling_if_same
+from flgpr_papers.kit.page import log_if_unchanged, study_html
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, check_study_world, world_folder
+
+StudyJob = tuple[str, str, bool, str]
+"""Paper, folder of the study, whether the run is quick, and world, as a worker gets them."""
+PartJob = tuple[str, str, bool, str, str | None]
+"""The same, and the part of the study; None for all of it."""
+VerdictRow = tuple[str, str, str, str]
+"""Statement, the paper's figure, ours with its interval, and the verdict."""
 
 
 def reproduce(
@@ -27,13 +34,14 @@ def reproduce(
 ) -> Path:
     """Run a paper's experiment again on simulated lanes, or all of them.
 
-    What was stopped goes on where it was. With "all" every paper works in a folder of its own, and
-    the overview is written anew after each, so that a run that was stopped shows what is there.
-    Several processes first take what a study can have made beforehand part by part.
+    An interrupted run resumes. With "all", every paper works in a folder of its own, and the
+    overview is written anew after each of them, so that it always shows the studies that are
+    finished. With several processes, the parts of the studies that can be worked on by themselves
+    are run first.
 
     A study on roads as found works in the folder ``as-found`` within that of the study, so that the
-    two never mix. The page of the study shows its verdicts beside if they are there when it is
-    written.
+    two never mix. The page of the study shows the verdicts of both if those on roads as found are
+    there when it is written.
 
     Parameters
     ----------
@@ -66,70 +74,100 @@ def reproduce(
     if paper != "all" and paper not in PAPERS:
         raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
     folder = Path(output)
-    if paper != "all":
-        return run_study(paper, world_folder(folder, world), quick, track, world)
+    if paper == "all":
+        return _run_all_studies(folder, quick, track, workers, world)
+    return run_study(paper, world_folder(folder, world), quick, track, world)
+
+
+def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, world: str) -> Path:
+    """Run the studies of all papers, each in a folder of its own; returns the overview."""
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = [
-        (name, str(world_folder(folder / name, world)), quick, world)
-        for name in sorted(PAPERS, reverse=True)
-    ]
-    for _, home, _, _ in jobs:
-        _refuse_other_form(Path(home), quick, world)
-    pages = _pages_there(folder, world)
+    jobs: list[StudyJob] = []
+    for paper in sorted(PAPERS, reverse=True):
+        study_folder = world_folder(folder / paper, world)
+        _refuse_other_form(study_folder, quick, world)
+        jobs.append((paper, str(study_folder), quick, world))
+    pages = _existing_pages(folder, world)
     overview = folder / overview_name(world)
-    with (
-        telling_if_same(overview),
-        Processes(workers) if workers > 1 else InProcess() as executor,
-    ):
+    executor = Processes(workers) if workers > 1 else InProcess()
+    with log_if_unchanged(overview), executor:
         if workers > 1:
-            parts = [(*job, part) for job in jobs for part in parts_of(job[0], quick)]
-            parts.sort(key=lambda job: job[-1] is not None)  # whole studies take longest
-            list(track(executor.run(study_part, parts), "parts of the studies", len(parts)))
-            done = track(executor.run(study_page, jobs), "papers", len(jobs))
+            _run_parts(executor, jobs, track)
+            finished = track(executor.run(study_page, jobs), "papers", len(jobs))
         else:
-            done = (_study_with_progress(*job, track) for job in jobs)
-        for one in done:
-            pages[one["paper"]] = Path(one["page"]).relative_to(folder)
+            finished = (_study_with_progress(*job, track) for job in jobs)
+        for written in finished:
+            pages[written["paper"]] = Path(written["page"]).relative_to(folder)
             write_overview(folder, pages, quick, world)
     return overview
 
 
-def _pages_there(folder: Path, world: str) -> dict[str, Path]:
-    """Find the pages of the studies that were run before, by paper, as the overview links them."""
+def _run_parts(executor: Executor, jobs: Sequence[StudyJob], track: Track) -> None:
+    """Run the parts of several studies, so that their pages find the results on disk."""
+    part_jobs: list[PartJob] = []
+    for job in jobs:
+        paper, _, quick, _ = job
+        for part in parts_of(paper, quick):
+            part_jobs.append((*job, part))
+    # A study without parts is one long job: it starts first, so that no worker waits for it.
+    part_jobs.sort(key=_has_part)
+    for _ in track(executor.run(study_part, part_jobs), "parts of the studies", len(part_jobs)):
+        pass
+
+
+def _has_part(job: PartJob) -> bool:
+    """Return whether a job is a part of a study, or else all of it."""
+    return job[-1] is not None
+
+
+def _existing_pages(folder: Path, world: str) -> dict[str, Path]:
+    """Return the pages of the studies that have been run, by paper, relative to the folder."""
     pages = {}
-    for name in PAPERS:
-        home = world_folder(folder / name, world)
-        page = home / study_of(name).PAGE
-        if page.is_file() and (home / "findings.json").is_file():
-            pages[name] = page.relative_to(folder)
+    for paper in PAPERS:
+        study_folder = world_folder(folder / paper, world)
+        page = study_folder / study_of(paper).PAGE
+        if page.is_file() and (study_folder / "findings.json").is_file():
+            pages[paper] = page.relative_to(folder)
     return pages
 
 
 def overview_name(world: str) -> str:
-    """Return the file of the overview of a world in the folder of "all"."""
+    """Return the file name of a world's overview in the folder of "all"."""
     return "index.html" if world == OWN else f"{world}.html"
 
 
 def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: str) -> None:
-    """Write the overview and the verdicts of the studies that have a page.
+    """Write the overview and the table of verdicts of the studies that have a page.
 
-    Those on roads as found have own files.
+    The studies on roads as found have an overview and a table of their own, which the other
+    overview links.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of "all".
+    pages : mapping of str to Path
+        Page of each finished study by paper, relative to the folder.
+    quick : bool
+        Whether the studies are quick runs.
+    world : str
+        World of the studies, see :func:`reproduce`.
     """
-    rows = {
-        name: verdict_rows(world_folder(folder / name, world)) for name in PAPERS if name in pages
-    }
-    write_whole(
-        folder / ("verdicts.csv" if world == OWN else f"verdicts-{world}.csv"), verdicts_csv(rows)
-    )
-    other = overview_name(AS_FOUND) if world == OWN else overview_name(OWN)
+    verdicts = {}
+    for paper in PAPERS:
+        if paper in pages:
+            verdicts[paper] = verdict_rows(world_folder(folder / paper, world))
+    table_name = "verdicts.csv" if world == OWN else f"verdicts-{world}.csv"
+    write_whole(folder / table_name, verdicts_csv(verdicts))
+    other_overview = overview_name(AS_FOUND if world == OWN else OWN)
     html = study_html(
         "overview.html",
         papers=PAPERS,
         pages=pages,
-        found=rows,
+        found=verdicts,
         quick=quick,
         as_found=world == AS_FOUND,
-        other=other if (folder / other).is_file() else "",
+        other=other_overview if (folder / other_overview).is_file() else "",
     )
     write_whole(folder / overview_name(world), html)
 
@@ -137,53 +175,70 @@ def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: 
 def run_study(
     paper: str, folder: Path, quick: bool, track: Track = silent, world: str = OWN
 ) -> Path:
-    """Run the study of one paper, which is loaded for it; returns its page.
+    """Run the study of one paper, whose modules are imported for it, and return its page.
 
-    A folder that has results of the other form, quick or full, or of the other world is a
-    FileExistsError.
+    Parameters
+    ----------
+    paper : str
+        One of `PAPERS`.
+    folder : Path
+        Folder of the study in this world.
+    quick : bool
+        A small version that only shows that everything runs.
+    track : Track
+        Shows progress.
+    world : str
+        World of the lanes, see :func:`reproduce`.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder has results of the other form, quick or full, or of the other world.
     """
     _refuse_other_form(folder, quick, world)
     study = study_of(paper)
-    with telling_if_same(folder / study.PAGE):
+    with log_if_unchanged(folder / study.PAGE):
         page: Path = study.reproduce(folder, quick, track, world=world)
     return page
 
 
 def _refuse_other_form(folder: Path, quick: bool, world: str) -> None:
+    """Refuse a folder that has results of the other form or world, by a FileExistsError."""
     path = folder / "findings.json"
     if not path.is_file():
         return
-    run = json.loads(path.read_text("utf-8"))
-    if run["quick"] != quick:
+    finished_run = json.loads(path.read_text("utf-8"))
+    if finished_run["quick"] != quick:
         form = "full" if quick else "quick"
         raise FileExistsError(
             f"output must not exist yet, got {folder} with the {form} form: choose another output"
         )
-    its_world = run.get(
-        "world", AS_FOUND
-    )  # before there were two worlds, all studies ran on roads as found
-    if its_world != world:
+    # Results without a world are of roads as found: they are older than the second world.
+    finished_world = finished_run.get("world", AS_FOUND)
+    if finished_world != world:
         raise FileExistsError(
-            f"output must not exist yet, got {folder} with lanes of the world {its_world!r}: "
+            f"output must not exist yet, got {folder} with lanes of the world {finished_world!r}: "
             f"choose another output"
         )
 
 
 def study_of(paper: str) -> Any:
-    """Load the study of a paper."""
+    """Import the module that runs the study of a paper."""
     return import_module(f"flgpr_papers.{paper}.study")
 
 
 def parts_of(paper: str, quick: bool) -> list[str | None]:
-    """Name the parts of a study that can be made beforehand; None stands for all of it."""
+    """Return the names of a study's parts that can be run by themselves; None is all of it."""
     study = study_of(paper)
-    return list(study.parts(quick)) if hasattr(study, "parts") else [None]
+    if not hasattr(study, "parts"):
+        return [None]
+    return list(study.parts(quick))
 
 
 def study_part(
     paper: str, folder: str, quick: bool, world: str, part: str | None
 ) -> dict[str, Any]:
-    """Make a part of a study beforehand in a process of its own."""
+    """Run a part of a study in a worker process; its results are then on disk."""
     if part is None:
         run_study(paper, Path(folder), quick, world=world)
     else:
@@ -192,37 +247,55 @@ def study_part(
 
 
 def study_page(paper: str, folder: str, quick: bool, world: str) -> dict[str, str]:
-    """Run a study in a process of its own and tell which page it wrote."""
+    """Run a study in a worker process and return the paper and the page that was written."""
     return _study_with_progress(paper, folder, quick, world, silent)
 
 
 def _study_with_progress(
     paper: str, folder: str, quick: bool, world: str, track: Track
 ) -> dict[str, str]:
-    return {"paper": paper, "page": str(run_study(paper, Path(folder), quick, track, world))}
+    """Run a study and return the paper and the page that was written."""
+    page = run_study(paper, Path(folder), quick, track, world)
+    return {"paper": paper, "page": str(page)}
 
 
-def verdict_rows(folder: Path) -> list[tuple[str, str, str, str]]:
-    """Read statement, the paper's figure, ours with its interval, and the verdict.
+def verdict_rows(folder: Path) -> list[VerdictRow]:
+    """Read the verdicts of a study: statement, the paper's figure, ours with interval, verdict.
 
-    Open questions are left out.
+    Questions that the paper leaves open are left out.
     """
     rows = []
-    for one in read_findings(folder):
-        if one.verdict == OPEN:
+    for finding in read_findings(folder):
+        if finding.verdict == OPEN:
             continue
-        about = "; ".join(
-            part for part in (one.quantity, one.group and f"{one.group} lanes") if part
-        )
-        claim = f"{one.claim} ({about})" if about else one.claim
-        rows.append((claim, one.paper, one.ours, one.verdict))
+        details = []
+        if finding.quantity:
+            details.append(finding.quantity)
+        if finding.group:
+            details.append(f"{finding.group} lanes")
+        claim = finding.claim
+        if details:
+            claim = f"{claim} ({'; '.join(details)})"
+        rows.append((claim, finding.paper, finding.ours, finding.verdict))
     return rows
 
 
-def verdicts_csv(found: Mapping[str, list[tuple[str, str, str, str]]]) -> str:
-    """Tabulate the verdicts of all papers: paper, claim, what the paper states, ours, verdict."""
-    rows = [("paper", "claim", "stated", "ours", "verdict")]
-    rows += [(name, *row) for name, verdicts in found.items() for row in verdicts]
-    return "".join(
-        ",".join('"' + cell.replace('"', '""') + '"' for cell in row) + "\n" for row in rows
-    )
+def verdicts_csv(verdicts: Mapping[str, Sequence[VerdictRow]]) -> str:
+    """Format the verdicts of all papers as CSV, every cell in quotes.
+
+    The columns are paper, claim, stated (the figure of the paper), ours and verdict.
+    """
+    lines = [_csv_line(("paper", "claim", "stated", "ours", "verdict"))]
+    for paper, rows in verdicts.items():
+        for row in rows:
+            lines.append(_csv_line((paper, *row)))
+    return "".join(lines)
+
+
+def _csv_line(cells: Iterable[str]) -> str:
+    """Return a line of a CSV file with every cell in quotes."""
+    quoted = []
+    for cell in cells:
+        escaped = cell.replace('"', '""')
+        quoted.append(f'"{escaped}"')
+    return ",".join(quoted) + "\n"

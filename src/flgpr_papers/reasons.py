@@ -1,4 +1,4 @@
-"""Experiments on why statements of the papers do not hold on simulated lanes, study by study."""
+"""Run the experiments on why statements of the papers do not hold on simulated lanes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from flgpr.chain.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import read_findings
-from flgpr_papers.kit.page import telling_if_same
+from flgpr_papers.kit.page import log_if_unchanged
 from flgpr_papers.kit.reasons import Trial, road_trials, trials_csv, write_trials
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, check_study_world, world_folder
@@ -24,11 +24,13 @@ def explain(
     world: str = OWN,
     track: Track = silent,
 ) -> Path:
-    """Run the experiments on why statements do not hold, beside the studies, whose lanes and verdicts stay as they are.
+    """Run the experiments on why statements do not hold, and write their tables.
 
-    Each paper has its own, in ``flgpr_papers.PAPER.reasons``. Lanes that the studies have made are taken as they are;
-    what an experiment has measured is kept, so that an interrupted run resumes. On roads as found it is asked, too,
-    whether a statement that disagrees there agrees on prepared lanes, where the study has run on both.
+    The lanes and verdicts of the studies stay as they are. Each paper has its own experiments, in
+    ``flgpr_papers.PAPER.reasons``. They use the lanes that the studies have simulated. Finished
+    measurements stay on disk, so that an interrupted run resumes. On roads as found there is one
+    more experiment: whether a statement that disagrees there agrees on prepared lanes, where the
+    study has run on both.
 
     Parameters
     ----------
@@ -58,24 +60,31 @@ def explain(
         if paper not in PAPERS:
             raise ValueError(f"part must be one of {', '.join(PAPERS)}, got {paper!r}")
     folder = Path(output)
-    every: list[Trial] = []
+    trials_of_all: list[Trial] = []
     for paper in papers or PAPERS:
-        home = world_folder(folder / paper, world)
-        (home / "reasons").mkdir(parents=True, exist_ok=True)
-        study = import_module(f"flgpr_papers.{paper}.reasons")
-        found: list[Trial] = study.trials(home, quick, world, track)
-        if world == AS_FOUND:
-            found += _roads(folder / paper, home)
-        write_trials(home, found)
-        every += found
+        trials = _trials_of(paper, folder / paper, quick, world, track)
+        write_trials(world_folder(folder / paper, world), trials)
+        trials_of_all += trials
     table = folder / ("reasons.csv" if world == OWN else f"reasons-{world}.csv")
-    with telling_if_same(table):
-        write_whole(table, trials_csv(every))
+    with log_if_unchanged(table):
+        write_whole(table, trials_csv(trials_of_all))
     return table
 
 
-def _roads(prepared: Path, found: Path) -> list[Trial]:
-    """Compare a study's findings on both roads, if it has run on both."""
-    if not all((folder / "findings.json").is_file() for folder in (prepared, found)):
-        return []
-    return road_trials(read_findings(found), read_findings(prepared))
+def _trials_of(paper: str, folder: Path, quick: bool, world: str, track: Track) -> list[Trial]:
+    """Run the experiments of a paper, whose studies lie in a folder."""
+    study_folder = world_folder(folder, world)
+    (study_folder / "reasons").mkdir(parents=True, exist_ok=True)
+    experiments = import_module(f"flgpr_papers.{paper}.reasons")
+    trials: list[Trial] = experiments.trials(study_folder, quick, world, track)
+    if world == AS_FOUND:
+        trials += _trials_of_road(prepared=folder, as_found=study_folder)
+    return trials
+
+
+def _trials_of_road(prepared: Path, as_found: Path) -> list[Trial]:
+    """Compare the findings of a study on both roads, if it has run on both."""
+    for folder in (prepared, as_found):
+        if not (folder / "findings.json").is_file():
+            return []
+    return road_trials(read_findings(as_found), read_findings(prepared))

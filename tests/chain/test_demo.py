@@ -14,7 +14,15 @@ from flgpr.commands.demo import demo as make_demo
 from flgpr.commands.replay import replay
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
-from flgpr.store import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
+from flgpr.store import (
+    json_with_digest,
+    open_run,
+    parse_with_digest,
+    read_table,
+    sample_lane,
+    save_run,
+    sha256,
+)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +86,7 @@ def test_the_roc_file_holds_what_scoring_computes(demo):
 
 def test_the_report_needs_nothing_beside_it(demo):
     page = (demo[0].folder / "report.html").read_text(encoding="utf-8")
-    assert page.count('src="data:image/png;base64,') == 8
+    assert page.count('src="data:image/png;base64,') == 11
     assert not re.search(r'(src|href)="(?!data:)', page)
     assert "http" not in re.sub(r'data:image/png;base64,[^"]*', "", page)
     for word in ("mine-3", "95 %", "recipe.toml", "SHA-256", "roadside"):
@@ -151,11 +159,11 @@ def test_replay_tells_a_result_that_differs(demo, tmp_path):
     other = recipe_text("demo").replace('window = "hann"', 'window = "taylor"')
     folder = shutil.copytree(demo[0].folder, tmp_path / "result")
     (folder / "recipe.toml").write_text(other)
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
     manifest["files"]["recipe.toml"] = sha256(other.encode())
     manifest["sizes"]["recipe.toml"] = len(other.encode())
-    (folder / "manifest.json").write_bytes(seal(manifest))
+    (folder / "manifest.json").write_bytes(json_with_digest(manifest))
     outcome = replay(folder)
     assert not outcome["identical"]
     assert not outcome["agrees"]

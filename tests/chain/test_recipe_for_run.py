@@ -6,13 +6,13 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.chain.method import detect
-from flgpr.chain.recipe import load_recipe, parse_recipe
+from flgpr.chain.recipe import lane_of, load_recipe, parse_recipe
 from flgpr.chain.recipe_fit import check_fit
 from flgpr.chain.recipe_for_run import fit_recipe, recipe_for
 from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.simulate import Scene, simulate
-from flgpr.store import save_run
+from flgpr.store import open_run, save_run
 
 HINT = "`flgpr recipe for RUN`"
 
@@ -130,10 +130,12 @@ def test_a_course_beside_the_lanes_axis_and_missing_sweeps_are_seen():
     run = bare_run(course=40.0, scans=8, step=0.5)
     run["valid"][7] = False
     recipe = parse_recipe(fit_recipe(run))
-    assert (recipe.lane.x_min, recipe.lane.x_max) == (38.5, 41.5)
+    assert recipe.lane is None
+    searched = lane_of(run, recipe)  # of a short run, too, all that two scans see
+    assert (searched.x_min, searched.x_max) == (38.5, 41.5)
+    assert searched.y_min == pytest.approx(recipe.image.y[0])
+    assert searched.y_max == pytest.approx(2.5 + recipe.run_view.y_max)
     assert recipe.run_view.x == (37.0, 43.0)
-    assert recipe.lane.y_max == pytest.approx(2.5 + recipe.run_view.y_max)
-    assert parse_recipe(fit_recipe(bare_run(scans=20))).lane is None
     run["valid"][:] = False
     with pytest.raises(ValueError, match="scan without missing sweeps"):
         fit_recipe(run)
@@ -155,7 +157,9 @@ FULL = bare_run(5.0, ("HH", "VV", "HV"), 0.75e9 + 2.5e6 * np.arange(841))
         ),
         (
             FULL.isel(polarization=[0, 1]),
-            ["features must be left out unless the run has HH, VV and HV or VH"],
+            [
+                "does not fit the run: its features are of runs with HH, VV, and HV or VH, got a run with HH, VV"
+            ],
         ),
         (
             FULL.isel(frequency=slice(0, 600)),
@@ -289,6 +293,8 @@ def test_a_survey_takes_the_recipe_of_its_first_run(stored, tmp_path):
     assert {(folder / "recipe.toml").read_text() for folder in survey.folders} == {
         recipe_for(runs[0])
     }
-    save_run(bare_run(scans=2), tmp_path / "c.zarr")
-    with pytest.raises(ValueError, match="lanes or a recipe must be given"):
-        flgpr.detect([tmp_path / "c.zarr", runs[0]], None, tmp_path / "other")
+    # The lane of each follows from its own scans, however short the runs are.
+    areas = [(result.lane.y_min, result.lane.y_max) for result in survey]
+    recipe = parse_recipe(recipe_for(runs[0]))
+    expected = lane_of(open_run(runs[1]), recipe)
+    assert areas[1] == (expected.y_min, expected.y_max)

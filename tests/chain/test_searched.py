@@ -28,6 +28,17 @@ def test_the_ground_that_two_scans_use_is_searched_to_its_end(run, recipe):
     assert seen_lane(run, recipe).y_max == pytest.approx(y[-1] + 4.5)
 
 
+def test_a_scan_with_missing_sweeps_sees_nothing(run, recipe):
+    y = np.sort(run["pose"].values[:, 1])
+    last = int(np.argmax(run["pose"].values[:, 1]))
+    damaged = run.copy(deep=True)
+    damaged["valid"][last] = False
+    assert lane_of(damaged, recipe).y_max == pytest.approx(y[-3] + 4.5)
+    damaged["valid"][:] = False
+    with pytest.raises(ValueError, match=f"without missing sweeps, got none among {len(y)}"):
+        lane_of(damaged, recipe)
+
+
 def test_a_single_scan_searches_what_it_sees(recipe):
     poses = np.array([[0.0, 1.0, 2.0, 0.0, 0.0, 0.0]])
     assert farthest_seen(recipe, poses, 2) == pytest.approx(5.5)

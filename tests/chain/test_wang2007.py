@@ -22,7 +22,8 @@ from flgpr.imaging import ScanImager
 from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
 from flgpr.store import Bundle, save_run, write_table
-from flgpr_papers.wang2007.study import save_examples, wide_view
+from flgpr_papers.wang2007.examples import save_examples
+from flgpr_papers.wang2007.study import wide_view
 from small_lane import LANE, TARGETS, cut_down, small_recipe, small_run
 
 

@@ -29,11 +29,11 @@ def test_a_ground_that_is_not_known_is_refused_in_a_line():
 def test_the_table_of_several_folders_is_written_to_the_first(monkeypatch):
     written = []
 
-    def write_table(folders, output):
+    def write_score_tables(folders, output):
         written.append((folders, output))
         return "table"
 
-    monkeypatch.setattr("flgpr.proving_ground.write_table", write_table)
+    monkeypatch.setattr("flgpr.proving_ground.write_score_tables", write_score_tables)
     assert benchmark_table(["a", "b"]) == "table"
     assert benchmark_table(["a", "b"], "c") == "table"
     assert written == [(["a", "b"], "a"), (["a", "b"], "c")]
@@ -42,7 +42,7 @@ def test_the_table_of_several_folders_is_written_to_the_first(monkeypatch):
 def test_a_run_states_its_page(monkeypatch, tmp_path):
     asked = []
     monkeypatch.setattr("flgpr.proving_ground.run_benchmark", lambda *given: asked.append(given))
-    monkeypatch.setattr("flgpr.proving_ground.write_table", lambda *_: "table")
+    monkeypatch.setattr("flgpr.proving_ground.write_score_tables", lambda *_: "table")
     words = ["benchmark", "run", "wang2007", "--quick", "--tier", "prepared"]
     done = CliRunner().invoke(app, [*words, "--workers", "2", "-o", str(tmp_path / "ground")])
     assert done.exit_code == 0, done.output

@@ -78,8 +78,11 @@ def test_scans_that_are_lost_are_not_played(stored, tmp_path):
 @pytest.mark.parametrize(
     ("options", "rule"),
     [
-        ({}, "feed needs a folder or a socket, and not both"),
-        ({"incoming": "scans", "socket": "s"}, "feed needs a folder or a socket, and not both"),
+        ({}, "feed needs one of a folder, a socket and a TCP address"),
+        (
+            {"incoming": "scans", "socket": "s"},
+            "feed needs one of a folder, a socket and a TCP address",
+        ),
         ({"incoming": "scans", "rate": -1.0}, "rate must be positive, got -1"),
         ({"incoming": "scans", "first": 4}, r"first must be a scan of the run \(0 to 3\), got 4"),
         ({"incoming": "scans", "fault": ["burnt:1"]}, "fault must be lost, .* got 'burnt:1'"),

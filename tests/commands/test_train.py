@@ -24,14 +24,13 @@ def test_every_run_has_its_truth(runs, truths, lanes, counts):
         train(runs, truths, lanes=lanes)
 
 
-def test_a_recipe_in_which_nothing_learns_is_refused(tmp_path):
-    words = ["train", str(RUN), "--truth", str(TRUTH), "--recipe", "demo-mean-self-signature"]
+@pytest.mark.parametrize("recipe", ["demo", "demo-mean-self-signature"])
+def test_a_recipe_in_which_nothing_learns_is_refused_before_a_run_is_read(recipe, tmp_path):
+    run = tmp_path / "no-such-run.zarr"
+    words = ["train", str(run), "--truth", str(TRUTH), "--recipe", recipe]
     done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "model")])
     assert done.exit_code == 2
-    assert (
-        "recipe must have features or a stage that learns to train, got demo-mean-self-signature"
-        in done.output
-    )
+    assert f"recipe must have features or a stage that learns to train, got {recipe}" in done.output
     assert not (tmp_path / "model").exists()
 
 

@@ -11,7 +11,7 @@ from reading import PAGES, ROOT, identify, read
 STEPS = [page for page in PAGES if page.name.endswith("-steps.md")]
 FUSE = ROOT / "docs" / "evidence" / "papers" / "fuse2018-steps.md"
 HEAD = ["where", "the paper", "kind", "here"]
-KINDS = ("exact", "a reading", "ours", "judged", "measured", "run beside")
+KINDS = ("exact", "a reading", "ours", "judged", "measured", "run for comparison")
 
 
 def rows(page):

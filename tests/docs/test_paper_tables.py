@@ -13,7 +13,7 @@ PRINTED = {
     "wang2007": (21, 14, ("I", "II", "III", "IV")),
     "cosgrove2004": (12, 7, ()),
 }
-KINDS = ("exact", "a reading", "ours", "measured", "judged", "run beside")
+KINDS = ("exact", "a reading", "ours", "measured", "judged", "run for comparison")
 
 
 def page(name):

@@ -1,30 +1,40 @@
-"""A job as plain values, what its identity holds, and blocks that are merged early."""
+"""A job as plain values, its lane, what its identity holds, and whether its result is there."""
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section
-from flgpr.execution import job as job_module
-from flgpr.execution.checkpoint import begin
+from flgpr.commands.app import app
+from flgpr.execution.driver import detect_lane
 from flgpr.execution.job import (
     LaneJob,
+    choose_lane,
     code_versions,
-    merged_blocks,
-    open_lane,
+    holds_result,
+    is_done,
+    is_whole,
+    lasting_identity,
+    make_job,
     processor,
-    report,
 )
-from flgpr.store import BundleError, save_run
-from small_lane import LANE, small_recipe, small_run
+from flgpr.execution.workers import InProcess
+from flgpr.results.result import read_result
+from flgpr.results.sections import results_at
+from flgpr.store import save_run
+from flgpr.store.tables import lane_file_of
+from small_lane import LANE, LANE_TOML, small_recipe, small_run
+
+OWN_LANE = "\n[lane]\nx_min = -0.7\nx_max = 0.7\ny_min = 3.0\ny_max = 9.0\n"
 
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory):
     home = tmp_path_factory.mktemp("job")
     save_run(small_run(scans=3), home / "run.zarr")
-    return job_module.make_job(home / "run.zarr", small_recipe(), LANE, home / "result")
+    return make_job(home / "run.zarr", small_recipe(), LANE, home / "result")
 
 
 def test_a_job_holds_plain_values_and_absolute_paths(job):
@@ -61,74 +71,99 @@ def test_the_identity_changes_with_what_bits_depend_on(job, change, differs):
     assert (replace(job, **change).identity() != job.identity()) is differs
 
 
-def test_another_run_at_the_path_of_the_drivers_is_refused(job):
-    with pytest.raises(ValueError, match="must see the run of the driver, got another at"):
-        open_lane(replace(job, store_sha256="other"))
-
-
-def test_a_worker_of_other_versions_names_them(job):
-    other = tuple((name, "0.0" if name == "numpy" else value) for name, value in job.code)
-    with pytest.raises(ValueError, match=rf"got numpy {np.__version__} and 0\.0"):
-        job_module.do_block(replace(job, code=other), "signature", 0)
-
-
-def test_a_worker_without_the_work_folder_names_it(job):
-    with pytest.raises(
-        ValueError, match=r"must see the work folder of the driver, got no .*\.work"
-    ):
-        job_module.do_block(job, "signature", 0)
-
-
 def test_a_pass_is_shared_by_name_only_with_a_pass_cache(job, tmp_path):
-    assert job_module.shared_name(job, "signature") is None
+    depends_on = {"recipe": "what the pass reads of it"}
+    assert job.cached_name("signature", depends_on) is None
     cached = replace(job, pass_cache=str(tmp_path), output=str(tmp_path / "a"))
-    other = replace(cached, output=str(tmp_path / "b"))
-    names = []
-    for each in (cached, other):
-        with begin(each.work, each.identity()):
-            names.append(job_module.shared_name(each, "signature"))
-    assert names[0] == names[1]
-    assert len(names[0]) == 32
+    assert cached.cached_name("signature", None) is None
+    name = cached.cached_name("signature", depends_on)
+    assert len(name) == 32
+    other = replace(cached, output=str(tmp_path / "b"), recipe="other")
+    assert other.cached_name("signature", depends_on) == name
+    assert cached.cached_name("gain", depends_on) != name
+    assert cached.cached_name("signature", {}) != name
+    assert replace(cached, store_sha256="other").cached_name("signature", depends_on) != name
 
 
-def test_the_number_of_merged_blocks_survives_a_file_that_is_replaced_while_it_is_read(
-    tmp_path, monkeypatch
-):
-    with begin(tmp_path / "work", {}) as work:
-        assert merged_blocks(work, "gain") == 0
-        work["gain-so-far"] = {"total": np.zeros(100), "next": np.array(3)}
-        assert merged_blocks(work, "gain") == 3
-        original = type(work).bundle
-        replaced = []
-
-        def bundle(self, name):
-            opened = original(self, name)
-            if not replaced:
-                replaced.append(name)
-                self[name] = {"total": np.ones(100), "next": np.array(5)}
-            return opened
-
-        monkeypatch.setattr(type(work), "bundle", bundle)
-        assert merged_blocks(work, "gain") == 5
-        assert replaced == ["gain-so-far"]
+# The lane that is searched: given, of the recipe, beside the run, or seen
 
 
-def test_a_damaged_state_of_merged_blocks_is_an_error(tmp_path):
-    with begin(tmp_path / "work", {}) as work:
-        work["gain-so-far"] = {"next": np.array(3)}
-        path = work.path("gain-so-far")
-        data = bytearray(path.read_bytes())
-        position = data.rfind(np.array(3).tobytes())
-        data[position] ^= 1
-        path.write_bytes(bytes(data))
-        with pytest.raises(BundleError, match="next differs from what was written"):
-            merged_blocks(work, "gain")
+def test_the_order_of_lanes(tmp_path):
+    run = tmp_path / "road.zarr"
+    recipe = parse_recipe(small_recipe())
+    assert choose_lane(run, None, recipe) == (None, "")
+
+    lane_file_of(run).write_text(LANE_TOML)
+    assert lane_file_of(run) == tmp_path / "road-lane.toml"
+    assert choose_lane(run, None, recipe) == (LANE, "road-lane.toml beside the run")
+
+    with_lane = parse_recipe(small_recipe() + OWN_LANE)
+    assert choose_lane(run, None, with_lane) == (None, "")
+
+    given = tmp_path / "given.toml"
+    given.write_text(LANE_TOML)
+    assert choose_lane(run, given, with_lane) == (LANE, "given.toml, as given")
+    assert choose_lane(run, LANE, with_lane) == (LANE, "as given")
 
 
-def test_a_report_counts_from_the_clocks_at_the_beginning():
-    row = report("lane", "gain", 4, (0.0, 0.0), 12)
-    assert (row["lane"], row["stage"], row["block"], row["bytes"]) == ("lane", "gain", 4, 12)
-    assert row["seconds"] > 0
-    assert row["processor_seconds"] > 0
-    assert row["peak_bytes"] > 0
-    assert row["cpu"] == processor()
+def test_a_file_beside_the_run_that_is_no_lane_is_named(tmp_path):
+    (tmp_path / "road-lane.toml").write_text("x_min = 1.0\n")
+    with pytest.raises(ValueError, match=r"road-lane\.toml"):
+        choose_lane(tmp_path / "road.zarr", None, parse_recipe(small_recipe()))
+
+
+def test_detect_takes_the_lane_beside_the_run_and_says_so(tmp_path):
+    save_run(small_run(), tmp_path / "road.zarr")
+    (tmp_path / "road-lane.toml").write_text(LANE_TOML)
+    (tmp_path / "own.toml").write_text(small_recipe())
+    output = tmp_path / "out"
+    words = ["detect", tmp_path / "road.zarr", "--recipe", tmp_path / "own.toml", "-o", output]
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "searched: x -0.75 to 0.75 m, y 3.0 to 10.0 m (road-lane.toml beside the run)" in said
+    result = read_result(output)
+    assert result.lane == LANE
+    assert result.manifest["run"]["searched"]["source"] == "road-lane.toml beside the run"
+    assert "Searched: x -0.75 to 0.75 m" in (output / "report.html").read_text()
+
+
+# Whether a result is there and whole, before anything is computed
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    home = tmp_path_factory.mktemp("finished")
+    save_run(small_run(scans=4), home / "run.zarr")
+    job = make_job(home / "run.zarr", small_recipe(), LANE, home / "result", report=False)
+    assert not holds_result(job, [Section(0, 10)])
+    assert not is_done(job)
+    with InProcess() as executor:
+        assert detect_lane(job, executor) == [home / "result"]
+    return job
+
+
+def test_a_whole_result_of_the_job_is_found(finished):
+    job = finished
+    one_piece = [Section(0, 10)]
+    assert is_done(job)
+    assert is_whole(job)
+    assert holds_result(job, one_piece)
+    assert [str(path) for path in results_at(job.output)] == [job.output]
+    assert not is_whole(replace(job, report=True))  # it lacks the report, and is completed
+
+
+def test_a_result_of_another_job_is_refused(finished):
+    job = finished
+    other = replace(job, recipe=job.recipe.replace("density = 0.75", "density = 0.5"))
+    assert not is_done(other)
+    with pytest.raises(FileExistsError, match="choose another output"):
+        holds_result(other, [Section(0, 10)])
+    with pytest.raises(FileExistsError, match="choose another output"):
+        holds_result(job, [Section(0, 5), Section(5, 10)])
+
+
+def test_what_lasts_of_an_identity_leaves_out_program_and_machine(finished):
+    job = finished
+    assert set(lasting_identity(job)) == {"run", "recipe", "lane", "model", "others"}
+    assert lasting_identity(job) == lasting_identity(replace(job, cpu="other", code=()))

@@ -18,6 +18,12 @@ def test_a_recipe_with_a_detector_or_features_to_train_on_learns_one():
     assert learns_detector(plain, ["C_*"])
 
 
+def test_the_detector_of_a_recipe_without_features_reads_what_is_named():
+    demo = parse_recipe(recipe_text("demo"))  # columns of a stage, and none of the ten features
+    assert not learns_detector(demo, ())
+    assert learns_detector(demo, ["roadside*"])
+
+
 @pytest.fixture
 def home(tmp_path):
     save_run(small_run(scans=4), tmp_path / "run.zarr")

@@ -4,9 +4,12 @@ import base64
 import json
 
 import numpy as np
+import pytest
 
+from flgpr.geo import own_anchor
 from flgpr.live.events import (
     EventFile,
+    add_places_on_earth,
     alarm_event,
     anew_event,
     as_line,
@@ -42,6 +45,22 @@ def test_an_alarms_event_says_what_is_left_and_whether_that_is_enough():
     assert (event["in_time"], event["margin_m"]) == (True, 0.5)
     assert "margin_m" not in alarm_event(ALARM, 12, POSE, Vehicle(), 0.25)
     assert json.loads(as_line(event)) == event
+
+
+def test_places_on_earth_are_those_of_the_anchor():
+    """By lengths of a degree at 48 degrees north: 111.2 km along a meridian, 74.6 km across."""
+    north = own_anchor({"longitude": 11.0, "latitude": 48.0, "azimuth": 0.0})
+    east = own_anchor({"longitude": 11.0, "latitude": 48.0, "azimuth": 90.0})
+    event = alarm_event(ALARM, 12, POSE, Vehicle(), 0.25)
+    there, turned = dict(event), dict(event)
+    add_places_on_earth([there], north)
+    assert there["latitude"] == pytest.approx(48.0 + 14.0 / 111_200, abs=1e-7)
+    assert there["longitude"] == pytest.approx(11.0 + 0.25 / 74_600, abs=1e-8)
+    add_places_on_earth([turned, turned], east)
+    assert turned["latitude"] == pytest.approx(48.0 - 0.25 / 111_200, abs=1e-8)
+    assert turned["longitude"] == pytest.approx(11.0 + 14.0 / 74_600, abs=1e-6)
+    assert event | {"latitude": 0, "longitude": 0} == there | {"latitude": 0, "longitude": 0}
+    add_places_on_earth([], north)
 
 
 def test_only_what_is_not_plausible_is_a_problem():

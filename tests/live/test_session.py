@@ -425,7 +425,7 @@ def test_a_file_that_is_still_written_is_waited_for(home, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ([], "folder or a socket"),
+        ([], "live needs a folder, a socket, a TCP address or a recording"),
         (["in", "--recipe", "nothing"], "recipe must be"),
         (["in", "--speed", "0"], "speed must lie"),
         (["in", "--speed", "15", "--deceleration", "0"], "deceleration must lie"),

@@ -90,14 +90,14 @@ def test_a_twin_with_nothing_changed_is_the_studys_open_lane(recipe, looks):
     assert len(twin) == len(looks["open"])
     for one, other in zip(twin, looks["open"], strict=True):
         np.testing.assert_array_equal(one.image.values, other.image.values)
-        np.testing.assert_array_equal(one.place, other.place)
+        np.testing.assert_array_equal(one.position, other.position)
         assert (one.trains, one.depth, one.shift) == (other.trains, other.depth, other.shift)
 
 
 def test_a_lane_without_its_mines_is_looked_at_where_they_lay(recipe, looks):
     bare = open_looks(recipe, "sand", 3, 0.1, LaneChange(mines=False))
     for one, other in zip(bare, looks["open"], strict=True):
-        np.testing.assert_array_equal(one.place, other.place)
+        np.testing.assert_array_equal(one.position, other.position)
     peaks = [
         np.median([np.abs(target_cut(recipe, look)).max() for look in found])
         for found in (bare, looks["open"])
@@ -107,7 +107,7 @@ def test_a_lane_without_its_mines_is_looked_at_where_they_lay(recipe, looks):
 
 def test_mines_and_ground_can_be_changed_one_by_one(recipe, looks):
     ahead = open_looks(recipe, "sand", 3, 0.1, LaneChange(mine={"x": 0.0}))
-    assert all(abs(look.place[0]) < 0.1 for look in ahead)
+    assert all(abs(look.position[0]) < 0.1 for look in ahead)
     louder = open_looks(recipe, "sand", 3, 0.1, LaneChange({"surface": {"level_db": 20.0}}))
     level = [np.median(np.abs(found[0].image.values)) for found in (louder, looks["open"])]
     assert level[0] != pytest.approx(level[1], rel=1e-3)
@@ -147,15 +147,17 @@ def test_every_mine_is_seen_twice_at_the_studys_range(recipe, looks):
         assert len(seen) == 2 * depths.size
         assert sum(look.trains for look in seen) == 2 * trains.sum()
         assert sorted({look.depth for look in seen}) == sorted(set(depths))
-        assert all(abs(look.place[1] - 15) < 0.7 and abs(look.place[0]) < 1.1 for look in seen)
+        assert all(
+            abs(look.position[1] - 15) < 0.7 and abs(look.position[0]) < 1.1 for look in seen
+        )
     forth = looks["open"][: depths.size]
     back = looks["open"][depths.size :][::-1]
     for one, other in zip(forth, back, strict=True):
         # Seen from the other end, left is right and far is near; heading and position have errors
         # of a few cm.
         assert one.depth == other.depth
-        assert one.place[0] == pytest.approx(-other.place[0], abs=0.2)
-        assert one.place[1] - 15 == pytest.approx(15 - other.place[1], abs=0.1)
+        assert one.position[0] == pytest.approx(-other.position[0], abs=0.2)
+        assert one.position[1] - 15 == pytest.approx(15 - other.position[1], abs=0.1)
 
 
 def test_lanes_are_the_same_again_and_the_roadside_is_what_the_worlds_differ_in(recipe, looks):
@@ -166,7 +168,7 @@ def test_lanes_are_the_same_again_and_the_roadside_is_what_the_worlds_differ_in(
             for a, b in zip(looks[world], again[world], strict=True)
         )
     assert not np.array_equal(looks["open"][0].image, looks["roadside"][0].image)
-    assert np.array_equal(looks["open"][0].place, looks["roadside"][0].place)
+    assert np.array_equal(looks["open"][0].position, looks["roadside"][0].position)
 
 
 def test_likelihood_of_a_cut_is_that_of_the_slow_twin(recipe, looks):
@@ -209,7 +211,9 @@ def test_peaks_are_taken_at_and_off_the_mine(recipe, looks):
     peaks = score_looks(recipe, [look], made)["HH"]
     x, y = look.image["x"].values, look.image["y"].values
     power = np.abs(look.image.sel(polarization="HH").values) ** 2
-    near = (np.abs(x - look.place[0]) <= 0.5)[None, :] & (np.abs(y - look.place[1]) <= 0.5)[:, None]
+    near = (np.abs(x - look.position[0]) <= 0.5)[None, :] & (np.abs(y - look.position[1]) <= 0.5)[
+        :, None
+    ]
     assert peaks.target[0] == pytest.approx(power[near].max(), rel=1e-3)
     assert len(peaks.rock) == len(peaks.clutter) == len(peaks.clutter_quantile) > 0
     assert (np.array(peaks.clutter_quantile) < np.array(peaks.clutter)).all()

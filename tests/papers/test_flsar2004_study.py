@@ -14,10 +14,11 @@ from flgpr.model import Grid, load_sensor
 from flgpr.screen import prescreen_clusters
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.flsar2004 import examples as ex
-from flgpr_papers.flsar2004 import experiment, figures
+from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004 import machines as ma
 from flgpr_papers.flsar2004 import study as flsar2004
 from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, load_settings
+from flgpr_papers.flsar2004.material import Results
 from flgpr_papers.kit.findings import (
     AGREES,
     DISAGREES,
@@ -161,7 +162,7 @@ def test_held_out_scores_come_from_the_others(small):
     assert novel.clutter.shape == (30, 5)  # every fold scores all clutter
     seen.clear()
     alone = ma.leave_one_out(table, X, classifier, 5)
-    assert len(alone.kept) == len(seen) == 50
+    assert len(alone.vector_share) == len(seen) == 50
     assert all(len(train) == 49 for train, _ in seen)
     # N_o · N_c outputs: every mine left out once, and all clutter scored each time (par. 52).
     seen.clear()
@@ -188,7 +189,7 @@ def test_every_mine_of_the_subset_passes_every_prescreener(small, site):
 
 def test_a_statement_that_hangs_on_the_formulation_cannot_be_said():
     rows = {"rvm, offset": (0.05, 0.02, 0.08), "rvm, no-bias": (0.3, 0.25, 0.4)}
-    results = experiment.Results()
+    results = Results()
     results.judge_all("novelty", rows, kind="metal")
     results.judge_all("novelty", {name: rows["rvm, offset"] for name in rows}, kind="metal")
     results.judge_all("novelty", {name: rows["rvm, no-bias"] for name in rows}, kind="metal")

@@ -4,14 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr_papers.fuse2018.findings import (
-    clutter_findings,
-    follow,
-    peaks_kept,
-)
+from flgpr_papers.fuse2018.findings import clutter_findings, peaks_kept
 from flgpr_papers.fuse2018.lanes import (
     fuse_recipe,
 )
+from flgpr_papers.fuse2018.matches import follow
 from flgpr_papers.kit.findings import clustered
 
 RECIPE = fuse_recipe(True)

@@ -15,17 +15,7 @@ from flgpr.scoring import pd_mean
 from flgpr.simulate import draw_world
 from flgpr_papers.fuse2018 import results as fuse2018_results
 from flgpr_papers.fuse2018 import study as fuse2018
-from flgpr_papers.fuse2018.findings import (
-    all_findings,
-    frame_match,
-    lane_match,
-    mine_changes,
-    one_frame,
-    own_changes,
-    power_db,
-    scored,
-    strongest_boxes,
-)
+from flgpr_papers.fuse2018.findings import all_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import (
     Frames,
@@ -36,16 +26,18 @@ from flgpr_papers.fuse2018.lanes import (
     masks_stage,
     trained,
 )
+from flgpr_papers.fuse2018.matches import frame_match, lane_match, scored
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import (
-    VARIANTS,
-    calibrate,
-    clean,
-    process_lane,
-    stage_forms,
-    suppressed_alone,
+from flgpr_papers.fuse2018.powers import (
+    mine_changes,
+    one_frame,
+    own_changes,
+    power_db,
+    strongest_boxes,
 )
+from flgpr_papers.fuse2018.process import calibrate, process_lane
+from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, suppressed_alone
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, without_paper
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flgpr_papers.kit.cache import kept, key_of, read_arrays, write_arrays
+from flgpr_papers.kit.cache import key_of, read_arrays, read_or_make, write_arrays
 
 
 def test_a_key_stands_for_all_that_a_result_comes_from():
@@ -19,7 +19,7 @@ def test_a_record_is_made_once(tmp_path):
         return {"value": [1.5, None]}
 
     path = tmp_path / "folder" / "record.json"
-    assert kept(path, make) == kept(path, make) == {"value": [1.5, None]}
+    assert read_or_make(path, make) == read_or_make(path, make) == {"value": [1.5, None]}
     assert len(calls) == 1
 
 

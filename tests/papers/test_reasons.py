@@ -103,7 +103,7 @@ def test_cuts_at_one_level_are_gaussian_again(rng):
     group = rng.integers(0, 5, 20_000)
     white = noise(rng, 20_000, 3) * np.array([0.2, 0.5, 1.0, 2.0, 5.0])[group, None]
     assert cosgrove2004.fourth_moment_ratio(white) > 4
-    level = cosgrove2004._at_one_level(white, group)
+    level = cosgrove2004._at_equal_level(white, group)
     assert cosgrove2004.fourth_moment_ratio(level) == pytest.approx(2.0, abs=0.1)
 
 

@@ -33,6 +33,7 @@ from flgpr_papers.wang2007.analysis import (
     table_one,
 )
 from flgpr_papers.wang2007.costs import Lanes, cost_table
+from flgpr_papers.wang2007.examples import series_scans
 from flgpr_papers.wang2007.findings import blind_scores
 from flgpr_papers.wang2007.page import page_html
 from flgpr_papers.wang2007.twins import likeness
@@ -184,11 +185,11 @@ def test_five_scans_see_the_mine_and_what_stays_in_place_is_alike():
     poses = np.zeros((40, 6))
     poses[:, 1] = 2.8 * np.arange(40) - 20
     for y in (10.0, 31.0, 60.0):
-        chosen = study.series_scans(np.arange(40), poses, y, 16.5)
+        chosen = series_scans(np.arange(40), poses, y, 16.5)
         ahead = y - poses[chosen, 1]
         assert np.diff(chosen).tolist() == [1] * 4
         assert ((ahead > 7) & (ahead < 26)).all()
-    assert len(study.series_scans(np.arange(6), poses, 200.0, 16.5)) == 5
+    assert len(series_scans(np.arange(6), poses, 200.0, 16.5)) == 5
     rng = np.random.default_rng(0)
     stays = rng.rayleigh(size=(30, 30))
     assert likeness(np.stack([stays, 2 * stays, stays])) == pytest.approx(1)

@@ -19,7 +19,7 @@ from flgpr.proving_ground import (
     run_benchmark,
     run_oracle,
     score_entries,
-    write_table,
+    write_score_tables,
 )
 from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.proving_ground.table import pd_in_words, same_lanes
@@ -115,13 +115,13 @@ def test_nothing_in_the_folder_tells_where_the_targets_of_test_lanes_lie(field):
 def test_every_opening_of_the_truth_is_counted(field):
     out = field / "out"
     ground = load_ground(False, field / "ground.toml")
-    write_table([out], out)
+    write_score_tables([out], out)
     before = looks(out)
     truth, _, rules = open_truth(out / "lanes" / SEALED, passphrase(ground))
     assert rules["halo"] == 1.0
     np.testing.assert_allclose(truth["y"], truth_of(ground)["y"])
     assert looks(out) == [*before, "open"]
-    write_table([out], out)  # nothing new: no look is needed
+    write_score_tables([out], out)  # nothing new: no look is needed
     assert looks(out) == [*before, "open"]
     with pytest.raises(ValueError, match="passphrase"):
         open_truth(out / "lanes" / SEALED, "some other words")
@@ -129,13 +129,13 @@ def test_every_opening_of_the_truth_is_counted(field):
 
 def test_a_second_run_gives_the_same_table_to_the_digit(field, tmp_path):
     entries = [field / "one.toml", field / "two.toml"]
-    write_table([field / "out"], field / "out")
+    write_score_tables([field / "out"], field / "out")
     # Of the lanes the workers make one anew; the fingerprints of all are taken again.
     anew = shutil.ignore_patterns("gravel-test-1*", SEALED, PRINTS)
     shutil.copytree(field / "out" / "lanes", tmp_path / "again" / "lanes", ignore=anew)
     how = RunOptions(workers=2)
     again = run_benchmark(entries, tmp_path / "again", how=how, ground=field / "ground.toml")
-    write_table([again], again)
+    write_score_tables([again], again)
     for name in ("scores.csv", f"lanes/{PRINTS}"):
         assert (again / name).read_bytes() == (field / "out" / name).read_bytes()
     page = (again / "index.html").read_text("utf-8")
@@ -267,7 +267,7 @@ def test_an_entry_that_cannot_be_trained_does_not_stop_the_others(field, tmp_pat
     )
     with pytest.warns(UserWarning, match="lost did not finish"):
         run_benchmark([lost, field / "one.toml"], field / "out", ground=field / "ground.toml")
-    text = write_table([field / "out"], tmp_path / "table")
+    text = write_score_tables([field / "out"], tmp_path / "table")
     assert "lost did not finish" in text
     assert "  one " in text
 
@@ -317,7 +317,7 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
     assert at.loc[("oracle", "mines"), "n_targets"] == 10
     assert at.loc[("oracle", "metal"), "pd"] == (metal["far"] <= 0.1).mean()
     assert at.loc[("oracle-phase", "metal"), "pd"] >= at.loc[("one", "metal"), "pd"]
-    assert "oracle-phase" in write_table([out], tmp_path / "table")
+    assert "oracle-phase" in write_score_tables([out], tmp_path / "table")
     assert (tmp_path / "table" / "index.html").read_text("utf-8").count(
         "reference</td>"
     ) == 2  # two splits

@@ -9,7 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.proving_ground import load_ground, run_benchmark, run_oracle, score_entries, write_table
+from flgpr.proving_ground import (
+    load_ground,
+    run_benchmark,
+    run_oracle,
+    score_entries,
+    write_score_tables,
+)
 from flgpr.proving_ground.figures import tiers_figure
 from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.simulate import draw_world
@@ -179,7 +185,7 @@ def test_looks_at_the_truth_are_counted_for_each_tier(field):
 
 
 def test_the_page_opens_with_one_figure_and_tells_the_tiers_apart(field, tmp_path):
-    text = write_table([field / "out"], tmp_path)
+    text = write_score_tables([field / "out"], tmp_path)
     assert text.index("TIER smooth: a lane that was rolled") < text.index(
         "TIER rough: a lane as found"
     )

@@ -76,7 +76,7 @@ def test_only_the_first_ranks_are_written_and_listed(tmp_path):
     assert "alarms.csv has them all" not in few
     assert "Not scored: no truth was given." in few
     assert "<td>a4</td>" in few
-    assert few.count("data:image/png;base64,") == 3
+    assert few.count("data:image/png;base64,") == 4
     assert "No alarms." in report_html(result_of(20.0, 0, tmp_path))
 
 

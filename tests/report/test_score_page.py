@@ -77,7 +77,7 @@ def test_the_page_is_self_contained_and_well_formed(written):
     page.feed(text)
     assert page.open == []
     assert all(link.startswith("data:image/png;base64,") for link in page.links)
-    assert page.tags.count("img") == 6  # four ROC figures, missed targets, false alarms
+    assert page.tags.count("img") == 7  # the road, four ROC figures, missed targets, false alarms
     assert "script" not in page.tags
     assert "http" not in re.sub(r"base64,[^\"]*", "", text)
     assert "<b>plastic</b>" not in text
@@ -108,9 +108,11 @@ def test_the_page_opens_with_the_operating_point_and_tells_chance(written):
     point = main["operating_point"]
     last = main["points"][-1]
     lead = re.search(r"<p class=lead>(.*?)</p>", text, re.S).group(1)
-    assert f"{point['n_detected']} of 16 targets found at 0.05 false alarms per m²" in lead
-    assert f"chance {point['chance']:.2f}" in lead
-    assert f"chance {main['pd_mean']['chance']:.3f}" in lead
+    assert f"{point['n_detected']} of 16 targets were found, with {point['n_false']} false" in lead
+    exact = re.search(r"<p class=exact>(.*?)</p>", text, re.S).group(1)
+    assert f"{point['n_detected']} of 16 targets found at 0.05 false alarms per m²" in exact
+    assert f"chance {point['chance']:.2f}" in exact
+    assert f"chance {main['pd_mean']['chance']:.3f}" in exact
     assert f"Pd {last['pd']:.2f} and chance {last['chance']:.2f}" in text
     assert text.index("Found at which false alarm rate") < text.index(
         "What became of each target at 0.05"
@@ -119,6 +121,35 @@ def test_the_page_opens_with_the_operating_point_and_tells_chance(written):
     assert [fate == "found" for fate, _ in fates] == [row["found"] for row in main["targets"]]
     late = next(row for row in main["targets"] if row["detected"] and not row["found"])
     assert ("missed", f"{late['far']:.3g}") in fates
+
+
+class Folds(HTMLParser):
+    """Counts tables and pictures outside of closed parts."""
+
+    def __init__(self):
+        super().__init__()
+        self.closed = 0
+        self.shown = []
+        self.nesting = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "details":
+            self.nesting.append("open" not in dict(attrs))
+        elif tag in ("table", "img") and not any(self.nesting):
+            self.shown.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag == "details":
+            self.nesting.pop()
+
+
+def test_a_page_begins_with_the_road_and_folds_what_is_exact(written):
+    text = written[2]["html"].read_text(encoding="utf-8")
+    page = Folds()
+    page.feed(text)
+    assert page.shown == ["img"]
+    assert text.index("<img") < text.index("<details")
+    assert "details::details-content" in text  # printed pages show what is folded
 
 
 def test_the_json_holds_the_curve(written):
@@ -164,8 +195,8 @@ def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
     assert told["detections"]["main"]["pd_mean"] is None
     page = blank["html"].read_text(encoding="utf-8")
     assert "No target stands here" in page
-    assert "nan" not in page
-    assert "<img" not in page
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", page)
+    assert page.count("<img") == 1  # the road with its alarms
     silent = write_score_report(tmp_path / "silent", alarms.iloc[:0], truth, LANE, draws=10)
     assert "Missed targets at 0.05 false alarms per m²: 16" in silent["html"].read_text(
         encoding="utf-8"

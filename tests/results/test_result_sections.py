@@ -3,7 +3,7 @@
 import pytest
 
 from flgpr.results.errors import ResultError
-from flgpr.results.sections import read_sections, write_sections
+from flgpr.results.sections import read_sections, section_names, write_sections
 from flgpr.store.tables import lane_text
 from small_results import LANE, small_result
 
@@ -40,3 +40,9 @@ def test_an_altered_file_is_refused(folder, name):
 def test_a_missing_list_is_named(tmp_path):
     with pytest.raises(ResultError, match=r"not a complete folder of sections: .* is missing"):
         read_sections(tmp_path)
+
+
+def test_folders_of_sections_are_numbered_so_that_they_sort():
+    assert section_names(3) == ["section-01", "section-02", "section-03"]
+    names = section_names(100)
+    assert (names[0], names[-1]) == ("section-001", "section-100")

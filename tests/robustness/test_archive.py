@@ -12,7 +12,7 @@ from flgpr.archive import Archive, npy_header
 from flgpr.formats.arrays import open_arrays
 from flgpr.results.result import parse_view, read_result
 from flgpr.simulate.bodies.signature.table import load_table
-from flgpr.store import seal, sha256, unseal
+from flgpr.store import json_with_digest, parse_with_digest, sha256
 from small_results import small_result
 
 SMALL = 40 * 2**20
@@ -191,11 +191,11 @@ def test_a_result_with_a_bomb_is_refused(tmp_path):
     shape = (1, 1, BOMB[0], BOMB[1] // 4)
     bomb = archive(view_of(zeros(shape, "<f4", size), looks=np.zeros((1, 1))))
     (folder / "run_view.npz").write_bytes(bomb)
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
     manifest["files"]["run_view.npz"] = sha256(bomb)
     manifest["sizes"]["run_view.npz"] = len(bomb)
-    (folder / "manifest.json").write_bytes(seal(manifest))
+    (folder / "manifest.json").write_bytes(json_with_digest(manifest))
     with (
         memory_within(SMALL),
         pytest.raises(ValueError, match=r"run_view\.npz cannot be read.*would expand"),

@@ -36,13 +36,13 @@ from flgpr.results.result import add_files, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.results.sections import read_sections, write_sections
 from flgpr.store import (
+    json_with_digest,
     open_run,
+    parse_with_digest,
     read_table,
     read_verdicts,
     save_run,
-    seal,
     sha256,
-    unseal,
     write_bundle,
 )
 from flgpr.store.scan_file import RUN_FILE, RunDescription, read_description, write_description
@@ -294,7 +294,7 @@ def test_what_has_no_meaning_lies_undisturbed(copied, kind):
 
 def forge(folder, change):
     """Change a result's manifest and give it the digests and sizes that it should have."""
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
     change(manifest)
     for name in manifest["files"]:
@@ -302,7 +302,7 @@ def forge(folder, change):
             data = (folder / name).read_bytes()
             manifest["files"][name] = sha256(data)
             manifest.get("sizes", {})[name] = len(data)
-    (folder / "manifest.json").write_bytes(seal(manifest))
+    (folder / "manifest.json").write_bytes(json_with_digest(manifest))
 
 
 def without(entry, name):
@@ -386,9 +386,9 @@ def stopping_after(left):
 @pytest.mark.parametrize("files", [[], None, {"alarms.csv": 5}, {"alarms.csv": None}, "all"])
 def test_a_list_of_files_that_is_none_is_an_error(copied, files):
     folder, _ = copied("list of a result")
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
-    (folder / "manifest.json").write_bytes(seal(manifest | {"files": files}))
+    (folder / "manifest.json").write_bytes(json_with_digest(manifest | {"files": files}))
     for read in (
         read_result,
         ResultFiles,

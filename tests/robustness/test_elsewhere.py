@@ -19,7 +19,7 @@ from flgpr.formats.gprmax import read_gprmax
 from flgpr.formats.gprmax_explain import explain_merged
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.geo.anchor import lonlat_of, transform_lonlat
-from flgpr.store import sample_lane, save_run, seal, unseal
+from flgpr.store import json_with_digest, parse_with_digest, sample_lane, save_run
 
 SECRET = np.arange(64.0) + 1000
 
@@ -224,11 +224,11 @@ def own_result(demo, tmp_path):
     folder = shutil.copytree(demo[0].folder, tmp_path / "result")
 
     def forge(**changes):
-        manifest = unseal((folder / "manifest.json").read_bytes())
+        manifest = parse_with_digest((folder / "manifest.json").read_bytes())
         content = {name: value for name, value in manifest.items() if name != "sha256"}
         for name, value in changes.items():
             (content if name in OF_THE_RESULT else content["run"])[name] = value
-        (folder / "manifest.json").write_bytes(seal(content))
+        (folder / "manifest.json").write_bytes(json_with_digest(content))
         return CliRunner().invoke(app, ["replay", str(folder), "--quiet"])
 
     return forge

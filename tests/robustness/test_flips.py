@@ -16,7 +16,7 @@ from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
 from flgpr.results import result as result_module
 from flgpr.results.result import ResultError, add_files, read_result
-from flgpr.store import Bundle, open_run, save_run, seal, write_bundle
+from flgpr.store import Bundle, json_with_digest, open_run, save_run, write_bundle
 from flgpr.viewer.session import open_source
 from robust import digests
 from small_results import small_result
@@ -105,7 +105,7 @@ def test_other_versions_are_refused(sealed, tmp_path):
     content = json.loads((folder / "manifest.json").read_bytes()) | {"version": 99}
     del content["sha256"]
     (folder / "manifest.json").write_bytes(
-        seal(content) if sealed else json.dumps(content).encode()
+        json_with_digest(content) if sealed else json.dumps(content).encode()
     )
     with pytest.raises(ValueError, match=r"must be .* version \d" if sealed else "is altered"):
         read_result(folder)

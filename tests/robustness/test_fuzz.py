@@ -28,14 +28,14 @@ from flgpr.simulate import load_scene
 from flgpr.store import (
     Bundle,
     RunWriter,
+    json_with_digest,
     open_run,
+    parse_with_digest,
     read_lane,
     read_table,
     sample_lane,
     save_run,
-    seal,
     sha256,
-    unseal,
     write_bundle,
 )
 from flgpr.store.files import canonical_json
@@ -131,7 +131,7 @@ def mend_sealed(name, digest):
             content.pop("sha256", None)
             content["files"] = {key: digest(files[key]) for key in content["files"]}
             content["sizes"] = {key: len(files[key]) for key in content["files"]}
-            return {name: seal(content)}
+            return {name: json_with_digest(content)}
         except (ValueError, KeyError, TypeError, AttributeError):
             return {}
 
@@ -219,15 +219,15 @@ TEXTS = {
     "sensor.toml": (sensor_text, load_sensor),
     "recipe.toml": (lambda: recipe_text("wang2007").encode(), load_recipe),
     "sealed.json": (
-        lambda: seal({"a": [1, 2.5, None], "b": {"c": "d"}}),
-        lambda path: read_sealed(path),
+        lambda: json_with_digest({"a": [1, 2.5, None], "b": {"c": "d"}}),
+        lambda path: read_with_digest(path),
     ),
 }
 
 
-def read_sealed(path):
+def read_with_digest(path):
     try:
-        return unseal(path.read_bytes())
+        return parse_with_digest(path.read_bytes())
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

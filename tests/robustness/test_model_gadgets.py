@@ -23,7 +23,14 @@ from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info
 from flgpr.detect.scorers.checks import Checked
-from flgpr.store import Bundle, sample_lane, seal, sha256, unseal, write_bundle
+from flgpr.store import (
+    Bundle,
+    json_with_digest,
+    parse_with_digest,
+    sample_lane,
+    sha256,
+    write_bundle,
+)
 
 COLUMNS = ["a", "b"]
 ONE_CLASS = {"one-class-rvm": "mines", "mixture": "mines", "one-class-svm": "mines", "isolation-forest": "clutter",
@@ -481,10 +488,10 @@ def test_replay_of_a_result_with_a_gadget_ends_with_its_reason(demo, tmp_path):
     about = gadget | {"detector": None}
     old_archive(about, arrays, marker)
     write_bundle(folder / "model" / MODEL_FILE, arrays, about)
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     content = {name: value for name, value in manifest.items() if name != "sha256"}
     content["files"][f"model/{MODEL_FILE}"] = sha256((folder / "model" / MODEL_FILE).read_bytes())
-    (folder / "manifest.json").write_bytes(seal(content))
+    (folder / "manifest.json").write_bytes(json_with_digest(content))
     ran = CliRunner().invoke(app, ["replay", str(folder), "--quiet"])
     assert ran.exit_code == 2
     assert "train it again" in ran.output

@@ -20,13 +20,13 @@ from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_alarms, score_result
-from flgpr.execution import lane_sections
+from flgpr.execution import driver
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.driver import detect_lane
-from flgpr.execution.finished import results_at
 from flgpr.execution.workers import InProcess
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result
+from flgpr.results.sections import results_at
 from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
 
@@ -142,7 +142,7 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
                 detect_lane(job, executor, note=note, longest=2.0)
             assert not (tmp_path / "result").exists()
         with monkeypatch.context() as patch:
-            patch.setattr(lane_sections, "finish", stop)
+            patch.setattr(driver, "finish", stop)
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
         assert len(done) == len(set(done)) > 20

@@ -19,7 +19,15 @@ from flgpr.commands.imports import import_fullwave
 from flgpr.formats.arrays import open_arrays
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, read_result
-from flgpr.store import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
+from flgpr.store import (
+    RunStoreError,
+    json_with_digest,
+    open_run,
+    parse_with_digest,
+    sample_lane,
+    save_run,
+    sha256,
+)
 from flgpr.store.files import canonical_json
 
 
@@ -91,10 +99,10 @@ def test_a_result_cannot_reach_out(lane, tmp_path):
         read_result(folder)
     (folder / "alarms.csv").unlink()
     shutil.copy(tmp_path / "outside.csv", folder / "alarms.csv")
-    manifest = unseal((folder / "manifest.json").read_bytes())
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
     manifest["files"]["../outside.csv"] = sha256((tmp_path / "outside.csv").read_bytes())
-    (folder / "manifest.json").write_bytes(seal(manifest))
+    (folder / "manifest.json").write_bytes(json_with_digest(manifest))
     with pytest.raises(ResultError, match="inside"):
         read_result(folder)
 

@@ -48,6 +48,24 @@ def test_the_point_is_the_row_of_the_curve(scored):
     )
 
 
+def test_a_plain_sentence_counts_and_names_what_was_missed(scored):
+    assert scored.in_plain_words(" in time") == (
+        "2 of 3 mines were found in time, with 1 false alarm on 238 m² of other ground; "
+        "missed: plastic 15 cm deep"
+    )
+    simulants = TRUTH[:1].assign(kind="simulant")
+    one = score(ALARMS, simulants, LANE, Rules(halo=0.5, far=0.1, draws=50))
+    assert one.in_plain_words() == (
+        "1 of 1 target was found, with 3 false alarms on 239 m² of other ground"
+    )
+    none = score(ALARMS[1:2], TRUTH, LANE, Rules(halo=0.5, far=0.1, draws=50))
+    assert none.in_plain_words().endswith(
+        "missed: metal on the ground, plastic 5 cm deep, plastic 15 cm deep"
+    )
+    empty = score(ALARMS[:1], TRUTH[:0], LANE, Rules(halo=0.5, draws=50))
+    assert empty.in_plain_words() == "There was nothing to find: 1 false alarm on 240 m²"
+
+
 def test_a_lane_too_small_for_the_rate_allows_one_false_alarm():
     small = score(ALARMS, TRUTH, LANE, Rules(halo=0.5, far=1e-4, far_max=0.01, draws=50))
     assert small.too_small

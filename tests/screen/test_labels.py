@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from flgpr.model import Lane
-from flgpr.screen import label_alarms
+from flgpr.screen import label_training_alarms
 
 LANE = Lane(-1.5, 1.5, 0.0, 20.0)
 TRUTH = pd.DataFrame(
@@ -24,7 +24,7 @@ def test_labels_by_hand():
         {"x": [0.3, 0.5, 2.2, 0.0, 2.5, 1.5], "y": [5.0, 5.0, 12.5, 15.0, 15.0, 20.0]},
         index=[9, 8, 7, 6, 5, 4],
     )
-    got = label_alarms(alarms, TRUTH, LANE)
+    got = label_training_alarms(alarms, TRUTH, LANE)
     assert got.index.tolist() == [9, 8, 7, 6, 5, 4]
     assert got["label"].tolist() == ["hit", "hit", "hit", "false", "neither", "false"]
     assert got["target"].tolist() == [0, 1, 2, -1, -1, -1]
@@ -33,7 +33,7 @@ def test_labels_by_hand():
 def test_labels_by_loops():
     rng = np.random.default_rng(0)
     alarms = pd.DataFrame({"x": rng.uniform(-3, 3, 200), "y": rng.uniform(0, 20, 200)})
-    got = label_alarms(alarms, TRUTH, LANE, 0.7)
+    got = label_training_alarms(alarms, TRUTH, LANE, 0.7)
     for i, (x, y) in enumerate(zip(alarms["x"], alarms["y"], strict=True)):
         away = [math.hypot(x - a, y - b) for a, b in zip(TRUTH["x"], TRUTH["y"], strict=True)]
         near = min(away)
@@ -47,7 +47,7 @@ def test_labels_by_loops():
 
 def test_nothing_there():
     alarms = pd.DataFrame({"x": [0.0], "y": [1.0]})
-    assert label_alarms(alarms, TRUTH.iloc[:0], LANE)["label"].tolist() == ["false"]
-    assert label_alarms(alarms.iloc[:0], TRUTH, LANE).empty
+    assert label_training_alarms(alarms, TRUTH.iloc[:0], LANE)["label"].tolist() == ["false"]
+    assert label_training_alarms(alarms.iloc[:0], TRUTH, LANE).empty
     with pytest.raises(ValueError, match="radius"):
-        label_alarms(alarms, TRUTH, LANE, 0)
+        label_training_alarms(alarms, TRUTH, LANE, 0)

@@ -196,6 +196,22 @@ def test_the_two_flashes_of_a_lens_are_born_s_disc(quiet):
     np.testing.assert_allclose(layer.echoes(view_of(quiet)).points[:, 1], 11.85, atol=1e-3)
 
 
+def test_a_point_s_echo_does_not_depend_on_how_many_are_in_view(few_tones):
+    """Above 256 KiB NumPy multiplies nameless arrays in place, with other last bits."""
+    rng = np.random.default_rng(2)
+    count = 15_000
+    xy = np.stack([rng.uniform(-1, 1, count), rng.uniform(9, 14, count)], axis=1)
+    size = rng.standard_normal(count) + 1j * rng.standard_normal(count)
+    points = given(xy, 0.05, size)
+    first = Buried(*(column[:500] for column in points))
+    together, _ = flat_layer(points, MOIST, few_tones)
+    alone, _ = flat_layer(first, MOIST, few_tones)
+    view = view_of(few_tones)
+    np.testing.assert_array_equal(
+        together.echoes(view).coefficient[:500], alone.echoes(view).coefficient
+    )
+
+
 def test_a_field_along_a_root_makes_its_echo(quiet):
     """Across the look it answers H alone, along it V alone, and aslant both and HV."""
     middle = 128

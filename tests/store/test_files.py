@@ -11,12 +11,12 @@ from flgpr.store.files import (
     canonical_json,
     check_free_folder,
     existing,
+    json_with_digest,
     listed_files,
     merge_tables,
+    parse_with_digest,
     replace_folder,
-    seal,
     sha256,
-    unseal,
     write_whole,
 )
 
@@ -28,14 +28,18 @@ def test_canonical_json_does_not_depend_on_the_order_of_keys():
 
 
 def test_a_sealed_object_comes_back_and_an_altered_one_does_not():
-    data = seal({"a": 1, "b": [None, "x"]})
-    assert unseal(data) == {"a": 1, "b": [None, "x"], "sha256": json.loads(data)["sha256"]}
+    data = json_with_digest({"a": 1, "b": [None, "x"]})
+    assert parse_with_digest(data) == {
+        "a": 1,
+        "b": [None, "x"],
+        "sha256": json.loads(data)["sha256"],
+    }
     with pytest.raises(ValueError, match="differs from what was written"):
-        unseal(data.replace(b'"a": 1', b'"a": 2'))
+        parse_with_digest(data.replace(b'"a": 1', b'"a": 2'))
     with pytest.raises(ValueError, match="cannot be read"):
-        unseal(b"[1]")
+        parse_with_digest(b"[1]")
     with pytest.raises(ValueError, match="must not hold the entry sha256"):
-        seal({"sha256": ""})
+        json_with_digest({"sha256": ""})
 
 
 def test_nested_tables_are_merged_entry_by_entry():

@@ -15,10 +15,10 @@ from flgpr.commands.app import app
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_result
-from flgpr.execution.finished import results_at
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.results.result import read_result
+from flgpr.results.sections import results_at
 from flgpr.store import Scan, describe_for_live, open_run, read_lane
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL

@@ -70,6 +70,7 @@ class Screen:
     """A driver's screen on a page whose clock goes only when it is told to, and a detection that seems alive."""
 
     def __init__(self, page, folder):
+        self.watched = page
         self.page = page.page
         self.file = folder / "live.jsonl"
 
@@ -432,7 +433,7 @@ LOOK = """() => {
         const own = getComputedStyle(e).backgroundColor;
         return own === 'rgba(0, 0, 0, 0)' && e.parentElement ? ground(e.parentElement) : own;
     };
-    const all = [...document.querySelectorAll('#drive *, #state *, #drive-settings *:not(#ruler)')]
+    const all = [...document.querySelectorAll('#drive *, #state *, #drive-settings *:not(#ruler, #ruler *)')]
         .filter((e) => e.checkVisibility());
     return {
         type: all.filter((e) => e.textContent && !e.children.length).map((e) => {

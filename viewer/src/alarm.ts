@@ -117,12 +117,13 @@ export class AlarmPanel {
       source.index.layers.find((one) => one.detection === detection.name && one.polarization === polarization && one.subband === subband)
         ?.percentiles["50"] ?? 0;
     const size = evidence.patch.size;
-    const tall = (el("alarm").clientHeight - 88) / evidence.polarization.length - 4;
+    const room = Math.max(el("alarm").clientHeight - 88, 150); // below one another the panel is as high as its content
+    const tall = room / evidence.polarization.length - 4;
     const broad = (home.clientWidth - 20 - 42 * scans.length) / (scans.length * evidence.subband.length) - 4;
     const zoom = Math.min(tall, Math.max(broad, 44), 72) / size;
     scans.forEach((scan, number) => {
       const parts = partsOf(evidence, values, number, scans.length);
-      const head = make("tr", {}, make("th"), ...evidence.subband.map((band) => make("th", { scope: "col" }, band)));
+      const head = make("tr", {}, make("td"), ...evidence.subband.map((band) => make("th", { scope: "col" }, band)));
       const body = make("tbody");
       evidence.polarization.forEach((polarization, p) => {
         const row = make("tr", {}, make("th", { scope: "row" }, polarization));

@@ -9,6 +9,7 @@ import { alarmRows, asCsv, asGeoJson, download } from "./exports";
 import { savePng, saveSvg, type FigureParts } from "./figure";
 import { Following } from "./following";
 import { extentOf, geographic } from "./geo";
+import { groupAlarms, type Group } from "./groups";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
 import type { Live } from "./live";
@@ -17,9 +18,13 @@ import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./over
 import { drawOverview } from "./overview";
 import type { RawPanel } from "./raw";
 import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
+import { Scrub } from "./scrub";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
 import { alarmFacts, alarmWords, readout, unseenWords } from "./words";
+
+/** How much nearer a click on a group of alarms brings it. */
+const CLOSER = 3;
 
 export class App {
   a: Choice;
@@ -36,10 +41,13 @@ export class App {
   selected: number | null = null;
   ticked = new Set<number>();
   live: Live | null = null;
+  /** The live run as it was after the scan that the page has gone back to. */
+  past: Live | null = null;
   raw: RawPanel | null = null;
   backdrop: Backdrop | null = null;
   scan: number | null = null;
   readonly following = new Following(this);
+  readonly scrub = new Scrub(this);
   readonly view: View;
   readonly picture: Picture;
   readonly tiles: Tiles;
@@ -51,7 +59,11 @@ export class App {
   fitting = true;
   /** How much larger than at the desk the picture's lines and words are. */
   enlarged = 1;
+  /** Whether the driver's screen is shown. */
+  driving = false;
   private marked = false;
+  /** Whether the picture that is drawn groups alarms. */
+  private grouped = false;
   /** Whether there are scores and no pictures. */
   private readonly scored: boolean;
   evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
@@ -226,8 +238,9 @@ export class App {
     if (this.live) {
       this.live.wanted = null;
       this.live.least = this.source.title !== "live" || this.row >= this.thresholds.length - 1 ? -Infinity : (this.threshold ?? Infinity);
-      this.live.report();
+      (this.past ?? this.live).report();
     }
+    this.following.moved();
     const [a, b] = this.operating();
     this.roc.move(a, b);
     this.showThreshold();
@@ -421,11 +434,19 @@ export class App {
       },
       selected: this.selected,
       second: second && { ...second, visible: (row) => second.detection.alarms.confidence[row]! >= level },
-      live: this.live,
+      live: this.past ?? this.live,
       scan: this.scan,
       gaps: this.picture.gaps,
+      groups: this.groups(),
       show: this.show,
     };
+  }
+
+  /** Alarms by cells of the picture where there is no room for each; the driver sees each. */
+  private groups(): Group[] | null {
+    const { detection } = this;
+    if (!detection || this.driving || !this.show.alarms) return null;
+    return groupAlarms(this.view, detection, this.visible);
   }
 
   private palette(): Palette {
@@ -434,8 +455,9 @@ export class App {
 
   resized(): void {
     const { width, height } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
-    this.view.box = Picture.box(width, height);
+    this.view.box = Picture.box(width, height, !this.driving);
     if (this.fitting) this.view.fit();
+    else if (this.following.on) this.following.set(true);
     else this.view.hold();
     this.redraw();
   }
@@ -460,17 +482,20 @@ export class App {
     drawBackdrop(context, this.view, this.backdrop);
     const gaps = this.picture.gaps;
     const whole = rasters(this, context, density);
-    if (this.picture.gaps !== gaps) showLegend(el("legend"), this.overlay());
+    const overlay = this.overlay();
+    const grouped = overlay.groups !== null;
+    if (this.picture.gaps !== gaps || this.grouped !== grouped) showLegend(el("legend"), overlay);
+    this.grouped = grouped;
     const pen = canvasPen(context);
     context.save();
     context.beginPath();
     context.rect(box.left, box.top, box.width, box.height);
     context.clip();
-    drawOverlay(pen, this.view, this.overlay());
+    drawOverlay(pen, this.view, overlay);
     drawComparison(this, pen);
     context.restore();
     this.picture.axes(pen, palette);
-    if (this.source.index.layers.length && this.enlarged === 1) colourBar(pen, box, this.colours, palette, box.top + 166);
+    if (this.source.index.layers.length && !this.driving) colourBar(pen, box, this.colours, palette, box.top + 166);
     this.showBadge();
     if (whole && !this.marked && box.width > 10) {
       this.marked = true;
@@ -481,7 +506,9 @@ export class App {
 
   private showBadge(): void {
     const ratio = this.view.scaleX / this.view.scale;
-    el("badge").textContent = ratio > 1.05 ? `cross-track stretched × ${fixed(ratio, ratio < 10 ? 1 : 0)}` : "";
+    const stretched = ratio > 1.05 ? `cross-track stretched × ${fixed(ratio, ratio < 10 ? 1 : 0)}` : "";
+    const grouped = this.grouped ? "alarms grouped until zoomed" : "";
+    el("badge").textContent = [stretched, grouped].filter(Boolean).join("; ");
     el("zoom-true").setAttribute("aria-pressed", String(ratio <= 1.05));
   }
 
@@ -547,7 +574,10 @@ export class App {
   click(px: number, py: number): void {
     const hit = hitTest(this.view, this.overlay(), px, py);
     if (hit?.kind === "alarm") this.select(hit.row);
-    else if (hit?.kind === "scan") this.raw?.markScan(hit.row);
+    else if (hit?.kind === "group") {
+      this.view.zoom(CLOSER, px, py);
+      this.moved();
+    } else if (hit?.kind === "scan") this.raw?.markScan(hit.row);
     else this.say(unseenWords(this, ...this.view.toLane(px, py)));
     this.point(px, py); // a finger hovers over nothing
   }
@@ -555,6 +585,7 @@ export class App {
   /** Mark a scan on the track. */
   markScan(scan: number | null): void {
     this.scan = scan;
+    this.scrub.refresh();
     this.redraw();
     if (scan !== null) this.say(`scan ${scan}`);
   }

@@ -64,7 +64,8 @@ export function setLabel(source: Source, name: string): string {
 }
 
 const MOST_TILES = 600;
-const UNSEEN = 0x7e00;
+/** The half float of ground that no scan has seen: not a number. */
+export const UNSEEN = 0x7e00;
 
 /** Tiles as they came, the least recently used forgotten first. */
 export class Tiles {

@@ -12,6 +12,9 @@ const DOUBT = 400;
 /** Scans that are shown later than this after they came are told as late, ms. */
 const BEHIND = 1000;
 const LISTED = 3;
+/** The least screen, px, for which type and buttons have their sizes, lying and upright; drive.css shrinks them on a smaller one. */
+const LEAST_LYING = [1024, 768] as const;
+const LEAST_UPRIGHT = [640, 1280] as const;
 /** The picture's type of 11 px is as large as 29 px then: 12 minutes of arc from 1.5 m. */
 const ENLARGED = 2.6;
 /** What the driver is told of scans that went wrong. */
@@ -59,7 +62,25 @@ export class Drive {
     el("state").hidden = el("frozen").hidden = el("to-drive").hidden = false;
     this.dead = el("frozen").getAnimations()[0];
     this.wire();
+    this.judgeScreen();
+    addEventListener("resize", () => this.judgeScreen());
     setTimeout(() => this.look(), LOOK);
+  }
+
+  /** Shrink the picture's words as drive.css shrinks its type, and tell where the screen is too small for their sizes. */
+  private judgeScreen(): void {
+    const { app } = this;
+    const [width, height] = [window.innerWidth, window.innerHeight];
+    const least = height >= width ? LEAST_UPRIGHT : LEAST_LYING;
+    const unit = Math.min(1, width / least[0], height / least[1]);
+    const enlarged = this.on ? Math.max(ENLARGED * unit, 1) : 1;
+    if (enlarged !== app.enlarged) {
+      app.enlarged = enlarged;
+      app.resized();
+    }
+    const small = unit < 1;
+    el("drive-small").hidden = !small;
+    el("drive-small").textContent = small ? `Screen too small: ${width} × ${height} px. It needs ${LEAST_LYING.join(" × ")}, or ${LEAST_UPRIGHT.join(" × ")} upright.` : "";
   }
 
   /** Show the driver's screen or the desk's. */
@@ -71,8 +92,10 @@ export class Drive {
     const theme = document.documentElement.dataset["theme"]!;
     if (on && theme === "dark") this.dress("night");
     if (!on && theme !== "dark") app.setTheme(theme === "night" ? "dark" : "light");
+    if (on && app.past) app.following.goTo(live, null); // the driver sees what is known now
+    app.driving = on;
     app.view.turned = on;
-    app.enlarged = on ? ENLARGED : 1;
+    this.judgeScreen();
     live.labelled = on ? 0 : LABELLED; // what the picture says is as old as its scan; the number beside it is not
     if (on) app.select(null);
     app.resized();
@@ -176,6 +199,7 @@ export class Drive {
     const verdict = state.level === "lost" ? "blind" : stale ? "free" : !nearest ? "free" : margin === null ? "unknown" : margin < 0 ? "halt" : "go";
     el("drive").dataset["verdict"] = verdict;
     el("drive-left").textContent = stale || !nearest ? "–" : `${fixed(nearest.left, 1)} m`;
+    el("drive-head").textContent = nearest && !stale && live.besideLane(nearest.alarm) ? "Beside lane" : "Nearest";
     const aside = nearest ? live.aside(nearest.alarm) : 0;
     el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
     el("drive-chances").textContent = stale || !nearest ? "" : chances(nearest.alarm);

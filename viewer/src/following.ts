@@ -1,5 +1,7 @@
 import type { App } from "./app";
+import { UNSEEN } from "./data";
 import { el } from "./dom";
+import type { Moment } from "./history";
 import type { Live, LiveAlarm, LiveRows } from "./live";
 import { thresholdsOf } from "./roc";
 
@@ -10,6 +12,8 @@ const BEHIND = 6;
 /** Takes what came of a live run into the page, and keeps the picture with the vehicle while that is on. */
 export class Following {
   on = false;
+  /** The threshold that was chosen when the page went back in time: alarms of then may not have it. */
+  private chosen: { least: number | null; last: boolean } | null = null;
 
   constructor(private readonly app: App) {}
 
@@ -32,7 +36,7 @@ export class Following {
     el("subset").hidden = el("roc-plot").hidden = el("explain").hidden = true;
     app.detectionChanged();
     app.showChoices();
-    this.set(this.suits(live) || app.enlarged > 1);
+    this.set(this.suits(live) || app.driving);
     app.resized();
   }
 
@@ -47,6 +51,7 @@ export class Following {
     const { index, id, title } = app.source;
     const layer = index.layers[0];
     if (title !== "live" || !layer || !live.grid) return;
+    if (app.past) return; // the rows are in the run's history, and are drawn when the page comes back to now
     index.grid = live.grid;
     layer.levels[0]!.rows = live.grid.ny;
     app.picture.repaint(id, 0, app.tiles.put(id, 0, row, live.grid.nx, index.tile_rows, halves));
@@ -57,21 +62,60 @@ export class Following {
     if (live.lane === null) this.extend(live);
   }
 
-  /** Scans and alarms of a live run came. */
-  went(live: Live, fresh: LiveAlarm[]): void {
+  /**
+   * Show a live run as it was known after a scan, or as it is known now.
+   *
+   * Rows that came later are unseen then; rows that came before may have been overwritten, so that they are laid anew.
+   */
+  goTo(now: Live, moment: Moment | null): void {
     const { app } = this;
+    const { index, id, title } = app.source;
+    const newest = now.history.moments[now.history.moments.length - 1];
+    const target = moment ?? newest;
+    this.chosen ??= this.threshold();
+    app.past = moment && now.asOf(moment);
+    if (title === "live" && index.layers.length && now.grid && target) {
+      const { nx } = now.grid;
+      const { before, after } = now.history.rowsAbout(target);
+      const lay = ({ row, halves }: LiveRows): void => app.picture.repaint(id, 0, app.tiles.put(id, 0, row, nx, index.tile_rows, halves));
+      for (const rows of after) lay({ ...rows, halves: new Uint16Array(rows.halves.length).fill(UNSEEN) });
+      before.forEach(lay);
+      index.grid = now.grid;
+      index.layers[0]!.levels[0]!.rows = now.grid.ny;
+    }
+    this.went(now, []);
+    if (!moment) this.chosen = null;
+  }
+
+  /** The threshold was moved by hand. */
+  moved(): void {
+    this.chosen = this.app.past ? this.threshold() : null;
+  }
+
+  private threshold(): { least: number | null; last: boolean } {
+    const { app } = this;
+    return { least: app.threshold, last: app.row >= app.thresholds.length - 1 };
+  }
+
+  /** Scans and alarms of a live run came. */
+  went(now: Live, fresh: LiveAlarm[]): void {
+    const { app } = this;
+    if (app.past?.at && !now.history.moments.includes(app.past.at)) return this.goTo(now, null); // it is too long ago
+    const live = app.past ?? now;
+    app.scrub.refresh();
     if (app.source.title === "live") {
       const { index } = app.source;
       const id = app.selected === null ? null : app.detection?.alarms.alarm_id?.[app.selected];
       const ticked = new Set([...app.ticked].map((row) => app.detection?.alarms.alarm_id?.[row]));
-      const least = live.wanted ?? app.threshold;
-      const last = live.wanted === null && app.row >= app.thresholds.length - 1;
+      const chosen = this.chosen ?? this.threshold();
+      const least = now.wanted ?? chosen.least;
+      const last = now.wanted === null && chosen.last;
       index.detections = [live.detection()];
       const names = index.detections[0]!.alarms.alarm_id!;
       app.thresholds = thresholdsOf(app.source, "live");
       const at = app.thresholds.findIndex((one) => one !== null && least !== null && one <= least);
       app.row = last || least === null ? (last ? app.thresholds.length - 1 : 0) : at < 0 ? app.thresholds.length - 1 : app.thresholds[at] === least ? at : Math.max(at - 1, 0);
-      live.least = last ? -Infinity : (least ?? Infinity);
+      if (!app.past) now.least = last ? -Infinity : (least ?? Infinity);
       el<HTMLInputElement>("threshold").max = String(Math.max(app.thresholds.length - 1, 0));
       app.ticked = new Set(names.flatMap((name, row) => (ticked.has(name) ? [row] : [])));
       app.selected = id ? (names.indexOf(id) >= 0 ? names.indexOf(id) : null) : null;
@@ -80,12 +124,13 @@ export class Following {
       app.showAlarm();
       app.showThreshold();
     }
-    const told = fresh.filter((one) => one.confidence >= live.least && !one.final && (live.distance(one) ?? 1) > 0);
+    const told = fresh.filter((one) => one.confidence >= now.least && !one.final && (now.distance(one) ?? 1) > 0);
     if (told.length) {
-      const nearest = told.reduce((a, b) => ((live.distance(b) ?? Infinity) < (live.distance(a) ?? Infinity) ? b : a));
-      app.say(`New alarm: ${live.words(nearest)}${told.length > 1 ? `, and ${told.length - 1} more` : ""}`);
+      const nearest = told.reduce((a, b) => ((now.distance(b) ?? Infinity) < (now.distance(a) ?? Infinity) ? b : a));
+      app.say(`New alarm: ${now.words(nearest)}${told.length > 1 ? `, and ${told.length - 1} more` : ""}`);
     }
     this.keepUp(live);
+    live.report();
     app.redraw();
   }
 
@@ -97,7 +142,7 @@ export class Following {
     app.fitting = false;
     app.view.fill = true;
     app.view.scale = Math.min(app.view.along / Math.min(FOLLOWED, 6 * app.view.breadth), (0.96 * app.view.across) / app.view.breadth);
-    this.keepUp(app.live);
+    this.keepUp(app.past ?? app.live);
     app.redraw();
   }
 

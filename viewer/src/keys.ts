@@ -36,6 +36,8 @@ export const KEYS: Key[] = [
   { keys: ["i"], shown: "I", words: "true scale or stretched", act: (app) => app.trueScale() },
   { keys: ["o"], shown: "O", words: "turn the picture", act: (app) => app.turn() },
   { keys: ["l"], shown: "L", words: "follow the vehicle of a live run", act: (app) => app.live && app.following.set(!app.following.on) },
+  { keys: ["h"], shown: "H J", words: "previous and next scan", act: (app) => app.scrub.step(-1) },
+  { keys: ["j"], shown: "", words: "", act: (app) => app.scrub.step(1) },
   { keys: ["b"], shown: "B", words: "blink A and B", act: (app) => app.setCompare(app.compare === "blink" ? "off" : "blink") },
   { keys: ["s"], shown: "S", words: "swipe between A and B", act: (app) => app.setCompare(app.compare === "swipe" ? "off" : "swipe") },
   { keys: ["x"], shown: "X", words: "flip A and B once", act: (app) => app.compare === "blink" && app.flip() },
@@ -72,7 +74,7 @@ export function listenToKeys(app: App): void {
     if (input === "text" && event.key === "Escape") return target.blur();
     if (input === "text" || input === "search" || target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement) return;
     const moving = event.key.startsWith("Arrow") || event.key === "Home" || event.key === "End";
-    if (moving && (input || target.closest('[role="tablist"], .scroll, #explain, #patches'))) return;
+    if (moving && (input || target.closest('[role="tablist"], .scroll, #explain, #patches, #scores, #raw-toml'))) return;
     const key = KEYS.find((one) => one.keys.includes(event.key)) ?? (event.shiftKey ? undefined : KEYS.find((one) => one.keys.includes(event.key.toLowerCase())));
     if (!key) return;
     event.preventDefault();

@@ -5,7 +5,7 @@ import { CanvasPen, type Pen } from "./pen";
 import type { Choice, Source } from "./types";
 import { ticks, View, type Box } from "./view";
 
-const MARGIN = { left: 46, right: 52, top: 8, bottom: 34 };
+const MARGIN = { left: 46, right: 52, barless: 10, top: 8, bottom: 34 };
 const MOST_PAINTED = 160;
 
 interface Palette { text: string; axis: string; paper: string; unseen: string }
@@ -40,11 +40,13 @@ export class Picture {
     for (const tile of tiles) for (const turned of [true, false]) this.painted.delete(`${source}/${layer}/0/${tile}/${turned}`);
   }
 
-  static box(width: number, height: number): Box {
+  /** Where the picture lies on a canvas; on the driver's screen no colour bar stands beside it. */
+  static box(width: number, height: number, barred = true): Box {
+    const right = barred ? MARGIN.right : MARGIN.barless;
     return {
       left: MARGIN.left,
       top: MARGIN.top,
-      width: Math.max(width - MARGIN.left - MARGIN.right, 10),
+      width: Math.max(width - MARGIN.left - right, 10),
       height: Math.max(height - MARGIN.top - MARGIN.bottom, 10),
     };
   }

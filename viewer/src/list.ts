@@ -25,7 +25,9 @@ export class AlarmList {
     private readonly choose: (row: number) => void,
     private readonly tick: (rows: number[], on: boolean) => void,
   ) {
-    const head = ["", "alarm", "confid.", "x, m", "y, m", "as", "verdict"].map((name) => make("th", { scope: "col" }, name));
+    const ticks = make("th", { scope: "col" }, make("span", { class: "unseen" }, "for export"));
+    const names = ["alarm", "confid.", "x, m", "y, m", "as", "verdict"].map((name) => make("th", { scope: "col" }, name));
+    const head = [ticks, ...names];
     document.querySelector("#list thead")!.append(make("tr", {}, ...head));
     el<HTMLInputElement>("tick-all").addEventListener("change", (event) => {
       if (this.state) this.tick(this.state.rows, (event.target as HTMLInputElement).checked);
@@ -45,7 +47,7 @@ export class AlarmList {
     if (rows.length > this.most) lines.push(this.more(state, Math.min(PAGE, rows.length - this.most)));
     arrange(el("rows"), lines);
     const current = place < 0 ? null : lines[place]!;
-    if (current !== this.current) current?.scrollIntoView({ block: "nearest" });
+    if (current && current !== this.current) reveal(current);
     this.current = current;
   }
 
@@ -90,6 +92,15 @@ export class AlarmList {
     line.addEventListener("click", () => this.choose(row()));
     return line;
   }
+}
+
+/** Scroll a line of the list into sight, and nothing but the list: the page may stand at the picture. */
+function reveal(line: HTMLElement): void {
+  const home = line.closest(".scroll")!;
+  const [frame, own] = [home.getBoundingClientRect(), line.getBoundingClientRect()];
+  const head = home.querySelector("thead")!.clientHeight;
+  if (own.top < frame.top + head) home.scrollTop -= frame.top + head - own.top;
+  else if (own.bottom > frame.bottom) home.scrollTop += own.bottom - frame.bottom;
 }
 
 /** Give an element these children, leaving alone those that are in their place. */

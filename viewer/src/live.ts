@@ -1,5 +1,6 @@
 import { getJson } from "./data";
 import { el, fixed, make } from "./dom";
+import { History, type Moment } from "./history";
 import type { Detection, Georeference, Grid, Lane } from "./types";
 
 interface Event {
@@ -108,8 +109,11 @@ export interface LiveHandlers {
 
 /** Follows live.jsonl: `start`, `scan`, `view`, `alarm`, `counts`, `problem`, `anew`, `resume` and `end`; what it does not know it leaves alone. */
 export class Live {
-  readonly track: { scan: number; x: number; y: number; heading: number; time: number | null }[] = [];
-  readonly alarms = new Map<string, LiveAlarm>();
+  track: { scan: number; x: number; y: number; heading: number; time: number | null }[] = [];
+  alarms = new Map<string, LiveAlarm>();
+  readonly history = new History();
+  /** The scan that the page has gone back to; null shows what is known now. */
+  at: Moment | null = null;
   lane: Lane | null = null;
   grid: Grid | null = null;
   channel: [string, string] = ["", ""];
@@ -144,7 +148,7 @@ export class Live {
   /** Since when and for how many scans in a row positions have been wrong, on the page's clock, ms; null while they are good. */
   wrong: { since: number; scans: number } | null = null;
   /** Alarms of before detection started anew: where positions were others, so that none of them lies ahead. */
-  private readonly past = new Set<string>();
+  private past: ReadonlySet<string> = new Set();
   private latency: number[] = [];
 
   constructor(private readonly handlers: LiveHandlers) {}
@@ -205,6 +209,23 @@ export class Live {
     return here ? (alarm.x - here.x) * Math.cos(here.heading) - (alarm.y - here.y) * Math.sin(here.heading) : alarm.x;
   }
 
+  /** Whether an alarm lies beside a lane whose sides are known. */
+  besideLane(alarm: { x: number; y: number }): boolean {
+    const { lane } = this;
+    return lane !== null && (alarm.x < lane.x_min || alarm.x > lane.x_max);
+  }
+
+  /** The run as it was known after a scan: this one in all else, threshold and settings of the vehicle included. */
+  asOf(moment: Moment): Live {
+    const { history } = this;
+    const then = Object.create(this) as Live; // what it does not have of its own it takes from this one
+    then.at = moment;
+    then.track = history.trackAt(moment);
+    then.alarms = history.alarmsAt(moment);
+    then.past = moment.past;
+    return then;
+  }
+
   /** The alarms as the page shows those of a result. */
   detection(): Detection {
     const all = [...this.alarms.values()];
@@ -235,7 +256,6 @@ export class Live {
       for (const event of answer.events) this.take(event, fresh);
       if (answer.events.length || answer.restarted) {
         this.handlers.changed(this.caughtUp && !answer.more ? [...fresh.keys()].flatMap((id) => this.alarms.get(id) ?? []) : []);
-        this.report();
       }
       this.caughtUp ||= !answer.more;
       if (answer.more) again = 0;
@@ -253,7 +273,8 @@ export class Live {
     this.counts = {};
     this.problem = "";
     this.wrong = null;
-    this.past.clear();
+    this.past = new Set();
+    this.history.clear();
     this.ended = this.begun = false;
     this.runs++;
   }
@@ -282,7 +303,7 @@ export class Live {
   private moved(): void {
     this.wrong = null;
     this.track.length = 0;
-    for (const id of this.alarms.keys()) this.past.add(id);
+    this.past = new Set([...this.past, ...this.alarms.keys()]);
   }
 
   private heard(): void {
@@ -322,6 +343,7 @@ export class Live {
     if (at < 0) this.track.push(one);
     else if (this.track[at]!.scan === scan) this.track[at] = one;
     else this.track.splice(at, 0, one);
+    this.history.add({ ...one, changes: [], rows: [], past: this.past });
     if (number(event.latency_ms) && event.outcome === "taken") this.latency.push(event.latency_ms);
     if (event.outcome !== "late") this.came.use = performance.now();
     this.delay = number(event.latency_ms) ? event.latency_ms : 0;
@@ -340,13 +362,16 @@ export class Live {
       return;
     }
     this.grid.ny = Math.max(this.grid.ny, row + rows);
-    this.handlers.rows({ row, rows, median: number(event.median_db) ? event.median_db : 0, halves: values });
+    const grown = { row, rows, median: number(event.median_db) ? event.median_db : 0, halves: values };
+    this.history.grew(grown);
+    this.handlers.rows(grown);
   }
 
   private takeAlarm(event: Event, x: number, y: number, fresh: Map<string, LiveAlarm>): void {
     const id = String(event.alarm_id ?? `live-${this.alarms.size + 1}`);
     if (event.state === "withdrawn") {
       this.alarms.delete(id);
+      this.history.changed(id, null);
       fresh.delete(id);
       return;
     }
@@ -365,6 +390,7 @@ export class Live {
     };
     if (!this.alarms.has(id)) fresh.set(id, alarm);
     this.alarms.set(id, alarm);
+    this.history.changed(id, alarm);
     if (number(event.latency_ms) && !this.track.length) this.latency.push(event.latency_ms);
   }
 
@@ -399,6 +425,7 @@ export class Live {
     const missing = this.bad ? `; ${this.bad} lines not understood` : "";
     const words = `${this.scans.size} scans, ${this.alarms.size} alarms${late}${here ? `; vehicle at y ${fixed(here.y, 1)} m` : ""}${missing}${this.ended ? "; ended" : ""}`;
     const parts: (Node | string)[] = [make("h2", {}, `Live ${this.title}`), make("p", { id: "live-words" }, words)];
+    if (this.at) parts.push(make("p", { id: "live-then" }, `Gone back to scan ${this.at.scan}: vehicle, alarms and run-view as they were then`));
     if (this.stopping !== null) parts.push(make("p", { class: "soft" }, `Stopping distance ${fixed(this.stopping, 1)} m`));
     const faults = Object.entries(FAULTS).flatMap(([name, what]) => (this.counts[name] ? [`${this.counts[name]} ${what}`] : []));
     if (faults.length) parts.push(make("p", { id: "live-faults", class: "soft", title: this.problem }, `Scans: ${faults.join(", ")}`));

@@ -213,6 +213,7 @@ async function start(): Promise<void> {
     if (!session.results.length) drive.show(true);
     live.start();
   }
+  app.scrub.refresh();
   const run = sources[0]?.index.run;
   if (run && session.raw) {
     app.raw = new RawPanel(sources[0]!, (scan) => app?.markScan(scan));

@@ -1,7 +1,8 @@
 import { colour, digits, fixed, make, svg } from "./dom";
 import type { Live } from "./live";
-import { SvgPen, type Pen } from "./pen";
-import { BORDER, drawAlarm, drawObject, drawTarget, HALO, INK, LABELS, SHADOW } from "./symbols";
+import { drawGroup, groupAlarms, groupAt, type Group } from "./groups";
+import { SvgPen, type Pen, type Point, type Style } from "./pen";
+import { BORDER, drawAlarm, drawObject, drawTarget, HALO, INK, LABELS, SHADOW, SHORT } from "./symbols";
 import type { Choice, Detection, Source } from "./types";
 import { detectionOf } from "./data";
 import type { View } from "./view";
@@ -23,9 +24,11 @@ export interface Overlay {
   scan: number | null;
   /** Whether ground that no scan has seen has come into sight. */
   gaps: boolean;
+  /** Alarms by cells of the picture, where there is no room to draw each. */
+  groups: Group[] | null;
   show: Shown;
 }
-export interface Hit { kind: "alarm" | "target" | "object" | "scan"; row: number; words: string }
+export interface Hit { kind: "alarm" | "group" | "target" | "object" | "scan"; row: number; words: string }
 
 export function labelOf(source: Source, detection: Detection | undefined, row: number): string {
   return (detection && source.score?.detections[detection.name]?.label[row]) || "plain";
@@ -61,19 +64,13 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
   if (show.scans || (!detections.length && !overlay.live)) scans.y.forEach((y, i) => drawScan(pen, view, scans.x[i]!, y, scans.heading[i]!, scans.masked.includes(i)));
   const crowded = (detection?.alarms.x.length ?? 0) > 400 && view.along / view.scale > 250;
   const size = crowded ? 4 : 6;
+  if (overlay.live) drawVehicle(pen, view, overlay.live);
   if (show.truth) drawTruth(pen, view, overlay, crowded ? 4 : 5);
   if (show.alarms && overlay.second) {
     const { source: other, detection: theirs, visible } = overlay.second;
-    theirs.alarms.x.forEach((x, row) => {
-      const [px, py] = view.toScreen(x, theirs.alarms.y[row]!);
-      if (visible(row) && inBox(view, px, py)) drawAlarm(pen, px, py, labelOf(other, theirs, row), size, true);
-    });
+    drawAlarms(pen, view, other, theirs, visible, overlay.groups && groupAlarms(view, theirs, visible), size, true);
   }
-  if (show.alarms && detection)
-    for (let row = detection.alarms.x.length - 1; row >= 0; row--) {
-      const [px, py] = view.toScreen(detection.alarms.x[row]!, detection.alarms.y[row]!);
-      if (overlay.visible(row) && inBox(view, px, py)) drawAlarm(pen, px, py, labelOf(source, detection, row), size);
-    }
+  if (show.alarms && detection) drawAlarms(pen, view, source, detection, overlay.visible, overlay.groups, size);
   if (detection && overlay.selected !== null) {
     const [px, py] = view.toScreen(detection.alarms.x[overlay.selected]!, detection.alarms.y[overlay.selected]!);
     const r = size + 8;
@@ -82,11 +79,34 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
     const atEnd = px > view.box.left + view.box.width - 90;
     pen.text(px + (atEnd ? -r - 4 : r + 4), py - r + 6, name, { anchor: atEnd ? "end" : "start", fill: "#fff7c2", halo: SHADOW, size: 12, bold: true });
   }
-  if (overlay.scan !== null) {
-    const [px, py] = view.toScreen(scans.x[overlay.scan]!, scans.y[overlay.scan]!);
-    for (const [stroke, width] of [[SHADOW, 5], ["#ffe45c", 2.4]] as const) pen.ellipse(px, py, 12, 12, { stroke, width });
-  }
+  if (overlay.scan !== null) drawMarked(pen, view, source, overlay.scan);
   if (overlay.live) drawLive(pen, view, overlay, overlay.live);
+}
+
+/** Draw each alarm, the strongest last, or their groups. */
+function drawAlarms(pen: Pen, view: View, source: Source, detection: Detection, visible: (row: number) => boolean, groups: Group[] | null, size: number, second = false): void {
+  const label = (row: number): string => labelOf(source, detection, row);
+  if (groups) {
+    for (const { px, py, rows } of groups) drawGroup(pen, px, py, rows.map(label), second);
+    return;
+  }
+  const { x, y } = detection.alarms;
+  for (let row = x.length - 1; row >= 0; row--) {
+    const [px, py] = view.toScreen(x[row]!, y[row]!);
+    if (visible(row) && inBox(view, px, py)) drawAlarm(pen, px, py, label(row), size, second);
+  }
+}
+
+/** A group in words: how many alarms of which kind, and the strongest. */
+function groupWords(source: Source, detection: Detection, rows: number[]): string {
+  const counts = new Map<string, number>();
+  for (const row of rows) {
+    const label = labelOf(source, detection, row);
+    counts.set(label, (counts.get(label) ?? 0) + 1);
+  }
+  const kinds = [...counts].filter(([label]) => label !== "plain").map(([label, count]) => `${SHORT[label] ?? label} ${count}`);
+  const strongest = Math.max(...rows.map((row) => detection.alarms.confidence[row]!));
+  return [`${rows.length} alarms`, ...kinds, `highest confidence ${digits(strongest, 4)}`, "a click comes nearer"].join("\n");
 }
 
 function drawScan(pen: Pen, view: View, x: number, y: number, heading: number, masked: boolean): void {
@@ -97,6 +117,22 @@ function drawScan(pen: Pen, view: View, x: number, y: number, heading: number, m
   const [ux, uy] = [(ax - px) / size, (ay - py) / size];
   const arrow: [number, number][] = [[px + 7 * ux, py + 7 * uy], [px - 4 * ux - 4 * uy, py - 4 * uy + 4 * ux], [px - 4 * ux + 4 * uy, py - 4 * uy - 4 * ux]];
   pen.path(arrow, true, { fill: masked ? INK["missed"]! : "#ffffff", stroke: SHADOW, width: 1.2 });
+}
+
+/** Draw the scan that is marked, and the borders of the ground that it sees ahead. */
+function drawMarked(pen: Pen, view: View, { index: { scans, sight } }: Source, scan: number): void {
+  const [x, y, heading] = [scans.x[scan]!, scans.y[scan]!, scans.heading[scan]!];
+  const [px, py] = view.toScreen(x, y);
+  const rings: Style[] = [{ stroke: SHADOW, width: 5 }, { stroke: "#ffe45c", width: 2.4 }];
+  for (const style of rings) pen.ellipse(px, py, 12, 12, style);
+  drawScan(pen, view, x, y, heading, scans.masked.includes(scan));
+  if (!sight || scans.masked.includes(scan)) return;
+  const half = (view.extent.x_max - view.extent.x_min) / 2;
+  const [sine, cosine] = [Math.sin(heading), Math.cos(heading)];
+  const place = (ahead: number, across: number): Point => view.toScreen(x + ahead * sine + across * cosine, y + ahead * cosine - across * sine);
+  const [near, far] = sight;
+  const corners = [place(near, -half), place(near, half), place(far, half), place(far, -half)];
+  for (const style of rings) pen.path(corners, true, { ...style, width: style.width! / 2, dash: [8, 5] });
 }
 
 function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
@@ -123,11 +159,13 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
 
 const STOP = "#ff7a59";
 
-function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
+/** Draw the way of the vehicle, where it could stop, and the vehicle: all below the alarms, so that it hides none. */
+function drawVehicle(pen: Pen, view: View, live: Live): void {
   const points = live.track.map(({ x, y }) => view.toScreen(x, y));
   if (points.length > 1) pen.path(points, false, { stroke: "#ffe45c", width: 1.5, alpha: 0.8 });
   const { here } = live;
-  if (here && live.stopping !== null) {
+  if (!here) return;
+  if (live.stopping !== null) {
     const ahead = live.front + live.stopping;
     const [sine, cosine] = [Math.sin(here.heading), Math.cos(here.heading)];
     const half = (view.extent.x_max - view.extent.x_min) / 2;
@@ -135,6 +173,14 @@ function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
     pen.path(ends, false, { stroke: SHADOW, width: 4, alpha: 0.6 });
     pen.path(ends, false, { stroke: STOP, width: 2, dash: [9, 5] });
   }
+  const [px, py] = view.toScreen(here.x, here.y);
+  pen.ellipse(px, py, 12, 12, { stroke: SHADOW, width: 5.5 });
+  pen.ellipse(px, py, 12, 12, { stroke: "#ffe45c", width: 3 });
+  drawScan(pen, view, here.x, here.y, here.heading, false);
+}
+
+/** Draw what a live run adds to its alarms: octagons about those that are too near, and distances. */
+function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
   const own = overlay.detection?.name === "live";
   const labelled = new Set(live.ahead(live.least).slice(0, live.labelled).map(({ alarm }) => alarm.id));
   for (const alarm of live.alarms.values()) {
@@ -143,14 +189,10 @@ function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
     const left = live.distance(alarm);
     const ahead = left !== null && left > 0;
     if (!own) drawAlarm(pen, px, py, "plain");
-    const late = ahead && (live.stopping === null ? alarm.inTime === false : left < live.stopping);
+    const tooNear = ahead && (live.stopping === null ? alarm.inTime === false : left < live.stopping);
+    const late = tooNear && !live.besideLane(alarm);
     if (late) drawLate(pen, px, py);
     if (left !== null && labelled.has(alarm.id)) pen.text(px + 11, py - 8, `${fixed(left, 1)} m`, { fill: late ? "#ffd2c4" : "#ffffff", halo: SHADOW, size: 11, bold: late });
-  }
-  if (here) {
-    const [px, py] = view.toScreen(here.x, here.y);
-    pen.ellipse(px, py, 11, 11, { fill: "#ffe45c", stroke: SHADOW, width: 2 });
-    drawScan(pen, view, here.x, here.y, here.heading, false);
   }
 }
 
@@ -159,6 +201,16 @@ function drawLate(pen: Pen, x: number, y: number): void {
   const corners = Array.from({ length: 8 }, (_, i): [number, number] => [x + 11 * Math.cos(((i + 0.5) * Math.PI) / 4), y + 11 * Math.sin(((i + 0.5) * Math.PI) / 4)]);
   pen.path(corners, true, { stroke: SHADOW, width: 4.5 });
   pen.path(corners, true, { stroke: STOP, width: 2.2 });
+}
+
+/** An alarm under the pointer. */
+function alarmHit({ source, live }: Overlay, detection: Detection, row: number): Hit {
+  const { alarms } = detection;
+  const label = labelOf(source, detection, row);
+  const ahead = live?.alarms.get(alarms.alarm_id?.[row] ?? "");
+  if (live && ahead && detection.name === "live") return { kind: "alarm", row, words: live.words(ahead).replaceAll(", ", "\n") };
+  const words = `${alarms.alarm_id?.[row] ?? ""}\n${LABELS[label] ?? label}\nconfidence ${digits(alarms.confidence[row], 4)} (rank ${row + 1})`;
+  return { kind: "alarm", row, words };
 }
 
 /** What lies under the pointer, alarms first. */
@@ -175,16 +227,14 @@ export function hitTest(view: View, overlay: Overlay, px: number, py: number): H
     }
     return best;
   };
-  if (show.alarms && detection) {
+  if (show.alarms && detection && overlay.groups) {
+    const group = groupAt(overlay.groups, px, py);
+    if (group?.rows.length === 1) return alarmHit(overlay, detection, group.rows[0]!);
+    if (group) return { kind: "group", row: group.rows[0]!, words: groupWords(source, detection, group.rows) };
+  } else if (show.alarms && detection) {
     const { alarms } = detection;
     const row = near(alarms.x, alarms.y, overlay.visible);
-    if (row >= 0) {
-      const label = labelOf(source, detection, row);
-      const ahead = overlay.live?.alarms.get(alarms.alarm_id?.[row] ?? "");
-      if (ahead && detection.name === "live") return { kind: "alarm", row, words: overlay.live!.words(ahead).replaceAll(", ", "\n") };
-      const words = `${alarms.alarm_id?.[row] ?? ""}\n${LABELS[label] ?? label}\nconfidence ${digits(alarms.confidence[row], 4)} (rank ${row + 1})`;
-      return { kind: "alarm", row, words };
-    }
+    if (row >= 0) return alarmHit(overlay, detection, row);
   }
   const score = source.score;
   if (show.truth && score) {
@@ -228,6 +278,8 @@ export function showLegend(list: HTMLElement, overlay: Overlay): void {
   const labels = new Set(detection?.alarms.x.map((_, row) => labelOf(source, detection, row)) ?? []);
   const short: Record<string, string> = { detection: "hit", false: "false alarm", ignored: "in halo", outside: "outside", plain: "alarm" };
   for (const label of ["plain", "detection", "false", "ignored", "outside"]) if (labels.has(label)) add(short[label]!, (pen) => drawAlarm(pen, 10, 10, label, 5.5));
+  if (overlay.groups) add("so many alarms", (pen) => drawGroup(pen, 10, 10, ["plain", "plain", "plain"]));
+  if (overlay.groups && labels.has("detection")) add("a hit among them", (pen) => drawGroup(pen, 10, 10, ["plain", "detection"]));
   if (overlay.live && overlay.live.stopping !== null) add("too near to stop", (pen) => drawLate(pen, 10, 10));
   if (second) add("alarm of B", (pen) => drawAlarm(pen, 10, 10, "plain", 5, true));
   const score = overlay.show.truth ? source.score : null;

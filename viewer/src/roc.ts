@@ -264,7 +264,7 @@ export function showCounts(table: HTMLTableElement, a: Operating | undefined, b:
   const both = b ? [a, b] : [a];
   const cells = (cell: (one: Operating) => Node): Node[] => both.map(cell);
   const percent = Math.round(100 * a.curve.level);
-  if (b) row("", make("td", {}, make("b", {}, "A "), names[0]), make("td", {}, make("b", {}, "B "), names[1]));
+  if (b) row("result", make("td", {}, make("b", {}, "A "), names[0]), make("td", {}, make("b", {}, "B "), names[1]));
   row("found", ...cells(({ curve, row: r }) => make("td", { class: "big hit" }, `${curve.n_detected[r]} of ${curve.n_targets}`)));
   row("missed", ...cells(({ curve, row: r }) => make("td", { class: "missed" }, String(curve.n_targets - curve.n_detected[r]!))));
   row("false alarms", ...cells(({ curve, row: r }) => make("td", { class: "big false" }, String(curve.n_false[r]))));

@@ -19,7 +19,7 @@ from flgpr import detect
 from flgpr.chain.too_few import check_classes
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
-from flgpr.screen import label_alarms
+from flgpr.screen import label_training_alarms
 
 if TYPE_CHECKING:
     from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -229,7 +229,7 @@ def label_lanes(
     tables = []
     targets_before = 0
     for name, alarms, truth, lane in lanes:
-        table = label_alarms(alarms, truth, lane, label_radius)
+        table = label_training_alarms(alarms, truth, lane, label_radius)
         hit = (table["label"] == "hit").to_numpy()
         # An alarm that hit no target has the number -1, which picks the empty kind at the end.
         kinds = np.append(truth["kind"].to_numpy(dtype=object), "")

@@ -87,9 +87,8 @@ class LaneSetup:
         self.truth = pd.DataFrame({"x": [], "y": []}) if truth is None else truth
         self.explains = explains
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
-        self.images = RunImages(
-            as_imaged(run, recipe), recipe, lane, self.model, self.results, others or {}
-        )
+        imaged = as_imaged(run, recipe)
+        self.images = RunImages(imaged, recipe, lane, self.model, self.results, others or {})
         self.imager = self.images.imager
         self.setup = self.images.setup
         self.background_rows = self._background_rows(whole_background)

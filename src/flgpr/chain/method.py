@@ -61,9 +61,10 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
 
 def engine_of(lane: LaneSetup) -> Engine:
     """Return the engine that runs the passes of a lane."""
+    passes = passes_of(lane)
     scans = len(lane.imager)
     numbers = lane.block_numbers(blocks_of(scans))
-    return Engine(passes_of(lane), scans, lane.results, lane.concurrent, numbers)
+    return Engine(passes, scans, lane.results, lane.concurrent, numbers)
 
 
 def detection_of(lane: LaneSetup) -> Detection:

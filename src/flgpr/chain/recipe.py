@@ -33,9 +33,9 @@ from flgpr.chain.stages import (
     Table,
 )
 from flgpr.door import parse_toml, read_named
-from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
+from flgpr.model import POLARIZATIONS, Grid, Lane, complete_scans, scan_to_lane
 from flgpr.model.faults import describe_fault, no_preset
-from flgpr.model.motion import judge_run, plausible_run
+from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
 
 if TYPE_CHECKING:
@@ -361,7 +361,13 @@ def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
     """Return the ground that so many scans see to its end, as wide as :func:`lane_of` searches it."""
     if recipe.image.frames == "all":
         return _aperture_ground(run, recipe)
-    poses = run["pose"].values[judge_run(run, recipe.motion).plausible]
+    # A scan with missing sweeps, or with a pose that no vehicle reaches, has no image.
+    imaged = complete_scans(plausible_run(run, recipe.motion))
+    if not imaged.any():
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {imaged.size}"
+        )
+    poses = run["pose"].values[imaged]
     return course_lane(recipe, poses, farthest_seen(recipe, poses, looks))
 
 

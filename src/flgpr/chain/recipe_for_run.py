@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from flgpr.chain.recipe import HALF_LANE, parse_recipe
+from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.recipe_fit import (
     ALARM_RADIUS,
     FEWEST_SCANS,
@@ -32,6 +32,7 @@ from flgpr.model import (
 )
 from flgpr.model.motion import plausible_run
 from flgpr.store import MAX_MEMORY, open_run
+from flgpr.store.files import faults_of
 from flgpr.store.outputs import write_new
 
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
@@ -86,7 +87,9 @@ def recipe_for(
     ValueError
         As of :func:`fit_recipe`.
     """
-    text = fit_recipe(open_run(run, max_memory))
+    dataset = open_run(run, max_memory)
+    with faults_of(run):
+        text = fit_recipe(dataset)
     if output is not None:
         write_new(Path(output), text)
     return text
@@ -97,17 +100,17 @@ def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
 
     Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and
     a comment beside every entry says how. The same run gives the same text. The recipe has the
-    table features where the run has HH, VV and HV or VH, and a lane where the run is shorter than
-    its images. A radar that moves past what it looks at, farther than twice its array's width, gets
-    an image over the whole run (``frames = "all"``).
+    table features where the run has HH, VV and HV or VH, and no lane: a detection searches the
+    ground that the run sees. A radar that moves past what it looks at, farther than twice its
+    array's width, gets an image over the whole run (``frames = "all"``).
 
     Parameters
     ----------
     run : xarray.Dataset
         A run.
     begins : bool
-        Whether the scans are the beginning of a drive that goes on. Its recipe has no lane, and
-        takes the mean of many scans as self-signature.
+        Whether the scans are the beginning of a drive that goes on. Its recipe takes the mean of
+        many scans as self-signature.
 
     Returns
     -------
@@ -292,10 +295,6 @@ def _text(setup: RadarSetup, choice: _Choice) -> str:
     ]
     if allow_features(setup.polarizations):
         tables.append(_features_table(choice))
-    y = setup.poses[:, 1]
-    shorter_than_image = y.max() - y.min() < reach - nearest
-    if shorter_than_image and not setup.aperture and not setup.begins:
-        tables.append(_lane_table(setup, nearest, reach))
     tables.append(_score_table())
     return "\n".join(tables)
 
@@ -449,21 +448,6 @@ def _features_table(choice: _Choice) -> str:
 inner = {_pixels(_COHERENT, choice.fine)}  # {_COHERENT[0]} m x {_COHERENT[1]} m of the image, \
 {_PAPER}
 psi = "circular"  # angles are averaged as directions
-"""
-
-
-def _lane_table(setup: RadarSetup, nearest: float, reach: float) -> str:
-    """Write the table of the lane of a short run."""
-    x = float(np.median(setup.poses[:, 0]))
-    y = np.sort(setup.poses[:, 1])
-    last_but_one = y[-2:][0]  # the only scan, if there is only one
-    return f"""\
-[lane]  # the run is shorter than its images, so ground ahead of its end is searched, too
-x_min = {x - HALF_LANE:.2f}  # {HALF_LANE} m to either side of the vehicle's course
-x_max = {x + HALF_LANE:.2f}
-y_min = {y[0] + nearest:.2f}  # nearest row of the first scan's image
-y_max = {last_but_one + reach:.2f}  # run_view.y_max ahead of the last scan but one, \
-so that two scans see it
 """
 
 

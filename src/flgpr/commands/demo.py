@@ -2,30 +2,56 @@
 
 from __future__ import annotations
 
+import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from typer import Option
 
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
-from flgpr.commands.options import Output, Overwrite, Progress
+from flgpr.commands.options import Output, Overwrite, PathLike, Progress
 from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
+    from flgpr.chain.detection import Detection
     from flgpr.results.result import Result
     from flgpr.scoring import Score
 
-VIEW = Annotated[bool, Option("--view", help="Open the result in the browser.")]
+VIEW = Annotated[bool, Option("--view", help="Open the result in the viewer.")]
+NO_OPEN = Annotated[bool, Option("--no-open", help="Open no browser: print where the page is.")]
+DETAILS = Annotated[
+    bool, Option("--details", help="Print what became of each target, counts, chance and interval.")
+]
+LIVE = Annotated[
+    bool, Option("--live", help="Show a recorded drive of half a minute on the driver's screen.")
+]
+_REPORT = "report"  # the last step of the demo
+_PAUSE = 5.0  # s between the end of the drive and its beginning anew
 
 
-def _lines(returned: tuple[Result, list[Score]], _: Arguments) -> Iterator[Any]:
-    """Yield what became of each target, and the report."""
+def _lines(returned: tuple[Result, list[Score]], call: Arguments) -> Iterator[Any]:
+    """Yield the road as a picture, what was found in a sentence, and where the report is."""
+    from flgpr.commands.road_text import road_lines
+
     result, scores = returned
-    yield from score_lines(scores)
+    if call.details:
+        yield from score_lines(scores)
+    yield from road_lines(scores[0])
+    yield f"{scores[0].in_plain_words(_when(result, scores[0]))}."
     yield f"report: {(result.folder / 'report.html').resolve()}"
+
+
+def _when(result: Result, score: Score) -> str:
+    """Return the words for when targets were found: whether all lie ahead of the last scan."""
+    found = score.outcomes[score.outcomes["found"]]
+    last = max(pose[1] for pose in result.manifest["run"]["pose"])
+    is_ahead = len(found) and bool((found["y"] > last).all())
+    return " before the vehicle reached them" if is_ahead else ""
 
 
 def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> dict[str, Any]:
@@ -36,22 +62,79 @@ def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> dict[str, An
 
 @contextmanager
 def _page(call: Arguments) -> Iterator[None]:
-    """Show the result in the browser after the command."""
+    """Show the result in the browser after the command, or a drive in its place."""
+    from flgpr.commands.browser import has_browser, open_page
+
+    opens = not (call.no_open or call.quiet or call.as_json) and has_browser()
+    if call.live:
+        _show_drive(opens)
+        raise typer.Exit
     yield
     if call.view:
-        import typer
-
         from flgpr import viewer
         from flgpr.commands.exporting import map_bytes
 
-        viewer.serve(Path(call.output), announce=typer.echo, make_map=map_bytes)
+        viewer.serve(Path(call.output), open_browser=opens, announce=typer.echo, make_map=map_bytes)
+    elif opens:
+        open_page(Path(call.output) / "report.html")
+
+
+def _show_drive(opens: bool) -> None:
+    """Play the packaged drive on the driver's screen, again and again, until interrupted."""
+    from flgpr import viewer
+    from flgpr.store import read_table, sample_drive
+
+    mines = len(read_table(sample_drive() / "truth.csv", "truth"))
+    typer.echo(
+        f"A drive at 15 km/h on a simulated road with {mines} mines, as flgpr live recorded it."
+    )
+    typer.echo("It begins anew when it is over; Ctrl-C ends it.")
+    stop = threading.Event()
+    with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
+        player = threading.Thread(
+            target=play_drive, args=(sample_drive() / "drive.jsonl.gz", folder, stop)
+        )
+        player.start()
+        try:
+            viewer.serve([], open_browser=opens, live=folder, announce=typer.echo)
+        finally:
+            stop.set()
+            player.join()
+
+
+def play_drive(
+    recording: Path, folder: PathLike, stop: threading.Event, pause: float = _PAUSE
+) -> None:
+    """Play a recording into a folder again and again until ``stop`` is set.
+
+    Parameters
+    ----------
+    recording : path
+        The recording, see :func:`flgpr.live.recording.play_recording`.
+    folder : path
+        Folder for the file of events.
+    stop : threading.Event
+        Ends the playing.
+    pause : float
+        Time between the end and the beginning anew, s.
+    """
+    from flgpr.live.recording import play_recording
+
+    while not stop.is_set():
+        play_recording(recording, folder, wait=stop.wait)
+        stop.wait(pause)
 
 
 @command(
     lines=_lines,
     as_json=_as_json,
     context=_page,
-    shell_options={"view": (VIEW, False)},
+    shell_options={
+        "details": (DETAILS, False),
+        "no_open": (NO_OPEN, False),
+        "view": (VIEW, False),
+        "live": (LIVE, False),
+    },
     compiles_kernels=True,
 )
 def demo(
@@ -93,18 +176,27 @@ def demo(
     description = describe_run(run, store, recipe.motion)
 
     # The same recipes on the same run: there is nothing to do but to score.
+    steps = [_REPORT]
     if not overwrite and _holds_demo(folder, description, text, compared):
         log_finished(folder, OVERWRITE)
     else:
-        lane = area_of(run, recipe)
-        detections = [detect(run, recipe, lane, track)]
-        for name, compared_text in compared.items():
-            detections.append(detect_compared(run, name, compared_text, lane, track))
-        write_result(folder, detections, text, lane, description)
+        steps = ["demo", *compared, _REPORT]
 
-    truth = lane_folder / "truth.csv"
-    objects = lane_folder / "objects.csv"
-    return score_result(folder, truth, objects, track=track, overwrite=overwrite)
+    lane = area_of(run, recipe)
+    detections: list[Detection] = []
+    # One bar for all of it: what a detection does in turn, `flgpr detect` shows.
+    for step in track(steps, "searching the packaged lane", len(steps)):
+        if step == "demo":
+            detections.append(detect(run, recipe, lane, silent))
+        elif step != _REPORT:
+            detections.append(detect_compared(run, step, compared[step], lane, silent))
+        else:
+            if detections:
+                write_result(folder, detections, text, lane, description)
+            truth = lane_folder / "truth.csv"
+            objects = lane_folder / "objects.csv"
+            scored = score_result(folder, truth, objects, overwrite=overwrite)
+    return scored
 
 
 def _holds_demo(

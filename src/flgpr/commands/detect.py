@@ -1,10 +1,13 @@
-"""``flgpr detect``: raise alarms on runs."""
+"""``flgpr detect``: raise alarms on runs.
+
+Runs and options become jobs; ``execution/driver.py`` runs the passes of ``chain/method.py`` for them.
+"""
 
 from __future__ import annotations
 
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +15,7 @@ from typer import Argument, Option
 
 from flgpr.commands.options import (
     REQUIRED,
-    OneOrMorePaths,
+    LanesLike,
     Overwrite,
     PathLike,
     Progress,
@@ -20,7 +23,9 @@ from flgpr.commands.options import (
     Scheduler,
     ShellType,
     With,
+    lane_option,
     one_or_more,
+    output_option,
     runs_by_name,
 )
 from flgpr.commands.run_options import run_options
@@ -28,6 +33,7 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.execution.survey import RunOptions
+    from flgpr.model import Lane
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
 
@@ -44,8 +50,8 @@ def _before(call: Arguments) -> Iterator[str]:
 
 def _results(returned: Result | Survey) -> list[Result]:
     """Return the results of all lanes; a lane in sections counts as one result a section."""
-    from flgpr.execution.finished import results_at
     from flgpr.results.result import Result, read_result
+    from flgpr.results.sections import results_at
 
     if isinstance(returned, Result) and results_at(returned.folder) == [returned.folder]:
         return [returned]
@@ -102,7 +108,17 @@ def _summary(result: Result) -> dict[str, Any]:
     }
 
 
-@command(lines=_lines, as_json=_as_json, lines_before=_before, compiles_kernels=True)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    lines_before=_before,
+    panels={
+        "Recipe and lane": ("recipe", "model", "lane", "others"),
+        "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
+    },
+    resumes=True,
+    compiles_kernels=True,
+)
 def detect(
     runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
     recipe: Annotated[
@@ -111,11 +127,11 @@ def detect(
         ShellType(str),
     ] = None,
     output: Annotated[
-        PathLike | None, Option("-o", "--output", help="What to write."), REQUIRED
+        PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
     ] = None,
     lane: Annotated[
-        OneOrMorePaths | None,
-        Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run."),
+        LanesLike | None,
+        lane_option("once per run"),
     ] = None,
     model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
@@ -172,10 +188,10 @@ def detect(
 
     if len(run_list) == 1:
         if lanes is not None and len(lanes) > 1:
-            raise ValueError(f"lane must be one per run, got {len(lanes)} for 1 run")
-        lane_file = None if lanes is None else lanes[0]
+            raise ValueError(f"lane must be given once per run, got {len(lanes)} for 1 run")
+        given_lane = None if lanes is None else lanes[0]
         with _Locations(run_list[0], output, other_runs[0]) as locations:
-            _detect_lane(locations, recipe, lane_file, model, section, report, options, overwrite)
+            _detect_lane(locations, recipe, given_lane, model, section, report, options, overwrite)
             return locations.result()
 
     if output is None:
@@ -184,7 +200,7 @@ def detect(
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
 
     lane_names(run_list)  # refuses runs of one name before a recipe is made
-    text = _recipe_of_survey(run_list, recipe, lanes, model, options)
+    text = _recipe_text(recipe, run_list[0], model, options)
     folders = detect_survey(
         run_list,
         text,
@@ -204,7 +220,7 @@ def detect(
 def _detect_lane(
     locations: _Locations,
     recipe: PathLike | None,
-    lane_file: PathLike | None,
+    given_lane: PathLike | Lane | None,
     model: PathLike | None,
     section: float | None,
     report: bool,
@@ -213,29 +229,20 @@ def _detect_lane(
 ) -> None:
     """Detect on one stored run, in one piece or in sections."""
     from flgpr.chain.recipe import parse_recipe
-    from flgpr.chain.recipe_fit import area_of
     from flgpr.execution.driver import detect_lane
-    from flgpr.execution.job import make_job
-    from flgpr.execution.lane_choice import choose_lane
-    from flgpr.store import open_run
+    from flgpr.execution.survey import job_of_run
 
     text = _recipe_text(recipe, locations.run, model, options)
-    parsed = parse_recipe(text, str(recipe))
-    named_recipe = None if recipe is None else parsed
-    lane, lane_source = choose_lane(locations.run, lane_file, named_recipe)
-    area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
-
-    job = make_job(
+    job = job_of_run(
         locations.run,
+        parse_recipe(text, str(recipe)),
         text,
-        area,
         locations.output,
-        report=report,
-        model=model,
-        max_memory=options.max_memory,
-        others=locations.other_runs,
-        pass_cache=options.pass_cache,
-        lane_source=lane_source,
+        given_lane,
+        locations.other_runs,
+        model,
+        report,
+        options,
     )
     with options.executor() as executor:
         detect_lane(job, executor, options.track, options.note, section, overwrite)
@@ -254,28 +261,6 @@ def _recipe_text(
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
     return recipe_for(run, max_memory=options.max_memory)
-
-
-def _recipe_of_survey(
-    runs: Sequence[PathLike],
-    recipe: PathLike | None,
-    lanes: Sequence[PathLike] | None,
-    model: PathLike | None,
-    options: RunOptions,
-) -> str:
-    """Return the text of the recipe of all runs.
-
-    A recipe that is made for the first run must not fix its lane, which is another in each run.
-    """
-    from flgpr.chain.recipe import parse_recipe
-
-    text = _recipe_text(recipe, runs[0], model, options)
-    if recipe is None and lanes is None and parse_recipe(text).lane is not None:
-        raise ValueError(
-            f"lanes or a recipe must be given: {runs[0]} is so short that the recipe made for it "
-            "fixes its lane"
-        )
-    return text
 
 
 def _is_in_memory(run: Any) -> bool:

@@ -8,10 +8,10 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike
+from flgpr.commands.options import Output, PathLike, anchor_option
 from flgpr.commands.shell import Arguments, command
 
-FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd")
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "mcap")
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
@@ -23,15 +23,16 @@ def _lines(written: Path, _: Arguments) -> Iterator[Path]:
 def export(
     source: Annotated[
         PathLike,
-        Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd)."),
+        Argument(
+            help="Result folder, truth or alarm table (CSV), run store (for cphd), "
+            "or folder of a live run (for mcap)."
+        ),
     ],
     output: Output,
     to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
     anchor: Annotated[
         PathLike | None,
-        Option(
-            help="TOML that ties the lane to the Earth; needed where the data have no georeference."
-        ),
+        anchor_option("needed where the data have no georeference"),
     ] = None,
     kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
     time: Annotated[
@@ -50,6 +51,8 @@ def export(
     ] = None,
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
+
+    A recording (mcap) of a result or a live run needs no place on the Earth.
 
     Returns
     -------
@@ -76,6 +79,10 @@ def export(
         )
     if to == "cphd":
         return exporting.export_run(source, output, anchor)
+    if to == "mcap":
+        from flgpr.commands import recording_export
+
+        return recording_export.export_recording(source, output, anchor, detection, time)
     if to == "qgis":
         return exporting.export_qgis(source, output, anchor, detection, time, score)
     if Path(source).suffix == ".csv":

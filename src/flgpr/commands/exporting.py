@@ -133,7 +133,7 @@ def export_result(
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
     loaded = read_result(result)
-    chosen = _detection_of(loaded, detection)
+    chosen = detection_of(loaded, detection)
     identity = _processing_id(loaded)
     lane_anchor = needed_anchor(anchor, loaded.manifest["run"].get("georeference"), result)
     if to != "geotiff":
@@ -210,7 +210,7 @@ def _alarms_on_earth(
     loaded = read_result(source)
     reference = loaded.manifest["run"].get("georeference")
     lane_anchor = _imsma_anchor(anchor, reference, source)
-    return _detection_of(loaded, detection).alarms, lane_anchor, _processing_id(loaded)
+    return detection_of(loaded, detection).alarms, lane_anchor, _processing_id(loaded)
 
 
 def _imsma_anchor(anchor: PathLike | None, reference: Any, source: PathLike) -> Anchor:
@@ -259,7 +259,7 @@ def export_qgis(
     target = check_parent_folder(output)
 
     loaded = read_result(result)
-    chosen = _detection_of(loaded, detection)
+    chosen = detection_of(loaded, detection)
     identity = _processing_id(loaded)
     lane_anchor = needed_anchor(anchor, loaded.manifest["run"].get("georeference"), result)
     scored = read_scored_truth(loaded, None if score is None else Path(score))
@@ -338,22 +338,29 @@ def _shading(result: Result, detection: Detection) -> ElementTree.Element:
 
     They go from the median to the level that one pixel in 500 exceeds.
     """
-    view = detection.view
-    names = []
-    for polarization in view["polarization"].values:
-        for subband in view["subband"].values:
-            names.append((str(polarization), str(subband)))
-
-    channel = tuple(result.files().json("view/index.json")["channel"])
-    band = names.index(channel) if channel in names else 0
-    values = view.values.reshape(len(names), -1)[band]
+    band = alarm_channel(result, detection)
+    rows, columns = detection.view.shape[2:]
+    values = detection.view.values.reshape(-1, rows, columns)[band]
 
     finite = values[np.isfinite(values)]
     low, high = np.quantile(finite, _SHADED_QUANTILES) if finite.size else (0.0, 1.0)
     return qgis.shaded(band + 1, float(low), float(high))
 
 
-def _detection_of(result: Result, name: str) -> Detection:
+def alarm_channel(result: Result, detection: Detection) -> int:
+    """Return the number of the channel, in the order of the run-view, that raised the alarms.
+
+    The first one where the result does not say.
+    """
+    names = []
+    for polarization in detection.view["polarization"].values:
+        for subband in detection.view["subband"].values:
+            names.append((str(polarization), str(subband)))
+    channel = tuple(result.files().json("view/index.json")["channel"])
+    return names.index(channel) if channel in names else 0
+
+
+def detection_of(result: Result, name: str) -> Detection:
     """Return a detection of a result by its name."""
     for detection in result.detections:
         if detection.name == name:

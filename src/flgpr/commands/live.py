@@ -10,19 +10,30 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike
+from flgpr.commands.options import (
+    OVERWRITE_HELP,
+    AnchorOption,
+    PathLike,
+    lane_option,
+    output_option,
+)
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
 if TYPE_CHECKING:
     from flgpr.live.session import LiveReport, LiveRun
 
-Lane = Annotated[PathLike | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
+Lane = Annotated[PathLike | None, lane_option()]
 Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
+Tcp = Annotated[
+    str | None,
+    Option(help="TCP port of this machine that scans arrive on, or ADDRESS:PORT."),
+]
 VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
 NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
@@ -114,22 +125,30 @@ def _no_event(_: str) -> None:
     context=_page,
     shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
     python_values=_events,
+    panels={
+        "Recipe and lane": ("recipe", "model", "lane", "anchor"),
+        "Detection": ("looks", "warm_up", "span", "worth"),
+        "Vehicle": ("speed", "reaction", "deceleration", "front"),
+        "Page": ("view", "no_browser", "threshold"),
+    },
     compiles_kernels=True,
 )
 def live(
     incoming: Annotated[
-        PathLike | None, Argument(help="Folder that the radar writes scans into.")
+        PathLike | None,
+        Argument(help="Folder that the radar writes scans into, or a recording (.mcap) to play."),
     ] = None,
     recipe: Annotated[
         str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
     ] = None,
     model: Annotated[PathLike | None, Option(help="Trained classifier.")] = None,
     output: Annotated[
-        PathLike, Option("-o", "--output", help="Folder for events, snapshot and alarms.")
+        PathLike, output_option("folder of events, snapshot and alarms")
     ] = "live-result",
     socket: Socket = None,
+    tcp: Tcp = None,
     lane: Lane = None,
-    anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    anchor: AnchorOption = None,
     speed: Annotated[
         float | None,
         Option(help="Speed of the vehicle, km/h: alarms then state whether it can stop."),
@@ -150,13 +169,18 @@ def live(
     threshold: Annotated[
         float | None, Option(help="Confidence from which the page shows alarms; default all.")
     ] = None,
+    rate: Annotated[
+        float | None,
+        Option(help="Recording: scans per second, 0 as fast as it can; default as recorded."),
+    ] = None,
     worth: Annotated[
         float,
         Option(help="Probability of another decision from which an alarm advises one more look."),
     ] = 0.1,
-    fresh: Annotated[
-        bool, Option("--fresh", help="Start anew, whatever the output folder holds.")
+    mcap: Annotated[
+        bool, Option("--mcap", help="At the end write live.mcap, which Foxglove plays.")
     ] = False,
+    fresh: Annotated[bool, Option("--overwrite", "--fresh", help=OVERWRITE_HELP)] = False,
     *,
     emit: Annotated[
         Callable[[str], Any] | None, "Takes every event, a line of JSON; none by default."
@@ -175,16 +199,26 @@ def live(
     ------
     ValueError
         If the recipe has a stage that cannot work scan by scan, or an option breaks its rule.
+    MissingExtraError
+        If a recording in MCAP is asked for and its library is not installed.
     """
     from flgpr.live.detector import LiveSettings
-    from flgpr.live.session import LiveOptions, LiveRun
+    from flgpr.live.session import LIVE_RECORDING, LiveOptions, LiveRun
     from flgpr.live.vehicle import Vehicle
+    from flgpr.store.extras import optional
 
+    if mcap:
+        optional("mcap.writer", "bags")  # that it is missing is told before the drive
+    played = None
+    if incoming is not None and Path(incoming).is_file():
+        from flgpr.commands.recorded import read_recorded
+
+        played = read_recorded(incoming, anchor)
     metres_per_second = None if speed is None else speed / 3.6
     options = LiveOptions(
         recipe=recipe,
         output=output,
-        incoming=incoming,
+        incoming=None if played is not None else incoming,
         socket=socket,
         model=model,
         lane=lane,
@@ -196,10 +230,18 @@ def live(
         threshold=threshold,
         fresh=fresh,
         worth=worth,
+        tcp=tcp,
+        played=played,
+        rate=math.inf if rate == 0 else rate,
     )
     run = LiveRun(options, emit or _no_event)
     with _stopped_by_signals(run):
-        return run.run()
+        report = run.run()
+    if mcap:
+        from flgpr.commands.recording_export import record_live_run
+
+        record_live_run(output, Path(output) / LIVE_RECORDING, replace=True)
+    return report
 
 
 def _played_lines(count: int, _: Arguments) -> Iterator[str]:
@@ -213,6 +255,7 @@ def feed(
     incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
     rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
     socket: Socket = None,
+    tcp: Tcp = None,
     first: Annotated[int, Option(help="First scan.")] = 0,
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[
@@ -233,7 +276,7 @@ def feed(
     Raises
     ------
     ValueError
-        If neither or both of folder and socket are given, or an option breaks its rule.
+        If not one of folder, socket and TCP address is given, or an option breaks its rule.
     """
     from flgpr.live import feeding
 
@@ -246,4 +289,5 @@ def feed(
         count,
         lead,
         faults=fault or (),
+        tcp=tcp,
     )

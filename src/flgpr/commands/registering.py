@@ -16,9 +16,8 @@ import pandas as pd
 from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
-from flgpr.execution.finished import results_at
 from flgpr.results.result import MODEL, read_result_manifest
-from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.results.sections import SECTIONS, read_sections, results_at
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, listed_files
 from flgpr.store.outputs import log_finished

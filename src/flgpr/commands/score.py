@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,8 +18,13 @@ from flgpr.commands.options import (
     Overwrite,
     PathLike,
     Progress,
+    ResultsLike,
     ShellType,
+    TruthLike,
+    anchor_option,
+    lane_option,
     one_or_more,
+    output_option,
 )
 from flgpr.commands.score_text import (
     agreement_json,
@@ -111,26 +119,37 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
 
 
-@command(lines=_lines, as_json=_as_json, python_values=_passphrase)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    python_values=_passphrase,
+    panels={
+        "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
+        "Other dialects": ("columns", "truth_columns", "anchor"),
+        "Sealed truth": ("seal", "show", "sealed"),
+        "Register": ("recipe", "book", "witness"),
+        "Analysts": ("agreement",),
+    },
+)
 def score(
     alarms: Annotated[
-        OneOrMorePaths,
+        ResultsLike,
         Argument(
             help="Result folder, or an alarm list (CSV) of any detector; several are compared; "
             "see --agreement."
         ),
     ],
-    truth: Annotated[PathLike | None, Option(help="CSV of the targets.")] = None,
+    truth: Annotated[TruthLike | None, Option(help="CSV of the targets.")] = None,
     objects: Annotated[
         PathLike | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
     ] = None,
     lane: Annotated[
         PathLike | None,
-        Option(help="TOML or CSV of the lane or lanes; a result folder has its own."),
+        lane_option("or a CSV of several; a result folder has its own"),
     ] = None,
     output: Annotated[
         PathLike | None,
-        Option("-o", "--output", help="Folder for report and JSON; or the sealed file."),
+        output_option("folder of the report and its JSON; or the sealed file"),
     ] = None,
     halo: Annotated[
         float | None,
@@ -192,10 +211,7 @@ def score(
     truth_columns: Annotated[str | None, Option(help="The same for the truth.")] = None,
     anchor: Annotated[
         PathLike | None,
-        Option(
-            help="TOML that ties the lane to the Earth, for lists and truth by longitude and "
-            "latitude."
-        ),
+        anchor_option("for lists and truth by longitude and latitude"),
     ] = None,
     vendor: Annotated[
         str | Sequence[str] | None,
@@ -240,7 +256,7 @@ def score(
     from flgpr.commands.registering import with_witness
     from flgpr.commands.trial_card import TrialCard, checked_vendors, day_of_score
 
-    lists = [Path(path) for path in one_or_more(alarms)]
+    lists = [_path_of(entry) for entry in one_or_more(alarms)]
     _require_lists(lists, seal)
     recipes = one_or_more(recipe)
     vendors = [str(name) for name in one_or_more(vendor)]
@@ -312,7 +328,28 @@ def score(
         _refuse({"objects": objects}, (), "several lists are compared without pictures")
         return _compare(lists, truth, output, lane, recipes, rules)
     rules["recipe"] = recipes[0] if recipes else None
-    return _score_single(lists[0], truth, objects, lane, output, rules, track)
+    scored = _score_single(lists[0], truth, objects, lane, output, rules, track)
+    # A result in memory may lie in a temporary folder, which lives as long as the result.
+    return dataclasses.replace(scored, source=one_or_more(alarms)[0])
+
+
+def _path_of(alarms: Any) -> Path:
+    """Return the folder of a result, or the path of a file or folder."""
+    return Path(alarms) if isinstance(alarms, str | Path) else Path(alarms.folder)
+
+
+@contextmanager
+def _truth_file(truth: TruthLike) -> Iterator[Path]:
+    """Yield the file of a truth; a table in memory is written to a temporary one."""
+    if isinstance(truth, str | Path):
+        yield Path(truth)
+        return
+    from flgpr.store import write_table
+
+    with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
+        path = Path(folder) / "truth.csv"
+        write_table(truth, path)
+        yield path
 
 
 def _require_lists(lists: list[Path], seal: bool) -> None:
@@ -337,7 +374,7 @@ def _score_output(lists: list[Path], output: PathLike | None) -> Path:
 
 def _compare(
     lists: list[Path],
-    truth: PathLike,
+    truth: TruthLike,
     output: PathLike | None,
     lane: PathLike | None,
     recipes: list[Any],
@@ -347,7 +384,8 @@ def _compare(
     from flgpr.commands.scoring import compare_alarms
 
     folder = Path(output or "score")
-    return compare_alarms(lists, truth, folder, lane, recipes=recipes, **rules)
+    with _truth_file(truth) as truth_path:
+        return compare_alarms(lists, truth_path, folder, lane, recipes=recipes, **rules)
 
 
 def _without_none(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -364,7 +402,7 @@ def _refuse(options: Mapping[str, Any], allowed: tuple[str, ...], why: str) -> N
 
 def _score_single(
     alarms: Path,
-    truth: PathLike,
+    truth: TruthLike,
     objects: PathLike | None,
     lane: PathLike | None,
     output: PathLike | None,
@@ -384,7 +422,8 @@ def _score_single(
     if lane is not None:
         _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
         folder = Path(output or "score")
-        return Scored(folder, score_alarms(alarms, truth, lane, folder, **rules))
+        with _truth_file(truth) as truth_path:
+            return Scored(folder, score_alarms(alarms, truth_path, lane, folder, **rules))
     _refuse({"halo": rules.get("halo")}, (), "a result is scored by the halo of its recipe")
     reading = rules.pop("reading", None)
     if reading is not None and (reading.columns or reading.unranked):
@@ -392,7 +431,10 @@ def _score_single(
         raise ValueError(f"{name} of alarm lists: a result's list has its own; see --truth-columns")
     result_folder = alarms.parent if alarms.name == "alarms.csv" else alarms
     folder = score_folder(result_folder) if output is None else Path(output)
-    result, scores = score_result(result_folder, truth, objects, folder, track or silent, **rules)
+    with _truth_file(truth) as truth_path:
+        result, scores = score_result(
+            result_folder, truth_path, objects, folder, track or silent, **rules
+        )
     return Scored(folder, scores, result)
 
 

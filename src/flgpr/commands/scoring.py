@@ -6,7 +6,6 @@ A sealed truth is in :mod:`flgpr.commands.sealed_scoring`.
 from __future__ import annotations
 
 import dataclasses
-import html
 import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,9 +21,9 @@ from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.trial_card import TrialCard, ranking_notes
 from flgpr.door import Folder, parse_toml, read_named
-from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.report import comparison_html, score_files
+from flgpr.results.notebook_html import curve_html, outcomes_html
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
 from flgpr.results.score import (
     VIEW_SCORE,
@@ -33,7 +32,7 @@ from flgpr.results.score import (
     score_detections,
     view_score,
 )
-from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.results.sections import SECTIONS, read_sections, results_at
 from flgpr.scoring import Rules, Score, SideBySide, as_lanes, side_by_side
 from flgpr.scoring import score as score_list
 from flgpr.scoring.matching import LaneLike
@@ -64,6 +63,7 @@ class Scored:
     folder: Path  #: with ``report.html`` and ``roc.json``
     scores: list[Score]  #: of each detection; of an alarm list a single one
     result: Result | None = None  #: the result that was scored
+    source: Any = dataclasses.field(default=None, repr=False)  #: what was given to be scored
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.result, self.scores))
@@ -73,10 +73,13 @@ class Scored:
         return outcome_table(self.scores)
 
     def _repr_html_(self) -> str:
-        """Return the summary and the outcomes for a notebook."""
-        summary = html.escape(f"{self.scores[0].name}: {self.scores[0].in_words()}")
-        table = self.outcomes().to_html(index=False, float_format="{:.3g}".format, border=0)
-        return f"<p>{summary}</p>{table}"
+        """Return the summary, the outcomes and a picture for a notebook."""
+        main = self.scores[0]
+        sentence = f"{main.name}: {main.in_words()}"
+        outcomes = main.outcomes
+        if self.result is None:
+            return curve_html(sentence, outcomes, main.curve)
+        return outcomes_html(sentence, outcomes, self.result.detections[0], self.result.lane)
 
 
 def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:

@@ -6,10 +6,10 @@ purpose: what a crash of the machine damages is found and made again.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import time
+from collections import ChainMap
 from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
@@ -18,12 +18,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr import system
 from flgpr.chain.engine import Gatherer
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE, PARTIAL
+from flgpr.store.files import naming_output
 
 SUFFIX = ".arrays"
+WORK_SUFFIX = ".work"
+"""Ending of the work folder beside an output."""
 _JOB = "job.json"
 _LOCK = "lock"
 _MERGING = "folding"
@@ -86,6 +90,18 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         latest = self._latest
         if latest is not None and latest[0] == name:
             self._latest = None
+
+    def with_shared(self, folder: str) -> MutableMapping[str, Any]:
+        """Return the results of passes here, and of those that all sections of a lane share.
+
+        Parameters
+        ----------
+        folder : str
+            The work folder of the whole lane, which holds the latter; "" of a lane in one piece.
+        """
+        if not folder:
+            return self
+        return ChainMap(self, Checkpoint(Path(folder), self.most))
 
     def drop_blocks(self, name: str) -> None:
         """Delete the states of the blocks of a pass, which are merged."""
@@ -201,7 +217,7 @@ def _locked(path: Path) -> Iterator[bool]:
     """Lock a file while the context lasts; yield whether no other process holds the lock."""
     with open(path, "ab", opener=open_own) as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            system.lock(lock)
         except OSError:
             yield False
         else:
@@ -235,21 +251,35 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
     FileExistsError
         If the folder holds what no work folder holds.
     """
-    folder.mkdir(exist_ok=True)
-    with _locked(folder / _LOCK) as alone:
-        if not alone:
-            raise WorkError(f"{folder}: another process is at work here")
-        _prepare(folder, canonical_json({"format": "flgpr-work", "version": 2, "job": job}) + b"\n")
-        checkpoint = Checkpoint(folder, most)
-        checkpoint.drop_damaged()
-        yield checkpoint
+    output = _output_of(folder)
+    with naming_output(output):  # nobody has typed the name of the work folder
+        folder.mkdir(exist_ok=True)
+        with _locked(folder / _LOCK) as alone:
+            if not alone:
+                raise WorkError(
+                    f"{output}: another process is at work on it: wait until it is done, "
+                    "or choose another output"
+                )
+            content = {"format": "flgpr-work", "version": 2, "job": job}
+            _prepare(folder, canonical_json(content) + b"\n")
+            checkpoint = Checkpoint(folder, most)
+            checkpoint.drop_damaged()
+            yield checkpoint
+
+
+def _output_of(folder: Path) -> Path:
+    """Return the output that is made in a work folder."""
+    return folder.with_name(folder.name.removesuffix(WORK_SUFFIX))
 
 
 def _prepare(folder: Path, job: bytes) -> None:
     """Delete what belongs to another job, and write what this one is."""
     foreign = [path for path in folder.iterdir() if not _is_ours(path)]
     if foreign:
-        raise FileExistsError(f"work folder must hold nothing else, got {foreign[0]}")
+        raise FileExistsError(
+            f"{_output_of(folder)}: unfinished work goes into {folder.name} beside it, which must "
+            f"hold nothing else, got {foreign[0].name}: move it away or choose another output"
+        )
     for path in folder.glob(f"*{PARTIAL}"):
         path.unlink()
     with suppress(FileNotFoundError, DoorError):

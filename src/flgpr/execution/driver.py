@@ -1,29 +1,55 @@
-"""One lane from run to result: its passes, block by block, in one piece or in sections.
+"""The driver: hands out the passes of a lane block by block, in one piece or in sections.
 
-An interrupted detection resumes.
+A caller makes a job. :func:`plan_lane` opens its lane and refuses what does not fit;
+:func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
+nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks. An
+interrupted detection resumes.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from flgpr.chain.engine import Engine
-from flgpr.chain.lane_setup import LaneSetup
+import numpy as np
+import pandas as pd
+
+from flgpr.chain.engine import block_name, group_of, not_shared
+from flgpr.chain.lane_setup import LaneSetup, array_table
 from flgpr.chain.memory import plan_sections, sizes_of, threads_within
 from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.checkpoint import begin, finish
-from flgpr.execution.finished import holds_result, results_at
-from flgpr.execution.job import LaneJob, open_lane
-from flgpr.execution.lane_sections import detect_in_sections
-from flgpr.execution.pass_runner import OnReport, PassRunner, ignore_report
-from flgpr.execution.workers import Executor
-from flgpr.results.result import check_free
+from flgpr.chain.sections import Section, lane_threshold
+from flgpr.door import Folder
+from flgpr.execution.checkpoint import Checkpoint, begin, finish
+from flgpr.execution.job import LaneJob, holds_result, is_done, is_whole, lasting_identity
+from flgpr.execution.pieces import do_block, do_finish, do_merge, merged_blocks, open_lane
+from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
+from flgpr.model import Lane
+from flgpr.results.result import check_free, read_result_manifest
+from flgpr.results.sections import results_at, section_names, write_sections
+from flgpr.store import lane_text, write_table
+from flgpr.store.files import listed_files, replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
+from flgpr.store.tables import parse_own_table
+
+_COSTS = ("seconds", "processor_seconds")
+"""Entries of reports that add up."""
+
+
+@dataclass(frozen=True)
+class LanePlan:
+    """The lane of a job that fits, and how it is taken."""
+
+    lane: LaneSetup  #: the lane, which reads the results of passes in the job's work folder
+    sections: list[Section]  #: that it is taken in; one for a lane in one piece
+    threads: int  #: of a process that may take blocks at once
 
 
 def detect_lane(
@@ -69,25 +95,53 @@ def detect_lane(
         If the output holds something else and is not to be overwritten.
     """
     folder = check_free(job.output)
-    lane = open_lane(job)  # refuses what does not fit before anything is written
-    sizes = sizes_of(lane.setup.run)
-    sections = plan_sections(sizes, lane.recipe, lane.lane, job.max_memory, longest)
-    if not overwrite and holds_result(job, sections):
+    plan = plan_lane(job, longest)
+    if not overwrite and holds_result(job, plan.sections):
         log_finished(folder, OVERWRITE)
         return results_at(folder)
-
     folder.parent.mkdir(parents=True, exist_ok=True)
+    runner = PassRunner(executor, track, note, plan.threads)
+    if len(plan.sections) > 1:
+        return run_sections(job, plan.lane, plan.sections, runner)
+    run_lane(job, plan.lane, runner)
+    return [folder]
+
+
+def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
+    """Open the lane of a job, and decide how it is taken.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit, or the memory does not suffice; nothing is written.
+    """
+    # The lane is opened before the work folder is made: what does not fit is refused first.
+    work = Checkpoint(job.work, job.largest)
+    lane = open_lane(job, work.with_shared(job.shared))
+    sizes = sizes_of(lane.setup.run)
+    sections = plan_sections(sizes, lane.recipe, lane.lane, job.max_memory, longest)
     threads = 1
     if lane.concurrent:
         threads = threads_within(sizes, lane.recipe, lane.lane, sections, job.max_memory)
-    runner = PassRunner(executor, _planner(lane), track, note, threads)
-    if len(sections) > 1:
-        return detect_in_sections(job, sections, runner)
+    return LanePlan(lane, sections, threads)
+
+
+def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
+    """Do the passes of a lane in one piece and write its result.
+
+    Parameters
+    ----------
+    job : LaneJob
+        What to do.
+    lane : LaneSetup
+        The lane of the job.
+    runner : PassRunner
+        Runs the passes.
+    """
     with begin(job.work, job.identity(), job.largest) as work:
-        runner.run(job, work, lambda _: True)
+        runner.run(job, work, passes_to_run(job, lane))
         runner.finish(job)
         finish(job.work)
-    return [folder]
 
 
 @contextmanager
@@ -104,33 +158,286 @@ def passes_of_lane(
     learnt yet has its examples. ``OUTPUT.work`` stays.
     """
     job = replace(job, explains=False)
-    lane = open_lane(job)
-    sizes = sizes_of(lane.setup.run)
-    one_piece = plan_sections(sizes, lane.recipe, lane.lane, job.max_memory, math.inf)
-    threads = 1
-    if lane.concurrent:
-        threads = threads_within(sizes, lane.recipe, lane.lane, one_piece, job.max_memory)
+    plan = plan_lane(job, math.inf)
     with begin(job.work, job.identity(), job.largest) as work:
-        lane = open_lane(job, work)
-        runner = PassRunner(executor, lambda _: engine_of(lane), track, note, threads)
-        runner.run(job, work, lambda _: True, label)
-        yield lane
+        runner = PassRunner(executor, track, note, plan.threads)
+        runner.run(job, work, passes_to_run(job, plan.lane), label)
+        yield plan.lane
 
 
-def _planner(lane: LaneSetup) -> Callable[[LaneJob], Engine]:
-    """Return what plans the passes of a lane, or of one of its sections."""
+# The passes of a lane, one after the other
 
-    def plan(job: LaneJob) -> Engine:
-        if job.section is None:
-            return engine_of(lane)
-        setup = LaneSetup(
-            lane.run,
-            lane.recipe,
-            lane.lane,
-            lane.model,
-            section=job.section,
-            others=lane.setup.others,
+
+@dataclass(frozen=True)
+class PassToRun:
+    """A pass of a lane, as it is handed out."""
+
+    name: str  #: its name, which is that of its result
+    title: str  #: what it is called where progress is shown
+    all_scans: bool  #: whether the sections of a lane share it
+    numbers: list[int]  #: of its blocks
+    #: what its result depends on beside run, lane and program; None if no other recipe can use it
+    cache_key: Callable[[], dict[str, Any] | None] = not_shared
+
+
+def passes_to_run(job: LaneJob, lane: LaneSetup) -> list[PassToRun]:
+    """Return the passes of a lane in their order."""
+    engine = engine_of(lane)
+    passes = []
+    for name, planned in engine.passes.items():
+        # Without a pass cache nothing of the lane is held, as that of a section takes memory.
+        cache_key = planned.cache_key if job.pass_cache else not_shared
+        numbers = engine.block_numbers(name)
+        passes.append(PassToRun(name, planned.title, planned.all_scans, numbers, cache_key))
+    return passes
+
+
+class PassRunner:
+    """Hands out the blocks of passes and waits for them.
+
+    Parameters
+    ----------
+    executor : Executor
+        Does the work.
+    track : Track
+        Shows progress.
+    note : callable
+        Takes a report of every piece of work that was done.
+    threads : int
+        How many threads of a process may take blocks at once.
+    """
+
+    def __init__(self, executor: Executor, track: Track, note: OnReport, threads: int) -> None:
+        self.executor = executor
+        self.track = track
+        self.note = note
+        self.threads = threads
+
+    def run(
+        self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun], label: str = ""
+    ) -> None:
+        """Do the passes that the work folder lacks, one after the other.
+
+        Parameters
+        ----------
+        job : LaneJob
+            The job.
+        work : Checkpoint
+            Its work folder.
+        passes : sequence of PassToRun
+            The passes in their order.
+        label : str
+            What stands before the titles of the passes where progress is shown.
+        """
+        for planned in passes:
+            if planned.name not in work:
+                self._run_pass(job, work, planned, label)
+
+    def finish(self, job: LaneJob, label: str = "") -> None:
+        """Write the result folder of a job whose passes are done."""
+        done = self.executor.run(do_finish, [(job,)])
+        for report in self.track(done, f"{label}writing the result", 1):
+            self.note(report)
+
+    def _run_pass(self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str) -> None:
+        """Do one pass: its blocks and then their merge, unless another recipe left its result."""
+        shared = job.cached_name(planned.name, planned.cache_key())
+        if shared is not None and self._take(job, work, planned.name, shared):
+            return
+        reports = self._gather(job, work, planned, label)
+        for report in self.executor.run(do_merge, [(job, planned.name, tuple(planned.numbers))]):
+            self.note(report)
+            reports.append(report)
+        if shared is not None:
+            self._leave(job, work, planned.name, shared, reports)
+
+    def _gather(
+        self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str
+    ) -> list[Report]:
+        """Do the blocks of a pass that the work folder lacks."""
+        merged = merged_blocks(work, planned.name)
+        pieces = []
+        for number in planned.numbers:
+            if number >= merged and block_name(planned.name, number) not in work:
+                pieces.append((job, planned.name, number))
+        reports: list[Report] = []
+        if not pieces:
+            return reports
+        with closing(self.executor.run(do_block, pieces, self.threads)) as done:
+            for report in self.track(done, label + planned.title, len(pieces)):
+                self.note(report)
+                reports.append(report)
+        return reports
+
+    def _take(self, job: LaneJob, work: Checkpoint, name: str, shared: str) -> bool:
+        """Take the result of a pass from the pass cache, and report what it cost the first job."""
+        if not work.take(Checkpoint(Path(job.pass_cache), job.largest), shared, name):
+            return False
+        report = Folder(job.pass_cache).json(f"{shared}.json")
+        self.note(report | {"lane": Path(job.output).name})
+        return True
+
+    def _leave(
+        self, job: LaneJob, work: Checkpoint, name: str, shared: str, reports: Sequence[Report]
+    ) -> None:
+        """Leave the result of a pass in the pass cache, with what it cost."""
+        folder = Path(job.pass_cache)
+        folder.mkdir(parents=True, exist_ok=True)
+        cost = dict(reports[-1])
+        for entry in _COSTS:
+            cost[entry] = sum(report[entry] for report in reports)
+        cost["peak_bytes"] = max(report["peak_bytes"] for report in reports)
+        write_whole(folder / f"{shared}.json", json.dumps(cost))
+        Checkpoint(folder, job.largest).take(work, name, shared)
+
+
+# A lane in sections: a folder with a result folder per section, ``alarms.csv`` with all alarms
+# ranked together, ``lane.toml``, and ``sections.json``, which lists them with their digests.
+
+
+def run_sections(
+    job: LaneJob, lane: LaneSetup, sections: Sequence[Section], runner: PassRunner
+) -> list[Path]:
+    """Take a lane in sections.
+
+    First come the passes that all sections share, then the run-view of every section, and then,
+    with one threshold for the lane, the rest of every section.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job of the lane.
+    lane : LaneSetup
+        The lane of the job.
+    sections : sequence of Section
+        Its sections.
+    runner : PassRunner
+        Runs the passes.
+
+    Returns
+    -------
+    list of Path
+        The result folders of the sections, in their order.
+    """
+    output = Path(job.output)
+    gathering = output.with_name(f"{output.name}.sections")
+    names = section_names(len(sections))
+    folders = [output / name for name in names]
+    identity = job.identity()
+    identity["rows"] = [[section.start, section.stop] for section in sections]
+    with begin(job.work, identity, job.largest) as shared:
+        stopped_after_last_step = (
+            "threshold" in shared
+            and not gathering.exists()
+            and is_whole(job)
+            and results_at(output) == folders
         )
-        return engine_of(setup)
+        if stopped_after_last_step:
+            finish(job.work)
+            return folders
 
-    return plan
+        _prepare(gathering, names if len(shared) else ())
+        shared_passes = [item for item in passes_to_run(job, lane) if item.all_scans]
+        runner.run(job, shared, shared_passes)
+        section_jobs = _section_jobs(job, sections, gathering)
+        if "threshold" not in shared:
+            threshold = _find_threshold(lane, section_jobs, runner)
+            shared["threshold"] = {"threshold": np.array(threshold)}
+        threshold = float(shared["threshold"]["threshold"])
+        for section_job in section_jobs:
+            _finish_section(lane, section_job, threshold, runner)
+        _bring_together(job, gathering, names)
+        finish(job.work)
+    return folders
+
+
+def _section_jobs(job: LaneJob, sections: Sequence[Section], gathering: Path) -> list[LaneJob]:
+    """Return the jobs of the sections, whose results are gathered in a folder."""
+    jobs = []
+    for name, section in zip(section_names(len(sections)), sections, strict=True):
+        output = str(gathering / name)
+        jobs.append(replace(job, output=output, section=section, shared=str(job.work)))
+    return jobs
+
+
+def _section_of(lane: LaneSetup, job: LaneJob, work: Checkpoint) -> LaneSetup:
+    """Return the lane of a section's job, of the run and the model that are open."""
+    return LaneSetup(
+        lane.run,
+        lane.recipe,
+        lane.lane,
+        lane.model,
+        results=work.with_shared(job.shared),
+        section=job.section,
+        others=lane.setup.others,
+    )
+
+
+def _find_threshold(lane: LaneSetup, section_jobs: Sequence[LaneJob], runner: PassRunner) -> float:
+    """Do the run-views of all sections, and return the threshold of the lane by its maxima."""
+    tables = []
+    pixels_seen = 0
+    for job in section_jobs:
+        label = f"{Path(job.output).name}: "
+        with begin(job.work, job.identity(), job.largest) as work:
+            passes = passes_to_run(job, _section_of(lane, job, work))
+            until_alarms = [item for item in passes if item.name in ("view", "alarms")]
+            runner.run(job, work, until_alarms, label)
+        raised = Checkpoint(job.work, job.largest)["alarms"]
+        tables.append(array_table(group_of(raised, "maximum")))
+        pixels_seen += int(raised["seen"])
+    maxima = pd.concat(tables, ignore_index=True)
+    return lane_threshold(lane.recipe, lane.lane, maxima, pixels_seen)
+
+
+def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: PassRunner) -> None:
+    """Do the rest of a section and write its result, unless that is done."""
+    if job.section is None:
+        raise ValueError("job must have a section, got the whole lane")
+    job = replace(job, section=replace(job.section, threshold=threshold))
+    if is_done(job):
+        return
+    label = f"{Path(job.output).name}: "
+    with begin(job.work, job.identity(), job.largest) as work:
+        passes = passes_to_run(job, _section_of(lane, job, work))
+        own_passes = [item for item in passes if not item.all_scans]
+        runner.run(job, work, own_passes, label)
+        runner.finish(job, label)
+        finish(job.work)
+
+
+def _prepare(gathering: Path, names: Sequence[str]) -> None:
+    """Make the folder that the sections gather in, without what is left of another job."""
+    gathering.mkdir(exist_ok=True)
+    for path in gathering.iterdir():
+        if path.name.partition(".")[0] in names:
+            # Nothing of ours is a link: it could lead anywhere.
+            if path.is_symlink():
+                path.unlink()
+        elif path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None:
+    """Write the table of all alarms and the list of sections, and move all into place."""
+    tables = []
+    for name in names:
+        table = _alarms_of(gathering / name)
+        table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
+        tables.append(table)
+    # Columns of tables without rows would change the types of the others.
+    filled = [table for table in tables if len(table)] or tables[:1]
+    alarms = pd.concat(filled, ignore_index=True)
+    alarms = alarms.sort_values("confidence", ascending=False, kind="stable")
+    write_table(alarms, gathering / "alarms.csv")
+    write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
+    write_sections(gathering, names, lasting_identity(job))
+    replace_folder(gathering, Path(job.output))
+
+
+def _alarms_of(folder: Path) -> pd.DataFrame:
+    """Read the alarms of a result that is whole, and nothing else of it."""
+    files = listed_files(folder, read_result_manifest(folder))
+    return parse_own_table(files.read("alarms.csv"), "alarms", folder / "alarms.csv")

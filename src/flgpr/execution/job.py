@@ -1,53 +1,37 @@
-"""One lane as pieces of work that any process can do with the run and the work folder."""
+"""A job: a detection on one lane as plain values, and whether its result is there already."""
 
 from __future__ import annotations
 
-import os
 import platform
-import resource
-import socket
-import threading
-import time
-from collections import ChainMap
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
-import numpy as np
-import pandas as pd
 
 import flgpr
-from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import Model, load_model, read_model, trained_on
-from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.searched import searched_ground
-from flgpr.chain.sections import Section, section_lane, section_note
-from flgpr.door import read_named
-from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint
-from flgpr.execution.workers import Report
+from flgpr.chain.engine import BLOCK
+from flgpr.chain.model import MODEL_FILE, load_model, read_model
+from flgpr.chain.recipe import Recipe
+from flgpr.chain.sections import Section
+from flgpr.door import Folder, read_named
+from flgpr.execution.checkpoint import WORK_SUFFIX, begin, finish
 from flgpr.model import Lane
-from flgpr.report import report_html
-from flgpr.results.description import describe_run
-from flgpr.results.result import add_files, read_result, write_result
-from flgpr.store import MAX_MEMORY, BundleError, canonical_json, open_run, read_manifest, sha256
-from flgpr.store.tables import parse_table
+from flgpr.results.errors import ResultError
+from flgpr.results.result import MODEL, Result, read_result, read_result_manifest
+from flgpr.results.sections import SECTIONS, read_sections, results_at, section_names
+from flgpr.store import MAX_MEMORY, canonical_json, read_lane, read_manifest, sha256
+from flgpr.store.files import replaced_by
+from flgpr.store.outputs import OVERWRITE, output_exists_error
+from flgpr.store.tables import lane_file_of
 
-FOLD_BYTES = 1 << 28
-"""States of this size together are merged early, in bytes: those of a long run fill the disk."""
-_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
-_OPENING = threading.Lock()
-_ONE_AT_A_TIME = threading.Lock()
+PathLike = str | Path
 _PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
-_Clocks = tuple[float, float]
-"""Readings of the clocks of the wall and of the process, s."""
+_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 
 
 @dataclass(frozen=True)
@@ -72,14 +56,14 @@ class LaneJob:
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True  #: whether what explains alarms is gathered
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
-    #: folder of passes that jobs of other recipes share, see :func:`shared_name`; "" for none
+    #: folder of passes that jobs of other recipes share, see :meth:`cached_name`; "" for none
     pass_cache: str = ""
 
     @property
     def work(self) -> Path:
         """The work folder beside the output."""
         output = Path(self.output)
-        return output.with_name(output.name + ".work")
+        return output.with_name(output.name + WORK_SUFFIX)
 
     @property
     def largest(self) -> int:
@@ -108,6 +92,62 @@ class LaneJob:
             "truth": self.truth[1],
             "explains": self.explains,
         }
+
+    def cached_name(self, name: str, depends_on: Mapping[str, Any] | None) -> str | None:
+        """Return the name that the result of a pass has in the pass cache.
+
+        Parameters
+        ----------
+        name : str
+            Name of the pass.
+        depends_on : mapping or None
+            What of the recipe its result depends on; None if no other recipe can use the result.
+
+        Returns
+        -------
+        str or None
+            The name; None if the result is not shared.
+        """
+        if not self.pass_cache or depends_on is None:
+            return None
+        identity = self.identity()
+        context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
+        context["layout"] = _PASS_CACHE_LAYOUT
+        return sha256(canonical_json([context, name, depends_on]))[:32]
+
+
+def choose_lane(
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe
+) -> tuple[Lane | None, str]:
+    """Return the lane that a run is searched in, and where its borders come from.
+
+    A lane that is given comes first, then the recipe's, then ``NAME-lane.toml`` beside the run.
+    Without any the lane is None and its source "": the ground that the run sees is searched.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    given : path or Lane, optional
+        Lane that is given, or its file.
+    recipe : Recipe
+        Recipe whose lane comes before that beside the run.
+
+    Raises
+    ------
+    ValueError
+        If a file is no lane; the error names it.
+    """
+    if isinstance(given, Lane):
+        return given, "as given"
+    if given is not None:
+        return read_lane(given), f"{Path(given).name}, as given"
+    if recipe.lane is not None:
+        return None, ""
+    beside = lane_file_of(run)
+    if beside.is_file():
+        return read_lane(beside), f"{beside.name} beside the run"
+    return None, ""
 
 
 def make_job(
@@ -210,322 +250,123 @@ def processor() -> str:
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
 
 
-def shared_name(job: LaneJob, name: str) -> str | None:
-    """Return the name that the result of a pass has in the pass cache.
+# Whether the result is there and whole, so that nothing is computed twice
 
-    None without a pass cache, or if no other recipe can use the result.
+
+def lasting_identity(job: LaneJob) -> dict[str, Any]:
+    """Return what a result must have been made of to stand for a job.
+
+    Neither the versions of the program nor the machine are part of it.
     """
-    if not job.pass_cache:
-        return None
-    _, engine, _ = _open(job)
-    depends_on = engine.passes[name].cache_key()
-    if depends_on is None:
-        return None
     identity = job.identity()
-    context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
-    context["layout"] = _PASS_CACHE_LAYOUT
-    return sha256(canonical_json([context, name, depends_on]))[:32]
+    return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
 
 
-def do_block(job: LaneJob, name: str, number: int) -> Report:
-    """Do one block of a pass and write its state to the work folder.
+def is_done(job: LaneJob) -> bool:
+    """Return whether the result of a job is there and whole.
+
+    It must be of the same run, recipe, lane, model and rows, and no work on it may be left.
+    """
+    return not job.work.exists() and is_whole(job)
+
+
+def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
+    """Return whether the output of a job is whole, and delete what a kill left beside it.
+
+    Nothing there, or a result of this job that lacks its report, does not count as a result.
 
     Parameters
     ----------
     job : LaneJob
         The job.
-    name : str
-        Name of the pass.
-    number : int
-        Number of the block.
-
-    Returns
-    -------
-    Report
-        What it cost.
+    sections : sequence of Section
+        The sections that the lane is to be taken in.
 
     Raises
     ------
-    ValueError
-        If this process does not see the work folder, or has other versions than the driver.
+    FileExistsError
+        If the output holds any other result.
     """
-    begun = _now()
-    # Threads of one process take blocks at once only where the driver hands blocks to threads.
-    alone = worker_state.threads == 1
-    with _ONE_AT_A_TIME if alone else nullcontext():
-        _, engine, work = _open(job)
-        block = block_name(name, number)
-        if block not in work and number >= merged_blocks(work, name):
-            checkpoint = BlockCheckpoint(work, block)
-            work[block] = engine.gather_block(name, number, checkpoint)
-            checkpoint.drop()
-        size = work.size(block)
-        _merge_ahead(engine, work, name)
-        return report(Path(job.output).name, name, number, begun, size)
-
-
-def merged_blocks(work: Checkpoint, name: str) -> int:
-    """Return how many blocks of a pass, from the first, have been merged early."""
-    so_far = _so_far(name)
-    while so_far in work:
-        version = _file_version(work.path(so_far))
-        try:
-            return int(work.bundle(so_far)["next"])
-        except BundleError:
-            # Another process may have replaced the file after its head was read here.
-            if _file_version(work.path(so_far)) == version:
-                raise
-    return 0
-
-
-def _file_version(path: Path) -> tuple[int, int]:
-    """Return what changes when a file is replaced by another one."""
-    status = path.stat()
-    return status.st_ino, status.st_mtime_ns
-
-
-def _so_far(name: str) -> str:
-    """Return the name of the state of the blocks of a pass that have been merged early."""
-    return f"{name}-so-far"
-
-
-def _merge_ahead(engine: Engine, work: Checkpoint, name: str) -> None:
-    """Merge the first blocks of a pass that are done, if their states are large together.
-
-    The bits are those of one merge of all. It is done only for passes that go through all blocks.
-    """
-    planned = engine.passes[name]
-    if not planned.all_scans or planned.keep_blocks:
-        return
-    with work.merging() as alone:
-        if not alone:
-            return
-        begun = merged_blocks(work, name)
-        so_far = _so_far(name)
-        following = engine.block_numbers(name)[begun:]
-        ready = list(takewhile(lambda number: block_name(name, number) in work, following))
-        size = sum(work.size(block_name(name, number)) for number in ready)
-        # Sums are no larger than those of one block. What grows with the scans is merged only when
-        # there is twice as much of it, so that it is not written over and over.
-        if not ready or size < max(FOLD_BYTES, 2 * work.size(so_far)):
-            return
-        gatherer = engine.merge_blocks(name, _states(work, name, ready))
-        work[so_far] = {**gatherer.state(True), "next": np.array(begun + len(ready))}
-        for number in ready:
-            del work[block_name(name, number)]
-
-
-def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
-    """Merge the blocks of a pass, in their order, and write its result to the work folder.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-    name : str
-        Name of the pass.
-    numbers : sequence of int
-        Numbers of its blocks.
-
-    Returns
-    -------
-    Report
-        What it cost; the block is -1.
-    """
-    begun = _now()
-    with _ONE_AT_A_TIME:
-        _, engine, work = _open(job)
-        keep_blocks = engine.passes[name].keep_blocks
-        if name not in work:
-            result: Arrays = {}
-            if not keep_blocks:
-                result = engine.merge_blocks(name, _states(work, name, numbers)).result()
-            work[name] = result
-        if not keep_blocks:
-            work.drop_blocks(name)
-        return report(Path(job.output).name, name, -1, begun, work.size(name))
-
-
-def do_finish(job: LaneJob) -> Report:
-    """Write the result folder from a work folder that holds every pass.
-
-    Returns
-    -------
-    Report
-        What it cost, and the number of ``alarms``.
-    """
-    begun = _now()
-    with _ONE_AT_A_TIME:
-        lane, _, _ = _open(job)
-        detection = detection_of(lane)
-        borders = section_lane(lane.recipe, lane.lane, lane.section)
-        section = section_note(lane.lane, lane.section) if job.section else None
-        folder = write_result(
-            job.output,
-            [detection],
-            job.recipe,
-            borders,
-            _describe_runs(job, lane),
-            lane.model,
-            section,
-        )
-        if job.report:
-            add_files(folder, {"report.html": report_html(read_result(folder))})
-        _opened.cache_clear()  # frees the memory of the run-views
-        done = report(Path(job.output).name, "finish", -1, begun, 0)
-        return done | {"alarms": len(detection.alarms)}
-
-
-def _describe_runs(job: LaneJob, lane: LaneSetup) -> dict[str, Any]:
-    """Return what a manifest says of the run, and of those taken together with it."""
-    described = describe_run(lane.run, job.run, lane.recipe.motion)
-    searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
-    described["searched"] = searched.as_json()
-    if trained_on(lane.model, job.store_sha256):
-        described["trained_on_this_run"] = True
-    if job.others:
-        described["others"] = {}
-        for name, path, digest in job.others:
-            described["others"][name] = {"path": path, "store_sha256": digest}
-    return described
-
-
-def _states(work: Checkpoint, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
-    """Yield the states of some blocks.
-
-    Blocks that have been merged early have one state together, which comes first.
-    """
-    begun = merged_blocks(work, name)
-    if begun:
-        bundle = work.bundle(_so_far(name))
-        yield {key: array for key, array in bundle.items() if key != "next"}
-    for number in numbers:
-        if number >= begun:
-            yield dict(work.bundle(block_name(name, number)))
-
-
-def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
-    """Return the lane of a job, its engine and its work folder, as this process sees them."""
-    if job.code != code_versions():
-        ours = dict(code_versions())
-        different = []
-        for name, theirs in job.code:
-            if ours.get(name) != theirs:
-                different.append(f"{name} {ours.get(name)} and {theirs}")
-        raise ValueError(
-            f"worker {socket.gethostname()} must have the versions of the driver, "
-            f"got {', '.join(different)}"
-        )
-    if not job.work.is_dir():
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the work folder of the driver, got no "
-            f"{job.work}"
-        )
-    with _OPENING:
-        return _opened(job)
-
-
-@lru_cache(maxsize=2)
-def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
-    """Open what a job names; the latest ones stay open, as a process does many pieces of a job."""
-    work = Checkpoint(job.work, job.largest)
-    results: MutableMapping[str, Any] = work
-    if job.shared:
-        results = ChainMap(work, Checkpoint(Path(job.shared), job.largest))
-    lane = open_lane(job, results)
-    return lane, engine_of(lane), work
-
-
-def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> LaneSetup:
-    """Open the run, the model and the truth that a job names, as the driver saw them.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-    results : mutable mapping, optional
-        Results of passes by name.
-
-    Raises
-    ------
-    ValueError
-        If this process sees others, or the recipe does not fit.
-    """
-    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
-        if read_manifest(path)["sha256"] != digest:
-            raise ValueError(
-                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
-                f"{path}"
-            )
-    model = None if job.model is None else _model_of(job, job.model)
-    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
-    truth = _truth_of(job) if job.truth[0] else None
-    return LaneSetup(
-        run=open_run(job.run, job.max_memory),
-        recipe=parse_recipe(job.recipe),
-        lane=Lane(*job.lane),
-        model=model,
-        results=results,
-        section=job.section,
-        others=others,
-        truth=truth,
-        explains=job.explains,
+    folder = Path(job.output)
+    if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+        return False
+    without_report = replace(job, report=False)
+    is_of_this_job = (
+        _has_sections(folder, sections) and is_whole(without_report) and _of_this_version(folder)
     )
+    if not is_of_this_job:
+        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
+    if not is_whole(job):
+        return False
+    _delete_leftovers(job)
+    return True
 
 
-def _model_of(job: LaneJob, folder: str) -> Model:
-    """Load the model of a job."""
-    if sha256(read_model(folder)) != job.model_sha256:
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the model of the driver, got another at "
-            f"{folder}"
-        )
-    return load_model(folder, job.model_sha256)
+def _delete_leftovers(job: LaneJob) -> None:
+    """Delete what a kill left beside a result that is whole."""
+    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(Path(job.output))):
+        shutil.rmtree(path, ignore_errors=True)
+    if job.work.is_dir():
+        with begin(job.work, job.identity()):
+            finish(job.work)
 
 
-def _truth_of(job: LaneJob) -> pd.DataFrame:
-    """Read the targets of a training lane."""
-    path, digest = job.truth
-    data = read_named(path)
-    if sha256(data) != digest:
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
-        )
-    return parse_table(data, "truth", path)
+def _has_sections(folder: Path, sections: Sequence[Section]) -> bool:
+    """Return whether a lane was taken in these sections."""
+    if len(sections) == 1:
+        return not (folder / SECTIONS).is_file()
+    expected = {}
+    for name, section in zip(section_names(len(sections)), sections, strict=True):
+        expected[name] = [section.start, section.stop]
+    present = {}
+    try:
+        for result_folder in results_at(folder):
+            manifest = read_result_manifest(result_folder)
+            present[result_folder.name] = manifest.get("section", {}).get("rows")
+    except ResultError:
+        return False
+    return present == expected
 
 
-def _now() -> _Clocks:
-    """Read the clocks."""
-    return time.perf_counter(), time.process_time()
+def _of_this_version(folder: Path) -> bool:
+    """Return whether this version of the program wrote the results of a lane."""
+    versions = [read_result_manifest(result)["flgpr"] for result in results_at(folder)]
+    return all(version == flgpr.__version__ for version in versions)
 
 
-def report(lane: str, stage: str, number: int, begun: _Clocks, size: int) -> Report:
-    """Return a report of a piece of work that is done now.
+def is_whole(job: LaneJob) -> bool:
+    """Return whether the output of a job is a whole result of it."""
+    try:
+        if Folder(job.output).has(SECTIONS):
+            sections = read_sections(job.output)
+            for folder in sections.homes:
+                read_result(folder)
+            return bool(sections.identity == lasting_identity(job))
+        result = read_result(job.output)
+    except ResultError:
+        return False
+    return _is_result_of(job, result)
 
-    Parameters
-    ----------
-    lane : str
-        Name of the lane.
-    stage : str
-        Name of the pass.
-    number : int
-        Number of the block.
-    begun : tuple of float
-        Clocks of wall and process when the work began.
-    size : int
-        Bytes that it wrote.
-    """
-    wall, processor_time = _now()
-    # The processor time is that of the process, and each of its threads sees all of it.
-    own_share = (processor_time - begun[1]) / worker_state.threads
-    return {
-        "lane": lane,
-        "stage": stage,
-        "block": number,
-        "seconds": wall - begun[0],
-        "processor_seconds": own_share,
-        "bytes": size,
-        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
-        "worker": f"{socket.gethostname()}:{os.getpid()}",
-        "cpu": processor(),
-    }
+
+def _is_result_of(job: LaneJob, result: Result) -> bool:
+    """Return whether a result was made of what a job names."""
+    manifest = result.manifest
+    identity = job.identity()
+    section = manifest.get("section", {})
+    lane = result.lane
+    if job.section is not None:
+        # The lane of a section's result is its part of the whole lane.
+        lane = Lane(**section.get("lane", manifest["lane"]))
+    others = {}
+    for name, described in manifest["run"].get("others", {}).items():
+        others[name] = str(described["store_sha256"])
+    report_is_missing = None in manifest["added"].get("report.html", [None])
+    return bool(
+        manifest["run"].get("store_sha256") == job.store_sha256
+        and manifest["recipe_sha256"] == identity["recipe"]
+        and others == identity["others"]
+        and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
+        and section.get("rows") == identity["rows"]
+        and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
+        and not (job.report and report_is_missing)
+    )

@@ -11,16 +11,22 @@ from typing import Any
 
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import as_imaged, parse_recipe
+from flgpr.chain.recipe import Recipe, as_imaged, parse_recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
 from flgpr.execution.driver import detect_lane
-from flgpr.execution.finished import holds_result, is_done, results_at
-from flgpr.execution.job import LaneJob, make_job
-from flgpr.execution.lane_choice import choose_lane
-from flgpr.execution.pass_runner import OnReport, ignore_report
-from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
+from flgpr.execution.job import LaneJob, choose_lane, holds_result, is_done, make_job
+from flgpr.execution.workers import (
+    Cluster,
+    Executor,
+    InProcess,
+    OnReport,
+    Processes,
+    ignore_report,
+)
+from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result
+from flgpr.results.sections import results_at
 from flgpr.store import MAX_MEMORY, open_run, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 
@@ -57,7 +63,7 @@ def detect_survey(
     runs: Sequence[PathLike],
     recipe_text: str,
     output: PathLike,
-    lanes: Sequence[PathLike] | None = None,
+    lanes: Sequence[PathLike | Lane] | None = None,
     model: PathLike | None = None,
     section: float | None = None,
     others: Sequence[Mapping[str, PathLike]] | None = None,
@@ -78,8 +84,8 @@ def detect_survey(
         TOML text of the recipe.
     output : str or path
         Takes a result folder per lane, named like its run, and ``survey.json``.
-    lanes : sequence of str or path, optional
-        Files of the borders, one per run.
+    lanes : sequence of str, path or Lane, optional
+        Borders or their files, one per run.
     model : str or path, optional
         Folder of a trained model.
     section : float, optional
@@ -114,7 +120,7 @@ def detect_survey(
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(
-            f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}"
+            f"lanes-at-once needs workers or a scheduler to be more than 1, got {at_once}"
         )
     jobs = _make_jobs(
         runs, recipe_text, survey, lanes, model, section, others, report, options, overwrite
@@ -134,7 +140,7 @@ def detect_survey(
             for job in unfinished:
                 detect(job)
         else:
-            _detect_at_once(detect, unfinished, at_once)
+            _detect_at_once(detect, unfinished, at_once, executor)
     folders = [Path(job.output) for job in jobs]
     _write_summary(survey, runs, folders)
     return folders
@@ -144,7 +150,7 @@ def _make_jobs(
     runs: Sequence[PathLike],
     recipe_text: str,
     survey: Path,
-    lanes: Sequence[PathLike] | None,
+    lanes: Sequence[PathLike | Lane] | None,
     model: PathLike | None,
     section: float | None,
     others: Sequence[Mapping[str, PathLike]] | None,
@@ -156,43 +162,97 @@ def _make_jobs(
     recipe = parse_recipe(recipe_text)
     names = lane_names(runs)
     if lanes is not None and len(lanes) != len(runs):
-        raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
+        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {len(runs)} runs")
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
-        lane_file = None if lanes is None else lanes[number]
-        lane, lane_source = choose_lane(run, lane_file, recipe)
-        dataset = open_run(run, options.max_memory)
-        area = area_of(dataset, recipe, lane)
-        job = make_job(
-            run,
-            recipe_text,
-            area,
-            survey / name,
-            report,
-            model,
-            options.max_memory,
-            None if others is None else others[number],
-            pass_cache=options.pass_cache,
-            lane_source=lane_source,
+        given_lane = None if lanes is None else lanes[number]
+        other_runs = None if others is None else others[number]
+        job = job_of_run(
+            run, recipe, recipe_text, survey / name, given_lane, other_runs, model, report, options
         )
         jobs.append(job)
         check_free(survey / name)
-        sizes = sizes_of(as_imaged(dataset, recipe))
+        sizes = sizes_of(as_imaged(open_run(run, options.max_memory), recipe))
+        area = Lane(*job.lane)
         sections = plan_sections(sizes, recipe, area, options.max_memory, section)
         if not overwrite:
             holds_result(job, sections)
     return jobs
 
 
+def job_of_run(
+    run: PathLike,
+    recipe: Recipe,
+    recipe_text: str,
+    output: PathLike,
+    given_lane: PathLike | Lane | None = None,
+    others: Mapping[str, PathLike] | None = None,
+    model: PathLike | None = None,
+    report: bool = True,
+    options: RunOptions = DEFAULTS,
+) -> LaneJob:
+    """Choose the lane that a run is searched in, and describe the detection as a job.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : Recipe
+        The recipe.
+    recipe_text : str
+        Its TOML text.
+    output : str or path
+        Result folder to make.
+    given_lane : str, path or Lane, optional
+        The lane's borders, or their file.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    model : str or path, optional
+        Folder of a trained model.
+    report : bool
+        Whether to write a report.
+    options : RunOptions
+        Who does the work.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or a run, the lane or the model is not valid.
+    """
+    lane, lane_source = choose_lane(run, given_lane, recipe)
+    area = area_of(open_run(run, options.max_memory), recipe, lane)
+    return make_job(
+        run,
+        recipe_text,
+        area,
+        output,
+        report=report,
+        model=model,
+        max_memory=options.max_memory,
+        others=others,
+        pass_cache=options.pass_cache,
+        lane_source=lane_source,
+    )
+
+
 def _detect_at_once(
-    detect: Callable[[LaneJob], None], jobs: Sequence[LaneJob], at_once: int
+    detect: Callable[[LaneJob], None],
+    jobs: Sequence[LaneJob],
+    at_once: int,
+    executor: Executor,
 ) -> None:
-    """Detect on several lanes at once; the first error ends all."""
+    """Detect on several lanes at once; the first error, or an interrupt, ends all."""
     with ThreadPoolExecutor(at_once) as pool:
         try:
             for future in [pool.submit(detect, job) for job in jobs]:
                 future.result()
         except BaseException:
+            executor.stop()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

@@ -42,8 +42,8 @@ from flgpr.chain.too_few import (
 )
 from flgpr.door import read_named
 from flgpr.execution.driver import passes_of_lane
-from flgpr.execution.job import code_versions, make_job, report
-from flgpr.execution.lane_choice import choose_lane
+from flgpr.execution.job import choose_lane, code_versions, make_job
+from flgpr.execution.pieces import report
 from flgpr.execution.survey import RunOptions
 from flgpr.execution.workers import Executor
 from flgpr.live import forecast
@@ -65,10 +65,13 @@ PathLike = str | Path
 
 def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
     """Return whether training a recipe makes a detector, beside what its stages learn."""
-    # Without one of these a column of a stage ranks the alarms.
-    is_asked_for = recipe.confidence in RANKS or recipe.detector is not None or bool(features)
-    has_columns = recipe.features is not None or bool(recipe.columns)
-    return is_asked_for and (has_columns or recipe.detector is not None)
+    if recipe.detector is not None:
+        return True
+    if features:
+        return recipe.features is not None or bool(recipe.columns)
+    # The detector that is trained by default reads some of the ten features. With any other rank
+    # a column of a stage ranks the alarms.
+    return recipe.confidence in RANKS and recipe.features is not None
 
 
 def training_lanes(

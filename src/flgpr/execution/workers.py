@@ -21,10 +21,13 @@ from typing import Any
 import numba
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from flgpr import system
 from flgpr.chain.engine import run_pieces
 from flgpr.store.extras import optional
 
 Report = dict[str, Any]
+OnReport = Callable[[Report], None]
+"""Takes a report of every piece of work that was done."""
 Work = Callable[..., Report]
 _TRIALS = 3  # times that work is begun before lost workers end it
 _PATIENCE = "20s"  # with a scheduler that does not answer
@@ -35,8 +38,16 @@ Workers are forked with it where this process has needed it.
 """
 
 
+def ignore_report(report: Report) -> None:
+    """Take a report and do nothing."""
+
+
 class LostWorkersError(ValueError):
     """Workers were lost time and again."""
+
+
+class StoppedError(RuntimeError):
+    """The work was stopped by another thread."""
 
 
 class Executor(AbstractContextManager["Executor"]):
@@ -44,6 +55,16 @@ class Executor(AbstractContextManager["Executor"]):
 
     parallel = True
     """Whether work is done elsewhere, so that several callers may wait at once."""
+    _is_stopped = False
+
+    def stop(self) -> None:
+        """Let the callers in other threads end with a StoppedError at the next piece that is done."""
+        self._is_stopped = True
+
+    def _check_stopped(self) -> None:
+        """Raise a StoppedError if the work is to end."""
+        if self._is_stopped:
+            raise StoppedError("the work was stopped")
 
     @abstractmethod
     def run(
@@ -118,6 +139,7 @@ class Processes(Executor):
         """
         left = list(arguments)
         for _ in range(_TRIALS):
+            self._check_stopped()
             pool = self._pool or self._begin(None)
             waiting: dict[Future[Report], tuple[Any, ...]] = {}
             try:
@@ -129,6 +151,7 @@ class Processes(Executor):
             broken = submitted < len(left)
             undone = left[submitted:]
             for future in as_completed(waiting):
+                self._check_stopped()
                 try:
                     yield future.result()
                 except BrokenProcessPool:
@@ -146,8 +169,9 @@ class Processes(Executor):
         """Return new processes, or those that another thread started after the broken ones."""
         with self._lock:
             if self._pool is None or self._pool is broken:
-                context = multiprocessing.get_context("forkserver")
+                context = multiprocessing.get_context(system.start_method())
                 slow = (name for name in _SLOW if name in sys.modules)
+                # Without effect where processes are started anew.
                 context.set_forkserver_preload([*slow, "flgpr.execution.preload"])
                 threads = max(1, (os.cpu_count() or 1) // self.count)
                 self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))
@@ -156,6 +180,7 @@ class Processes(Executor):
 
 def _begin_worker(threads: int) -> None:
     """Set up a process with its share of threads. It ends with its parent."""
+    system.end_at_interrupt()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     threadpool_limits(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -222,6 +247,7 @@ class Cluster(Executor):
                 futures, loop=self._client.loop, with_results=True
             )
             for future, report in done:
+                self._check_stopped()
                 future.release()
                 yield report
         except self._distributed.KilledWorker as error:

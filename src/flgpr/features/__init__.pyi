@@ -13,7 +13,7 @@ from flgpr.features.cuts import stack_channels as stack_channels
 from flgpr.features.patch import PatchShape as PatchShape
 from flgpr.features.polarimetry import cameron as cameron
 from flgpr.features.polarimetry import entropy_alpha as entropy_alpha
-from flgpr.features.registration import Registration as Registration
+from flgpr.features.registration import SurveyOffset as SurveyOffset
 from flgpr.features.registration import register_fiducials as register_fiducials
 from flgpr.features.templates import align_phases as align_phases
 from flgpr.features.templates import clutter_tiles as clutter_tiles

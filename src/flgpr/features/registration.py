@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Registration:
+class SurveyOffset:
     """Offset of an image from the survey."""
 
     shift: tuple[float, float]  #: image position less surveyed position, x and y, m
@@ -23,7 +23,7 @@ class Registration:
 
 def register_fiducials(
     image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach: float = 0.6
-) -> Registration:
+) -> SurveyOffset:
     """Estimate the shift from the survey to an image by its fiducials (flsar2004, par. 13).
 
     Each fiducial is the brightest pixel within ``reach``, refined by the centroid of the power
@@ -42,7 +42,7 @@ def register_fiducials(
 
     Returns
     -------
-    Registration
+    SurveyOffset
         Shift, residual and number of fiducials.
 
     Raises
@@ -73,4 +73,4 @@ def register_fiducials(
     offset = np.asarray(in_image) - np.asarray(in_survey)
     shift = np.median(offset, axis=0)
     residual = float(np.sqrt(((offset - shift) ** 2).sum(axis=1).mean()))
-    return Registration((float(shift[0]), float(shift[1])), residual, len(in_image))
+    return SurveyOffset((float(shift[0]), float(shift[1])), residual, len(in_image))

@@ -7,7 +7,6 @@ quickly.
 
 from __future__ import annotations
 
-import resource
 import sys
 import warnings
 from collections.abc import Iterator
@@ -95,10 +94,21 @@ def probe_hdf5(path: str) -> None:
 
 
 def _bound_memory(most: int) -> None:
-    """Let this process have no more than so many bytes of addresses."""
+    """Let this process have no more than so many bytes of addresses, where the system can.
+
+    Windows has no such limit, and macOS refuses to set it.
+    """
+    try:
+        import resource
+    except ImportError:
+        return
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     available = _MOST_ADDRESSES if hard == resource.RLIM_INFINITY else hard
-    resource.setrlimit(resource.RLIMIT_AS, (min(most, available), hard))
+    try:
+        resource.setrlimit(resource.RLIMIT_AS, (min(most, available), hard))
+    except (ValueError, OSError):
+        if sys.platform != "darwin":
+            raise
 
 
 def _too_large(item: str, name: str) -> str:

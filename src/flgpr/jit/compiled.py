@@ -8,7 +8,6 @@ digest of the sources.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import os
 import re
@@ -17,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 import llvmlite.binding
@@ -25,6 +24,8 @@ import numba
 from numba.core import caching, config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.misc.appdirs import AppDirs
+
+from flgpr import system
 
 _UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
 # Seconds for which a process waits for what another compiles, which may have been stopped.
@@ -171,19 +172,19 @@ def _held(path: Path) -> Iterator[None]:
     """Hold a file's lock, if this can be had: without it a kernel is compiled twice, no more."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
-            file = stack.enter_context(path.open("w"))
+            file = stack.enter_context(path.open("wb"))
             end = time.monotonic() + _PATIENCE
-            while not _lock_taken(file.fileno()) and time.monotonic() < end:
+            while not _lock_taken(file) and time.monotonic() < end:
                 time.sleep(0.02)
             # Closing is not enough: a fork of this process may have the file open as well.
-            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)
+            stack.callback(system.unlock, file)
         yield
 
 
-def _lock_taken(file: int) -> bool:
+def _lock_taken(file: BinaryIO) -> bool:
     """Return whether the lock of a file was free and is now held by this process."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        system.lock(file)
     except BlockingIOError:
         return False
     return True

@@ -9,9 +9,9 @@ import base64
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,12 @@ from flgpr.live.event_rate import BURST, Event, EventRate
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 
+if TYPE_CHECKING:
+    from flgpr.geo import Anchor
+
 EVENT_FILE = "live.jsonl"
 _BLOCK = 65536  # bytes that are searched for a line's end at once
+_DEGREE_DIGITS = 8  # decimals of a degree: about a millimetre
 
 
 class EventFile:
@@ -115,6 +119,25 @@ def alarm_event(
     if margin is not None:
         event |= {"in_time": margin >= 0, "margin_m": round(margin, 3)}
     return event
+
+
+def add_places_on_earth(events: Sequence[Event], anchor: Anchor) -> None:
+    """Add ``latitude`` and ``longitude`` (WGS 84, degrees) to the events of alarms.
+
+    Parameters
+    ----------
+    events : sequence of dict
+        Events of :func:`alarm_event`, with x and y on the ground of their lane.
+    anchor : Anchor
+        Where the lane lies. All places are found at once, which takes as long as one.
+    """
+    if not events:
+        return
+    in_lane = [[event["x"], event["y"], 0.0] for event in events]
+    on_earth = anchor.to_geodetic(in_lane)
+    for event, (longitude, latitude, _) in zip(events, on_earth, strict=True):
+        event["latitude"] = round(float(latitude), _DEGREE_DIGITS)
+        event["longitude"] = round(float(longitude), _DEGREE_DIGITS)
 
 
 def position_events(name: str, update: LiveUpdate) -> list[Event]:

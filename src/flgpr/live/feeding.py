@@ -1,4 +1,4 @@
-"""Plays a stored run as a radar would hand it over: scan by scan into a folder or a socket."""
+"""Plays a stored run as a radar would hand it over: scan by scan into a folder, or to a socket."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import Folder
+from flgpr.live.tcp import connected_tcp, parse_tcp
 from flgpr.store import (
     RunDescription,
     describe_for_live,
@@ -90,15 +91,17 @@ def feed(
     lead: float = 0.0,
     wait: Callable[[float], None] = time.sleep,
     faults: Sequence[str] = (),
+    tcp: str | None = None,
 ) -> int:
-    """Play a stored run into a folder or a Unix socket, and return the number of frames played.
+    """Play a stored run into a folder or to a socket, and return the number of frames played.
 
     Parameters
     ----------
     run : path
         Run store.
     folder : path, optional
-        Folder to play into; it is made if need be. Either a folder or a socket is needed.
+        Folder to play into; it is made if need be. One of folder, ``socket_path`` and ``tcp`` is
+        needed.
     rate : float, default 4.2
         Scans per second; infinity plays as fast as possible.
     socket_path : path, optional
@@ -113,6 +116,9 @@ def feed(
         Waits for so many seconds.
     faults : sequence of str
         What a radar gets wrong, see :class:`Fault`. The vehicle drives on while scans are lost.
+    tcp : str, optional
+        TCP address that is listened on: port, or address and port, see
+        :func:`flgpr.live.tcp.parse_tcp`.
 
     Raises
     ------
@@ -122,8 +128,9 @@ def feed(
     parsed_faults = [Fault.parse(text) for text in faults]
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")
-    if (folder is None) == (socket_path is None):
-        raise ValueError("feed needs a folder or a socket, and not both")
+    if sum(target is not None for target in (folder, socket_path, tcp)) != 1:
+        raise ValueError("feed needs one of a folder, a socket and a TCP address")
+    address = None if tcp is None else parse_tcp(tcp)
     dataset = open_run(run)
     description = describe_for_live(dataset)
     total = dataset.sizes["scan"]
@@ -136,7 +143,13 @@ def feed(
                 f"fault must begin with a scan that is played ({first} to {last - 1}), "
                 f"got {fault.scan}"
             )
-    sink = _SocketSink(Path(str(socket_path))) if folder is None else _FolderSink(Path(folder))
+    sink: _FolderSink | _SocketSink
+    if folder is not None:
+        sink = _FolderSink(Path(folder))
+    elif address is not None:
+        sink = _SocketSink(connected_tcp(address))
+    else:
+        sink = _SocketSink(_connected_unix(Path(str(socket_path))))
     with sink:
         sink.begin(description)
         if lead > 0:
@@ -219,18 +232,10 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
 
 
 class _SocketSink(AbstractContextManager["_SocketSink"]):
-    """Sends frames over a Unix socket."""
+    """Sends frames over a connected socket."""
 
-    def __init__(self, path: Path) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            self._socket.connect(str(path))
-        except OSError as error:
-            self._socket.close()
-            reason = error.strerror or "its path is too long"
-            raise ValueError(
-                f"socket must be one that flgpr live listens on, got {path}: {reason}"
-            ) from None
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()
@@ -246,3 +251,17 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
     def end(self, scans: int) -> None:
         """Announce the end of the run."""
         self._socket.sendall(encode_frame("end", {"scans": scans}))
+
+
+def _connected_unix(path: Path) -> socket.socket:
+    """Return a socket that is connected to a Unix socket."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        connection.connect(str(path))
+    except OSError as error:
+        connection.close()
+        reason = error.strerror or "its path is too long"
+        raise ValueError(
+            f"socket must be one that flgpr live listens on, got {path}: {reason}"
+        ) from None
+    return connection

@@ -1,7 +1,8 @@
 """Decides which frames become scans, and fills in missing poses.
 
-Whether a pose that is there is believed is judged by the detector (``model/plausible.py``). Scans
-late, repeated, out of order, damaged or without a pose are all counted.
+Whether a pose that is there is believed is judged by the gate (``model/plausible.py``) of the
+detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans late, repeated,
+out of order, damaged, without a pose or with a bad one are all counted.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ COUNTS = {
     "senders_refused": "senders on the socket that were refused, "
     "because as many as may be were connected",
     "senders_ended": "senders on the socket that were ended, "
-    "because they sent nothing of use for too long",
+    "because they sent nothing of use for too long, or began with something else than a frame",
 }
 _KNOWN_POSES = 8
 _FORGOTTEN = ("taken", "warm_up", "out_of_order", "late", "still", "refused")

@@ -1,4 +1,4 @@
-"""The local socket on which scans arrive, and the programs that send them."""
+"""The sockets on which scans arrive, Unix or TCP, and the programs that send them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flgpr.live.stream import FrameStream
+from flgpr.live.tcp import TcpAddress, listening_tcp
 from flgpr.live.watch import Inbox
+from flgpr.store.scan_file import MAGIC
 
 SENDERS = {
     "refused": "as many as may be are connected",
-    "ended": "they sent nothing of use for too long",
+    "ended": "they sent nothing of use for too long, or began with something else than a frame",
 }
 """Why senders are refused or ended."""
 _CHECK = 0.2  # s between checks whether the run has ended
@@ -38,8 +40,13 @@ class SenderLimits:
 class _Sender(threading.Thread):
     """Takes frames from a sender, until it leaves or is closed."""
 
-    def __init__(self, connection: socket.socket, inbox: Inbox, limits: SenderLimits) -> None:
+    def __init__(
+        self, connection: socket.socket, inbox: Inbox, limits: SenderLimits, greets: bool
+    ) -> None:
         super().__init__(name="sender", daemon=True)
+        # Bytes that the first ones must be, as far as they have not come yet. A web page in a
+        # browser can send to a TCP port of its own machine, but only behind the head of a request.
+        self._greeting = MAGIC if greets else b""
         self._connection = connection
         self._inbox = inbox
         self._limits = limits
@@ -63,6 +70,9 @@ class _Sender(threading.Thread):
                 if data:
                     heard = now
                     self._has_sent = True
+                    if not self._begins_as_frame(data):
+                        self._inbox.count_sender("ended")
+                        return
                 paused = now - heard > self._limits.pause
                 taken = self._hand_over(data or b"", paused or not is_open)
                 if taken:
@@ -83,6 +93,13 @@ class _Sender(threading.Thread):
         """Let the thread end, as if the sender had left."""
         with contextlib.suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
+
+    def _begins_as_frame(self, data: bytes) -> bool:
+        """Return whether the first bytes that came are those of a frame, where they must be."""
+        length = min(len(self._greeting), len(data))
+        begins = data[:length] == self._greeting[:length]
+        self._greeting = self._greeting[length:]
+        return begins
 
     def _receive(self) -> bytes | None:
         """Return what came; None if nothing did for a moment, no bytes if nothing more comes."""
@@ -110,36 +127,26 @@ class _Sender(threading.Thread):
         return taken
 
 
-class SocketWatch(threading.Thread):
-    """Listens for frames on a Unix socket that only this user may open.
+class _SenderWatch(threading.Thread):
+    """Listens for senders on a socket; several may connect.
 
-    Several senders may connect.
-
-    Raises
-    ------
-    ValueError
-        If the path cannot be made a socket, or another program listens on it.
+    With ``greets`` the first bytes of a sender must be those of a frame; else it is ended.
     """
 
-    def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
-        super().__init__(name=f"listen {path}", daemon=True)
-        self._path = path
+    def __init__(
+        self,
+        name: str,
+        listener: socket.socket,
+        inbox: Inbox,
+        limits: SenderLimits | None,
+        greets: bool,
+    ) -> None:
+        super().__init__(name=f"listen {name}", daemon=True)
         self._inbox = inbox
         self._limits = limits or SenderLimits()
+        self._greets = greets
         self._senders: list[_Sender] = []
-        _remove_stale_socket(path)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        previous_mask = os.umask(0o177)
-        try:
-            self._socket.bind(str(path))
-        except OSError as error:
-            self._socket.close()
-            raise ValueError(
-                f"socket must be a path that can be made, got {path}: {_reason(error)}"
-            ) from None
-        finally:
-            os.umask(previous_mask)
-        self._socket.listen(_BACKLOG)
+        self._socket = listener
         self._socket.settimeout(_CHECK)
 
     def run(self) -> None:
@@ -154,9 +161,12 @@ class SocketWatch(threading.Thread):
                     self._inbox.stop.wait(_CHECK)
                     continue
                 self._admit(connection)
-        self._path.unlink(missing_ok=True)
+        self._clear_away()
         for sender in self._senders:
             sender.join(1.0)
+
+    def _clear_away(self) -> None:
+        """Remove what the socket leaves behind when it is closed."""
 
     def _admit(self, connection: socket.socket) -> None:
         """Listen to a new sender, or refuse it.
@@ -169,7 +179,7 @@ class SocketWatch(threading.Thread):
             self._inbox.count_sender("refused")
             connection.close()
             return
-        sender = _Sender(connection, self._inbox, self._limits)
+        sender = _Sender(connection, self._inbox, self._limits, self._greets)
         try:
             sender.start()
         except RuntimeError:  # the system starts no more threads
@@ -200,6 +210,70 @@ class SocketWatch(threading.Thread):
         self._inbox.count_sender("ended")
         self._senders.remove(least_useful)
         return True
+
+
+class SocketWatch(_SenderWatch):
+    """Listens for frames on a Unix socket that only this user may open.
+
+    Several senders may connect.
+
+    Raises
+    ------
+    ValueError
+        If the path cannot be made a socket, or another program listens on it.
+    """
+
+    def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
+        super().__init__(str(path), _listening_unix(path), inbox, limits, greets=False)
+        self._path = path
+
+    def _clear_away(self) -> None:
+        """Remove the socket's file."""
+        self._path.unlink(missing_ok=True)
+
+
+class TcpWatch(_SenderWatch):
+    """Listens for frames on a TCP address.
+
+    Several senders may connect, under the limits of a Unix socket. Whoever reaches the address may
+    send: by default these are the programs of this machine, whichever user started them. A
+    connection whose first bytes are not those of a frame, such as a web page's, is ended.
+
+    Attributes
+    ----------
+    address : TcpAddress
+        Where it listens, with the port that was free where 0 was asked for.
+
+    Raises
+    ------
+    ValueError
+        If the address cannot be listened on.
+    """
+
+    def __init__(
+        self, address: TcpAddress, inbox: Inbox, limits: SenderLimits | None = None
+    ) -> None:
+        listener = listening_tcp(address, _BACKLOG)
+        self.address = TcpAddress(address.host, listener.getsockname()[1])
+        super().__init__(str(self.address), listener, inbox, limits, greets=True)
+
+
+def _listening_unix(path: Path) -> socket.socket:
+    """Return a Unix socket that listens on a path, which only this user may open."""
+    _remove_stale_socket(path)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    previous_mask = os.umask(0o177)
+    try:
+        listener.bind(str(path))
+    except OSError as error:
+        listener.close()
+        raise ValueError(
+            f"socket must be a path that can be made, got {path}: {_reason(error)}"
+        ) from None
+    finally:
+        os.umask(previous_mask)
+    listener.listen(_BACKLOG)
+    return listener
 
 
 def _reason(error: OSError) -> str:

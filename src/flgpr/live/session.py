@@ -1,6 +1,6 @@
 """Live detection.
 
-Scans come from a folder or a socket, alarms go to a file of events and to a callback.
+Scans come from a folder, over sockets or from a recording, alarms go to a file of events and to a callback.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 import flgpr
@@ -24,13 +25,14 @@ from flgpr.chain.model import Model, load_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
-from flgpr.geo import read_anchor
+from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
 from flgpr.live.event_rate import Event
 from flgpr.live.events import (
     EVENT_FILE,
     EventFile,
+    add_places_on_earth,
     alarm_event,
     anew_event,
     as_line,
@@ -38,7 +40,8 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.intake import Intake
-from flgpr.live.senders import SENDERS, SocketWatch
+from flgpr.live.playing import RunPlayer
+from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
 from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
@@ -48,6 +51,7 @@ from flgpr.live.state import (
     take_snapshot,
 )
 from flgpr.live.stream import largest_frame
+from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
@@ -65,7 +69,9 @@ from flgpr.store import (
 )
 from flgpr.store.bundle import PARTIAL
 from flgpr.store.files import write_whole
+from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
+from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.tables import write_table
 
 PathLike = str | Path
@@ -73,6 +79,7 @@ _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the a
 _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
 RECIPE_FILE = "recipe.toml"  # of a run without a given recipe
+LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where it is asked for
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
@@ -98,6 +105,10 @@ class LiveOptions:
     #: an alarm advises to wait for the next look if that changes the decision with at least this
     #: probability
     worth: float = 0.1
+    #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
+    tcp: str | None = None
+    played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
+    rate: float | None = None  #: scans per second of that run; None plays it as it was recorded
 
 
 @dataclass(frozen=True)
@@ -131,8 +142,14 @@ class LiveRun:
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
-        if options.incoming is None and options.socket is None:
-            raise ValueError("live needs a folder or a socket to take scans from, got neither")
+        sources = (options.incoming, options.socket, options.tcp, options.played)
+        if all(source is None for source in sources):
+            raise ValueError(
+                "live needs a folder, a socket, a TCP address or a recording to take scans from, "
+                "got none"
+            )
+        if options.rate is not None and options.played is None:
+            raise ValueError(f"rate goes with a recording that is played, got {options.rate:g}")
         if options.threshold is not None and not np.isfinite(options.threshold):
             raise ValueError(f"threshold must be finite, got {options.threshold}")
         if not 0 <= options.worth <= 1:
@@ -140,6 +157,9 @@ class LiveRun:
         if options.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options = options
+        self._tcp = None if options.tcp is None else parse_tcp(options.tcp)
+        #: where it listens, once it does
+        self.listens_on: TcpAddress | None = None
         self._send_line = tell
         if options.recipe is None and options.model is not None:
             raise ValueError("recipe must be given with a model: it names the model's stages")
@@ -234,10 +254,14 @@ class LiveRun:
         sources: list[threading.Thread] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
+        if self._tcp is not None:
+            sources.append(self._listen_on_tcp(self._tcp))
+        known = set(snapshot[0]["names"]) if snapshot else None
+        if options.played is not None:
+            sources.append(RunPlayer(options.played, self.inbox, options.rate, known))
         with EventFile(self.output / EVENT_FILE, snapshot is None) as events:
             writer = SnapshotWriter(path)
             if options.incoming is not None:
-                known = set(snapshot[0]["names"]) if snapshot else None
                 sources.append(FolderWatch(Path(options.incoming), self.inbox, known))
             if snapshot is not None:
                 self._describe(parse_description(snapshot[0]["run"]), events, snapshot)
@@ -250,6 +274,16 @@ class LiveRun:
                 for source in sources:
                     source.join(2.0)
             return self._finish(events, writer)
+
+    def _listen_on_tcp(self, address: TcpAddress) -> TcpWatch:
+        """Return the source that listens on a TCP address, and note where that is."""
+        watch = TcpWatch(address, self.inbox)
+        self.listens_on = watch.address
+        note = f"listens on {watch.address}"
+        if not watch.address.is_loopback:
+            note += ": whoever reaches this address may send scans, and nothing is encrypted"
+        log_note(note)
+        return watch
 
     def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
         """Process arrivals one by one until the run ends."""
@@ -320,6 +354,7 @@ class LiveRun:
         :meth:`_fit_recipe`, unless an earlier process has made one.
         """
         self.inbox.largest = largest_frame(description)
+        self._use_own_anchor(description, events)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
             recipe = self._fitted_recipe()
@@ -333,6 +368,17 @@ class LiveRun:
             return
         intake = Intake(description, limits=recipe.motion)
         self._build(recipe, intake, events, snapshot)
+
+    def _use_own_anchor(self, description: RunDescription, events: EventFile) -> None:
+        """Use the georeference that a run is described with, unless an anchor was given."""
+        reference = description.attrs.get("georeference")
+        if self._anchor is not None or reference is None:
+            return
+        try:
+            self._anchor = _anchor_on_earth(reference)
+        except ValueError as error:
+            words = f"alarms have places in the lane alone: {error}"
+            events.append([{"event": "problem", "name": RUN_FILE, "words": words}])
 
     def _build(
         self, recipe: Recipe, intake: Intake, events: EventFile, snapshot: Snapshot | None
@@ -441,6 +487,8 @@ class LiveRun:
             event = self._alarm_event(alarm, scan, pose, latency)
             if event.get("wait") is False:
                 events.append(event)
+        if self._anchor is not None:
+            add_places_on_earth(events, self._anchor)
         for event in events:
             if event.get("wait"):
                 self._waiting.add(event["alarm_id"])
@@ -490,7 +538,7 @@ class LiveRun:
         screen = recipe.prescreen
         vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
-        if self._anchor is not None:
+        if self.options.anchor is not None and self._anchor is not None:
             reference = self._anchor.georeference()
         return {
             "event": "start",
@@ -560,6 +608,14 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
         detector.add(Scan(number, float("nan"), pose, signal))
 
 
+def _anchor_on_earth(reference: Any) -> Anchor:
+    """Return the anchor of a run's georeference; one that lies nowhere is a ValueError."""
+    anchor = own_anchor(reference)
+    if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
+        raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
+    return anchor
+
+
 def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
     """Return the event of what became of a scan."""
     pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
@@ -616,6 +672,7 @@ def _check_output(folder: Path) -> None:
     """Refuse a folder that holds anything but the files of a live run."""
     known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
+    known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []
     for entry in entries:

@@ -6,4 +6,4 @@ from flgpr.proving_ground.running import packaged_entries as packaged_entries
 from flgpr.proving_ground.running import run_benchmark as run_benchmark
 from flgpr.proving_ground.table import listing as listing
 from flgpr.proving_ground.table import score_entries as score_entries
-from flgpr.proving_ground.table import write_table as write_table
+from flgpr.proving_ground.table import write_score_tables as write_score_tables

@@ -378,7 +378,7 @@ def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
     return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {p:.2g}"
 
 
-def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
+def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str:
     """Score what is not scored yet, and write the tables and the page.
 
     Parameters

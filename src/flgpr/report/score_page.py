@@ -21,6 +21,7 @@ from flgpr.report.figures import (
     run_view_figure,
 )
 from flgpr.report.kit import render
+from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
 from flgpr.report.trial_block import score_block
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
@@ -206,6 +207,9 @@ def report_html(
         "scored": scored,
         "title": title,
         "sections": sections,
+        "overview": None,
+        "swipe": None,
+        "side_by_side": False,
     }
     alarms = pd.DataFrame()
     if result is not None:
@@ -214,6 +218,7 @@ def report_html(
         alarms = result.detections[0].alarms
     if scored:
         values |= _score_values(scored, worst, alarm_patches or {}, target_patches or {})
+        values["overview"] = score_overview(scored[0], objects)
         values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
         values["bands"] = bands or {}
         values["provenance"] = {**scored[0].rules_summary(), **(notes or {})}
@@ -254,6 +259,9 @@ def _result_values(
     return {
         "run": run,
         "lane": result.lane,
+        "overview": alarm_overview(result.lane, main.alarms),
+        "swipe": before_and_after(result),
+        "side_by_side": is_short(result.lane),
         "views": run_view_figure(result, ["main", *masked], truth, objects),
         "variants": other_views,
         "channels": channel_figure(result),

@@ -29,8 +29,8 @@ from flgpr.results.description import check_description
 from flgpr.results.errors import ResultError
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.results.view_files import plain_json, write_view
-from flgpr.store import canonical_json, seal, sha256
-from flgpr.store.files import check_free_folder, listed_files, read_sealed, write_whole
+from flgpr.store import canonical_json, json_with_digest, sha256
+from flgpr.store.files import check_free_folder, listed_files, read_with_digest, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output, locked_folder
 from flgpr.store.tables import parse_columns, parse_own_table, write_geojson, write_table
@@ -60,6 +60,11 @@ class Result:
     lane: Lane  #: ground that was searched
     detections: list[Detection]  #: that of its recipe first, then those of recipes beside it
     recipe_text: str = ""  #: TOML of the recipe
+
+    @property
+    def alarms(self) -> pd.DataFrame:
+        """Alarms of the result's own recipe, the most mine-like first."""
+        return self.detections[0].alarms
 
     def files(self) -> Folder:
         """Return the folder's files, as the manifest that was read lists them."""
@@ -257,7 +262,9 @@ def _manifest(content: dict[str, Any], added: Added) -> bytes:
         digests[name] = [digest for digest, _ in versions]
         sizes[name] = [size for _, size in versions]
     identity = sha256(canonical_json(content))
-    return seal({**content, "identity": identity, "added": digests, "added_sizes": sizes})
+    return json_with_digest(
+        {**content, "identity": identity, "added": digests, "added_sizes": sizes}
+    )
 
 
 def _added_versions(manifest: Mapping[str, Any]) -> dict[str, list[Version]]:
@@ -353,7 +360,7 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """
     folder = Path(folder)
     try:
-        manifest = read_sealed(folder, MANIFEST)
+        manifest = read_with_digest(folder, MANIFEST)
         if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
         _check_origin(manifest)

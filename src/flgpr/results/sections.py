@@ -15,8 +15,8 @@ import pandas as pd
 from flgpr.door import DoorError, Folder
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.store import seal, sha256
-from flgpr.store.files import listed_files, read_sealed, write_whole
+from flgpr.store import json_with_digest, sha256
+from flgpr.store.files import listed_files, read_with_digest, write_whole
 from flgpr.store.tables import parse_lane, parse_own_table
 
 FORMAT = "flgpr-sections"
@@ -78,7 +78,7 @@ def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, An
         "files": digests,
         "sizes": sizes,
     }
-    write_whole(folder / SECTIONS, seal(content))
+    write_whole(folder / SECTIONS, json_with_digest(content))
 
 
 def read_sections(folder: str | Path) -> Sections:
@@ -91,7 +91,7 @@ def read_sections(folder: str | Path) -> Sections:
     """
     folder = Path(folder)
     try:
-        content = read_sealed(folder, SECTIONS)
+        content = read_with_digest(folder, SECTIONS)
         if content["format"] != FORMAT or content["version"] != VERSION:
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
         digests = {name: content["files"][name] for name in _JOINT_FILES}
@@ -128,4 +128,16 @@ def _check_section(folder: Path, home: Path, name: str, identity: str) -> None:
 
 def _identity(home: Path) -> str:
     """Return the identity of a result, which does not change when pages and scores are added."""
-    return str(read_sealed(home, _MANIFEST)["identity"])
+    return str(read_with_digest(home, _MANIFEST)["identity"])
+
+
+def results_at(folder: str | Path) -> list[Path]:
+    """Return the result folders of a lane: the folder itself, or those of its sections in order."""
+    folder = Path(folder)
+    return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
+
+
+def section_names(count: int) -> list[str]:
+    """Return the names of the folders of a lane's sections, which sort as they are numbered."""
+    width = max(2, len(str(count)))
+    return [f"section-{number:0{width}d}" for number in range(1, count + 1)]

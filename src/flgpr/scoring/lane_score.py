@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -23,6 +24,8 @@ COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _SAME_IN_ALL_ROWS = ("n_targets", "area")
 _FEW_HALOS = 20
 _COMMON_RATES = (0.005, 0.01, 0.02, 0.05, 0.1)
+_MINES = {"metal", "plastic"}  # kinds of target that are mines; simulants are not
+_MOST_NAMED = 3  # missed targets that a sentence names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +137,38 @@ class Score:
             f"Pd {point['pd']:.2f}, {100 * self.rules.level:g} % interval "
             f"{point['pd_low']:.2f} to {point['pd_high']:.2f}, chance {by_chance}"
         )
+
+    @property
+    def noun(self) -> str:
+        """What the targets are called: "mine" where all of them are mines, else "target"."""
+        kinds = set(self.matched.truth["kind"].astype(str))
+        return "mine" if kinds and kinds <= _MINES else "target"
+
+    def in_plain_words(self, when: str = "") -> str:
+        """Return a sentence on what is found and missed that asks for no knowledge of scoring.
+
+        Parameters
+        ----------
+        when : str
+            What is said of when they were found, such as " before the vehicle reached them".
+        """
+        point = self.point
+        n_targets = int(point["n_targets"])
+        if not n_targets:
+            last = self.curve.iloc[-1]
+            false_alarms = _counted(int(last["n_false"]), "false alarm")
+            return f"There was nothing to find: {false_alarms} on {_square_metres(last['area'])}"
+        sentence = (
+            f"{point['n_detected']:.0f} of {_counted(n_targets, self.noun)} "
+            f"{'was' if n_targets == 1 else 'were'} found{when}, "
+            f"with {_counted(int(point['n_false']), 'false alarm')}"
+        )
+        if point["area"] > 0:
+            sentence += f" on {_square_metres(point['area'])} of other ground"
+        missed = self.missed()
+        if 0 < len(missed) <= _MOST_NAMED:
+            sentence += f"; missed: {', '.join(map(_named, missed.to_dict('records')))}"
+        return sentence
 
     def kinds(self) -> dict[str, pd.DataFrame]:
         """Compute the curve of each kind of target, and the Pd that chance gives for it."""
@@ -279,6 +314,26 @@ class Score:
             "pd_mean": mean,
             "points": points.to_dict("records"),
         }
+
+
+def _counted(count: int, noun: str) -> str:
+    """Return a number and what is counted, in the singular or plural."""
+    return f"{count or 'no'} {noun}{'' if count == 1 else 's'}"
+
+
+def _square_metres(area: float) -> str:
+    """Return an area, m², to three digits or to the square metre."""
+    return f"{area:.0f} m²" if area >= 100 else f"{area:.3g} m²"
+
+
+def _named(target: Mapping[Any, Any]) -> str:
+    """Return a target by its kind and depth."""
+    depth = 100 * target["depth"]
+    if math.isnan(depth):
+        return f"{target['kind']}"
+    if depth <= 0:
+        return f"{target['kind']} on the ground"
+    return f"{target['kind']} {depth:.3g} cm deep"
 
 
 def score(

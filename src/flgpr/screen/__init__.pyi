@@ -6,7 +6,7 @@ from flgpr.screen.clusters import fit_ellipse as fit_ellipse
 from flgpr.screen.clusters import fuse_clusters as fuse_clusters
 from flgpr.screen.clusters import learn_thresholds as learn_thresholds
 from flgpr.screen.clusters import prescreen_clusters as prescreen_clusters
-from flgpr.screen.labels import label_alarms as label_alarms
+from flgpr.screen.labels import label_training_alarms as label_training_alarms
 from flgpr.screen.maxima import counts as counts
 from flgpr.screen.maxima import density_threshold as density_threshold
 from flgpr.screen.maxima import frame_alarms as frame_alarms

@@ -12,7 +12,7 @@ FALSE = "false"
 NEITHER = "neither"
 
 
-def label_alarms(
+def label_training_alarms(
     alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: float = 1.0
 ) -> pd.DataFrame:
     """Return the labels of alarms: hits, each with its closest target, false alarms or neither.

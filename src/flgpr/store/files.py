@@ -5,7 +5,6 @@ A file that is written here holds either its old or its new content, whenever th
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -17,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from flgpr import system
 from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, open_own, parse_json
 
@@ -121,6 +121,21 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
+def naming_output(output: Path) -> Iterator[None]:
+    """Make a system error about a folder beside an output name the output, as a user typed it.
+
+    The folder has the name of the output with an ending, such as ``.work``.
+    """
+    try:
+        yield
+    except OSError as error:
+        if str(error.filename or "").startswith(f"{output}."):
+            error.filename = str(output)
+            error.filename2 = None
+        raise
+
+
+@contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
     """Turn an error about the content of a file into a ValueError that names the file."""
     try:
@@ -156,6 +171,9 @@ def write_whole(path: Path, data: bytes | str) -> None:
         If the file cannot be written; the error names it.
     """
     content = data.encode() if isinstance(data, str) else data
+    if not system.OPENS_FOLDERS:
+        _write_under_own_name(path, content)
+        return
     temporary = path.with_name(path.name + ".partial")
     with writing(path), _open_alone(temporary) as file:
         if _holds(path, content):
@@ -180,18 +198,39 @@ def _holds(path: Path, content: bytes) -> bool:
         return file.read() == content
 
 
+def _write_under_own_name(path: Path, content: bytes) -> None:
+    """Write a file where an open file cannot be renamed.
+
+    It is closed before it is renamed, so that no lock can last until then: every process writes
+    under a temporary name of its own. What a killed process leaves stays.
+    """
+    with writing(path):
+        if _holds(path, content):
+            return
+        temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}.partial")
+        try:
+            with temporary.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
 def _open_alone(temporary: Path) -> BinaryIO:
     """Open an empty file that no other process writes.
 
     A file that a killed process left is emptied and used again.
     """
-    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    flags = os.O_RDWR | os.O_CREAT | system.NO_LINK | system.AT_ONCE | system.PLAIN
     while True:
         if os.path.lexists(temporary) and not stat.S_ISREG(temporary.lstat().st_mode):
             temporary.unlink()  # a link, which would lead elsewhere, or a pipe
         file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(file, fcntl.LOCK_EX)
+            system.lock(file, wait=True)
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file.fileno()), temporary.lstat()):
                 file.truncate(0)
@@ -290,7 +329,7 @@ def merge_tables(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str
     return merged
 
 
-def seal(content: Mapping[str, Any]) -> bytes:
+def json_with_digest(content: Mapping[str, Any]) -> bytes:
     """Return a JSON object as text with its own SHA-256 as last entry.
 
     Parameters
@@ -314,13 +353,13 @@ def seal(content: Mapping[str, Any]) -> bytes:
     return json.dumps(with_digest, indent=1, allow_nan=False).encode() + b"\n"
 
 
-def unseal(data: bytes) -> dict[str, Any]:
-    """Read the JSON object that :func:`seal` wrote, and check it.
+def parse_with_digest(data: bytes) -> dict[str, Any]:
+    """Read the JSON object that :func:`json_with_digest` wrote, and check it.
 
     Parameters
     ----------
     data : bytes
-        Text of :func:`seal`.
+        Text of :func:`json_with_digest`.
 
     Returns
     -------
@@ -335,7 +374,7 @@ def unseal(data: bytes) -> dict[str, Any]:
     try:
         with_digest = parse_json(data)
         content = {name: value for name, value in with_digest.items() if name != "sha256"}
-        is_unaltered = seal(content) == data
+        is_unaltered = json_with_digest(content) == data
     except (ValueError, AttributeError) as error:
         raise ValueError(f"it cannot be read ({error})") from None
     if not is_unaltered:
@@ -343,9 +382,9 @@ def unseal(data: bytes) -> dict[str, Any]:
     return dict(with_digest)
 
 
-def read_sealed(folder: str | Path, name: str) -> dict[str, Any]:
-    """Read a file of :func:`seal` in an untrusted folder; an altered one is a ValueError."""
-    return unseal(Folder(folder).read(name, MOST_JSON))
+def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:
+    """Read a file of an untrusted folder by :func:`parse_with_digest`."""
+    return parse_with_digest(Folder(folder).read(name, MOST_JSON))
 
 
 def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:

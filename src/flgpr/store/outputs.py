@@ -6,7 +6,6 @@ and the next process that makes the output removes it.
 
 from __future__ import annotations
 
-import fcntl
 import filecmp
 import logging
 import os
@@ -15,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from flgpr import system
 from flgpr.append_log import sync_directory
 from flgpr.store.files import replace_folder, sync_file, writing
 
@@ -61,41 +61,72 @@ def output_exists_error(
 
 
 @contextmanager
-def locked_folder(folder: Path, wait: bool = False) -> Iterator[None]:
+def locked_folder(folder: Path, wait: bool = False, output: Path | None = None) -> Iterator[None]:
     """Lock a folder, made if need be, so that no other process writes there.
 
-    If one does already, that is a BusyError, or with ``wait`` this process waits for it.
+    If one does already, that is a BusyError, or with ``wait`` this process waits for it. The error
+    names the ``output`` that is made in the folder, by default the folder itself.
     """
-    handle = _hold(folder, wait)
+    hold = _hold if system.OPENS_FOLDERS else _hold_beside
+    handle = hold(folder, wait, output or folder)
     try:
         yield
     finally:
         os.close(handle)
+        if not system.OPENS_FOLDERS:
+            with suppress(OSError):  # another process waits for it
+                _lock_file_of(folder).unlink()
 
 
-def _hold(folder: Path, wait: bool) -> int:
+def _hold(folder: Path, wait: bool, output: Path) -> int:
     """Open and lock a folder, again and again while other processes remove it meanwhile."""
-    mode = fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB
     while True:
         folder.mkdir(exist_ok=True)
         try:
-            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            handle = os.open(folder, os.O_RDONLY | system.DIRECTORY | system.NO_LINK)
         except FileNotFoundError:
             continue
         try:
-            fcntl.flock(handle, mode)
-        except BlockingIOError:
+            _lock(handle, output, wait)
+        except BusyError:
             os.close(handle)
-            raise BusyError(
-                f"{folder}: another process is writing here: wait until it is done, "
-                "or choose another output"
-            ) from None
+            raise
         except OSError:  # a file system without locks
             return handle
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(handle), folder.stat()):
                 return handle
         os.close(handle)
+
+
+def _lock(handle: int, output: Path, wait: bool) -> None:
+    """Lock what stands for a folder; a lock of another process is a BusyError on the output."""
+    try:
+        system.lock(handle, wait=wait)
+    except BlockingIOError:
+        raise BusyError(
+            f"{output}: another process is writing here: wait until it is done, "
+            "or choose another output"
+        ) from None
+
+
+def _lock_file_of(folder: Path) -> Path:
+    """Return the file that is locked in place of a folder that cannot be opened."""
+    return folder.with_name(folder.name + ".lock")
+
+
+def _hold_beside(folder: Path, wait: bool, output: Path) -> int:
+    """Make a folder and lock a file beside it, where a folder cannot be opened."""
+    folder.mkdir(exist_ok=True)
+    handle = os.open(_lock_file_of(folder), os.O_RDWR | os.O_CREAT | system.PLAIN, 0o666)
+    try:
+        _lock(handle, output, wait)
+    except BusyError:
+        os.close(handle)
+        raise
+    except OSError:  # a file system without locks
+        pass
+    return handle
 
 
 @contextmanager
@@ -127,7 +158,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
         If it cannot be written; the error names the output.
     """
     partial = _partial_of(path)
-    with writing(path), locked_folder(partial):
+    with writing(path), locked_folder(partial, output=path):
         _empty(partial)
         temporary = partial / path.name
         try:

@@ -26,6 +26,7 @@ from flgpr.store.files import (
     sha256,
     sync_file,
     write_whole,
+    writing,
 )
 from flgpr.store.journal import (
     JOURNAL,
@@ -46,9 +47,12 @@ from flgpr.store.run_store import (
     manifest_bytes,
     read_manifest,
 )
+from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
 
 MADE_OF = "made-of.json"
 """File that records what a store's scans depend on, by which the same call knows it again."""
+GROUP = "zarr.json"
+"""File that describes a group or an array of Zarr."""
 _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it grows
 _SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
 
@@ -65,7 +69,8 @@ class RunExistsError(FileExistsError):
         else:
             content = "which holds something else or a damaged store"
         super().__init__(
-            f"path must not exist yet, got {path}, {content}: move it away or choose another output"
+            f"output must not exist yet, got {path}, {content}: "
+            "move it away or choose another output"
         )
 
 
@@ -174,9 +179,10 @@ class RunWriter:
         """Return the journal of this run, which no other process holds."""
         self._check_free(overwrite)
         try:
-            journal = Journal(self._partial, self._about, resume)
+            with writing(self.path):
+                journal = Journal(self._partial, self._about, resume)
         except JournalError as error:
-            raise RunStoreError(str(error)) from error
+            raise RunStoreError(f"{self.path}: {error}") from error
         try:
             # Another process may have committed the run before the journal was free.
             self._check_free(overwrite)
@@ -275,6 +281,7 @@ class RunWriter:
                 "attrs": self._attrs,
             }
         )
+        _consolidate(self._partial)
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
             made_of = {"commit": digest, "about": self._about}
@@ -391,6 +398,7 @@ class RunWriter:
             compressors=[Crc32cCodec()],
             filters=[],
             dimension_names=list(map(str, dims)),
+            attributes=VARIABLE_ATTRS[name],
             config={"write_empty_chunks": True},
         )
 
@@ -542,6 +550,16 @@ def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
         return difference(stored["about"], parse_json(canonical_json(about)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
+
+
+def _consolidate(root: Path) -> None:
+    """Let the group's description repeat those of its arrays."""
+    arrays = {}
+    for name in DIMS:
+        arrays[name] = parse_json((root / name / GROUP).read_bytes())
+    group = parse_json((root / GROUP).read_bytes())
+    text = json.dumps(consolidated_group(group, arrays), indent=2)
+    write_whole(root / GROUP, text)
 
 
 def _write_manifest(root: Path, scans: int) -> str:

@@ -25,6 +25,26 @@ DIMS = {
     "frequency": ("frequency",),
     "time": ("scan",),
 }
+VARIABLE_ATTRS = {
+    "signal": {"units": "1", "long_name": "received field over transmitted field"},
+    "valid": {"units": "1", "long_name": "whether a sweep is finite, and so used"},
+    "pose": {
+        "units": "m m m rad rad rad",
+        "long_name": "x, y, z, heading, pitch, roll of the vehicle frame in the lane frame",
+    },
+    "tx_position": {
+        "units": "m",
+        "long_name": "x, y, z of a pair's transmitting antenna in the vehicle frame",
+    },
+    "rx_position": {
+        "units": "m",
+        "long_name": "x, y, z of a pair's receiving antenna in the vehicle frame",
+    },
+    "frequency": {"units": "Hz", "long_name": "frequency", "standard_name": "radiation_frequency"},
+    "time": {"units": "s", "long_name": "time of the scan"},
+    "polarization": {"long_name": "transmitted and received polarization"},
+}
+"""Units and names of a run's variables, by the CF conventions where these have a word for them."""
 _KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
 _WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
 _CRC = 4
@@ -62,12 +82,14 @@ def check_declared(
     ValueError
         If the store declares anything else than a run, or too much memory.
     """
-    _description(files, read, "zarr.json", "group")
+    group = _description(files, read, "zarr.json", "group")
+    consolidated = _consolidated(group)
     layouts: dict[str, Layout] = {}
     sizes = {"axis": 3, "component": 6}
     needed = 0.0
     for name, dims in DIMS.items():
-        layout = _layout(name, _description(files, read, f"{name}/zarr.json", "array"))
+        description = _description(files, read, f"{name}/zarr.json", "array")
+        layout = _layout(name, description)
         for dim, length in zip(dims, layout.shape, strict=True):
             if sizes.setdefault(dim, length) != length:
                 raise ValueError(
@@ -82,6 +104,10 @@ def check_declared(
                 f"(shape {layout.shape}, chunks {layout.chunks})"
             )
         _check_chunks(name, layout, files)
+        if consolidated is not None and consolidated.get(name) != description:
+            raise ValueError(
+                f"{name}: the group's consolidated metadata must be the array's own, got others"
+            )
         layouts[name] = layout
     return layouts
 
@@ -109,6 +135,28 @@ def _description(
     if not is_zarr_3 or description.get("node_type") != kind:
         raise ValueError(f"{key} must describe a Zarr v3 {kind}")
     return dict(description)
+
+
+def _consolidated(group: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the descriptions of arrays that the group repeats; None if it repeats none."""
+    stated = group.get("consolidated_metadata")
+    if stated is None:
+        return None
+    metadata = stated.get("metadata") if isinstance(stated, dict) else None
+    if not isinstance(metadata, dict):
+        raise ValueError("zarr.json: consolidated_metadata must hold the arrays' metadata")
+    return metadata
+
+
+def consolidated_group(
+    group: Mapping[str, Any], arrays: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return a group's description that repeats those of its arrays.
+
+    Libraries then open a store without listing its folder, as Zarr and xarray would rather.
+    """
+    consolidated = {"kind": "inline", "must_understand": False, "metadata": dict(arrays)}
+    return {**group, "consolidated_metadata": consolidated}
 
 
 def _layout(name: str, description: dict[str, Any]) -> Layout:

@@ -27,7 +27,7 @@ from flgpr.store import (
     verdict_bytes,
     write_whole,
 )
-from flgpr.store.files import listed_files, read_sealed
+from flgpr.store.files import listed_files, read_with_digest
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT = "flgpr-view"
@@ -62,7 +62,7 @@ class ResultFiles:
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
         try:
-            manifest = read_sealed(self.folder, _MANIFEST)
+            manifest = read_with_digest(self.folder, _MANIFEST)
             self.identity: str = manifest["identity"]
             self._files = listed_files(self.folder, manifest)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -123,7 +123,7 @@ class ResultFiles:
         if self._other_score is not None:
             return Folder(self._other_score)
         try:
-            return listed_files(self.folder, read_sealed(self.folder, _MANIFEST))
+            return listed_files(self.folder, read_with_digest(self.folder, _MANIFEST))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read: {error}") from None
 

@@ -1,4 +1,4 @@
-"""Training and scoring of the study's detectors on the images of one lane."""
+"""Train and score the detectors of the study on the images of one lane."""
 
 from __future__ import annotations
 
@@ -50,52 +50,56 @@ class Training:
 class Peaks:
     """Values in boxes of one detector on one lane."""
 
-    #: target, clutter: peaks in the boxes at the mines and off them
-    target: list[float] = field(default_factory=list)
-    clutter: list[float] = field(default_factory=list)
-    #: target_quantile, clutter_quantile: high quantiles of the same boxes
-    target_quantile: list[float] = field(default_factory=list)
-    clutter_quantile: list[float] = field(default_factory=list)
+    target: list[float] = field(default_factory=list)  #: peaks in the boxes at the mines
+    clutter: list[float] = field(default_factory=list)  #: peaks in the boxes away from them
+    target_quantile: list[float] = field(default_factory=list)  #: high quantiles at the mines
+    clutter_quantile: list[float] = field(default_factory=list)  #: high quantiles away from them
     depth: list[float] = field(default_factory=list)  #: depth of each mine, m
-    rock: list[bool] = field(
-        default_factory=list
-    )  #: whether a rock lies in or near each clutter box
+    rock: list[bool] = field(default_factory=list)  #: whether a rock is in or near a clutter box
 
 
 def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
-    """Take target cuts and clutter from training looks and whiten them."""
+    """Take target cuts and clutter from training looks and whiten them.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    looks : sequence of Look
+        The training looks of a lane.
+    """
     shape = (recipe.cut.length, 1)
-    taken = [samples_at(look.image, look.place[None], recipe.cuts) for look in looks]
-    cuts, clutter, pixels = zip(*taken, strict=True)
-    surveyed = [
-        range_cuts(
-            look.image, (look.place + [0.0, look.shift])[None], shape, recipe.cut.polarizations
-        )
-        for look in looks
-    ]
-    samples = np.concatenate(clutter)
-    whitener, unshrunk = (
-        ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample")
-    )
-    energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))
-    white, placed = (whitener.transform(np.concatenate(arrays)) for arrays in (cuts, surveyed))
+    target_cuts = []
+    clutter_cuts = []
+    clutter_pixels = []
+    surveyed_cuts = []
+    for look in looks:
+        samples = samples_at(look.image, look.position[None], recipe.cuts)
+        target_cuts.append(samples.target)
+        clutter_cuts.append(samples.clutter)
+        clutter_pixels.append(samples.pixel)
+        surveyed = (look.position + [0.0, look.shift])[None]
+        surveyed_cuts.append(range_cuts(look.image, surveyed, shape, recipe.cut.polarizations))
+    clutter = np.concatenate(clutter_cuts)
+    whitener = ClutterWhitener(recipe.training.moments).fit(clutter)
+    unshrunk = ClutterWhitener("sample").fit(clutter)
+    energy = np.sum(np.abs(whitener.transform(clutter)) ** 2, axis=1)
     return Training(
-        whitener,
-        white,
-        placed,
-        np.concatenate(pixels).astype(np.complex128),
-        unshrunk,
-        energy,
-        samples,
+        whitener=whitener,
+        white=whitener.transform(np.concatenate(target_cuts)),
+        surveyed=whitener.transform(np.concatenate(surveyed_cuts)),
+        pixels=np.concatenate(clutter_pixels).astype(np.complex128),
+        unshrunk=unshrunk,
+        clutter_energy=float(np.mean(energy)),
+        clutter=clutter,
     )
 
 
 def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:
-    """Range cut through a mine where it appears, (1, n_features)."""
+    """Return the range cut (1, n_features) through a mine where it appears."""
     shape = (recipe.cut.length, 1)
-    return range_cuts(
-        look.image, look.place[None], shape, recipe.cut.polarizations, recipe.training.search
-    )
+    names = recipe.cut.polarizations
+    return range_cuts(look.image, look.position[None], shape, names, recipe.training.search)
 
 
 def chip_detector(
@@ -105,7 +109,21 @@ def chip_detector(
     length: int,
     **notes: str,
 ) -> ChipDetector:
-    """Put whitening and forms together; without a whitener the forms act on pixels as imaged."""
+    """Return a detector of whitening and forms.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    forms : sequence of LinearQuadraticForm
+        Forms of whitened cuts.
+    whitener : ClutterWhitener or None
+        None for forms that act on pixels as imaged.
+    length : int
+        Length of a cut, pixels.
+    **notes
+        What is stored with the detector.
+    """
     if whitener is not None:
         forms = [form.after(whitener.mean_, whitener.matrix_) for form in forms]
     dx, dy = recipe.image.spacing
@@ -116,60 +134,95 @@ def detectors(
     recipe: StudyRecipe,
     training: Training,
     signatures: ComplexArray | None = None,
-    other: ComplexArray | None = None,
+    sand_cuts: ComplexArray | None = None,
 ) -> dict[str, ChipDetector]:
-    """Make every detector of the study for one lane, by name.
+    """Return every detector of the study for one lane, by name.
 
-    ``HH``, ``VV``, ``PWF``, ``rank 1`` and more.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    training : Training
+        What the lane's training looks teach.
+    signatures : (n_samples, n_features) ndarray, optional
+        Cuts of simulated mines, for the detector "trained on simulation".
+    sand_cuts : (n_samples, n_features) ndarray, optional
+        Whitened target cuts of dry sand, for the detector "trained on sand".
+
+    Returns
+    -------
+    dict
+        ``HH``, ``VV``, ``PWF``, ``rank 1`` and more.
     """
     length = recipe.cut.length
     whitener = training.whitener
-    white = training.white
-    ddof = recipe.detector.ddof
     rank = recipe.detector.rank
-    channels = len(recipe.cut.polarizations)
-    chip_detectors = {
-        name: chip_detector(recipe, [magnitude_form(channels, k)], None, 1)
-        for k, name in enumerate(recipe.cut.polarizations)
-    }
-    chip_detectors["PWF"] = chip_detector(
-        recipe, PolarimetricWhiteningFilter().fit(training.pixels).forms_, None, 1
-    )
-    trained = {f"rank {r}": DeflectionDetector(r, ddof).fit(white) for r in recipe.detector.ranks}
-    trained |= {
-        "matched filter": DeflectionDetector(0, ddof).fit(white),
-        "Neyman-Pearson": NeymanPearsonDetector(rank).fit(white),
-        "gamma 0.5": DeflectionDetector(rank, ddof, gamma=0.5).fit(white),
-        "placed by survey": DeflectionDetector(rank, ddof).fit(training.surveyed),
-        "clipped": DeflectionDetector(rank, moments="clipped").fit(white),
-    }
-    if len(white) >= LEAST_OGK:
-        trained["robust"] = DeflectionDetector(rank, moments="ogk").fit(white)
-    if other is not None:
-        trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(other)
+    chip_detectors = _pixel_detectors(recipe, training)
     if signatures is not None:
         mean, covariance = sample_moments(calibrated(training, signatures))
         form = deflection_form(mean, covariance, rank=rank)
         chip_detectors["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
-    deflection = DeflectionDetector(rank, ddof).fit(_rewhitened(training))
+    unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(_rewhitened(training))
     chip_detectors["unshrunk clutter"] = chip_detector(
-        recipe, deflection.forms_, training.unshrunk, length, detector=repr(deflection)
+        recipe, unshrunk.forms_, training.unshrunk, length, detector=repr(unshrunk)
     )
-    for name, detector in trained.items():
+    for name, detector in _cut_detectors(recipe, training, sand_cuts).items():
         chip_detectors[name] = chip_detector(
             recipe, detector.forms_, whitener, length, detector=repr(detector)
         )
     return chip_detectors
 
 
+def _pixel_detectors(recipe: StudyRecipe, training: Training) -> dict[str, ChipDetector]:
+    """Return the detectors of single pixels: the polarizations, and their whitening filter."""
+    polarizations = recipe.cut.polarizations
+    pixel_detectors = {}
+    for k, name in enumerate(polarizations):
+        form = magnitude_form(len(polarizations), k)
+        pixel_detectors[name] = chip_detector(recipe, [form], None, 1)
+    pwf = PolarimetricWhiteningFilter().fit(training.pixels)
+    pixel_detectors["PWF"] = chip_detector(recipe, pwf.forms_, None, 1)
+    return pixel_detectors
+
+
+def _cut_detectors(
+    recipe: StudyRecipe, training: Training, sand_cuts: ComplexArray | None
+) -> dict[str, DeflectionDetector | NeymanPearsonDetector]:
+    """Return the detectors of whitened cuts: the ranks of the study, and what is tried beside."""
+    white = training.white
+    rank = recipe.detector.rank
+    ddof = recipe.detector.ddof
+    trained: dict[str, DeflectionDetector | NeymanPearsonDetector] = {}
+    for number in recipe.detector.ranks:
+        trained[f"rank {number}"] = DeflectionDetector(number, ddof).fit(white)
+    trained["matched filter"] = DeflectionDetector(0, ddof).fit(white)
+    trained["Neyman-Pearson"] = NeymanPearsonDetector(rank).fit(white)
+    trained["gamma 0.5"] = DeflectionDetector(rank, ddof, gamma=0.5).fit(white)
+    trained["placed by survey"] = DeflectionDetector(rank, ddof).fit(training.surveyed)
+    trained["clipped"] = DeflectionDetector(rank, moments="clipped").fit(white)
+    if len(white) >= LEAST_OGK:
+        trained["robust"] = DeflectionDetector(rank, moments="ogk").fit(white)
+    if sand_cuts is not None:
+        trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(sand_cuts)
+    return trained
+
+
 def _rewhitened(training: Training) -> ComplexArray:
-    """Target cuts whitened by sample moments instead."""
+    """Return the target cuts whitened by sample moments instead."""
     back = np.linalg.solve(training.whitener.matrix_, training.white.T).T + training.whitener.mean_
     return np.asarray(training.unshrunk.transform(back))
 
 
 def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
-    """Scale simulated signatures to the examples' mean energy over the clutter, and whiten them."""
+    """Whiten simulated signatures and scale them to the examples' mean energy over the clutter.
+
+    Parameters
+    ----------
+    training : Training
+        What a lane's training looks teach.
+    signatures : (n_samples, n_features) ndarray
+        Cuts of simulated mines.
+    """
     white = signatures @ training.whitener.matrix_.T
     energy = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
     white *= np.sqrt(max(energy, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
@@ -177,36 +230,49 @@ def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
 
 
 def score_looks(
-    recipe: StudyRecipe, looks: Sequence[Look], made: dict[str, ChipDetector]
+    recipe: StudyRecipe, looks: Sequence[Look], chip_detectors: dict[str, ChipDetector]
 ) -> dict[str, Peaks]:
-    """Take the peaks of every detector in the boxes of test looks."""
-    peaks = {name: Peaks() for name in made}
+    """Return the peaks of every detector in the boxes of test looks.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    looks : sequence of Look
+        The test looks of a lane.
+    chip_detectors : dict of ChipDetector
+        Detectors by name.
+    """
+    peaks = {name: Peaks() for name in chip_detectors}
     score = recipe.score
-    half = recipe.radar.stop_spacing / 2
+    half_step = recipe.radar.stop_spacing / 2
     area = {
         "x_min": recipe.image.x[0],
         "x_max": recipe.image.x[1],
-        "y_min": recipe.radar.range - half,
-        "y_max": recipe.radar.range + half,
+        "y_min": recipe.radar.range - half_step,
+        "y_max": recipe.radar.range + half_step,
     }
     for look in looks:
         stack, _ = stack_channels(look.image, recipe.cut.polarizations)
         x = look.image["x"].values
         y = look.image["y"].values
-        off = offset_boxes(look.place[None], area, score.box, score.clearance)
-        apart = np.abs(off[:, None] - look.rocks[None]).max(axis=-1)
-        rock = (apart <= score.box / 2 + score.rock).any(axis=1)
-        for name, detector in made.items():
+        mine_box = look.position[None]
+        clutter_boxes = offset_boxes(mine_box, area, score.box, score.clearance)
+        distance = np.abs(clutter_boxes[:, None] - look.rocks[None]).max(axis=-1)
+        has_rock = (distance <= score.box / 2 + score.rock).any(axis=1)
+        for name, detector in chip_detectors.items():
             value = detector.likelihood(stack)
-            at, high = box_values(value, x, y, look.place[None], score.box, score.quantile)
-            around, high_around = box_values(value, x, y, off, score.box, score.quantile)
+            target, target_quantile = box_values(value, x, y, mine_box, score.box, score.quantile)
+            clutter, clutter_quantile = box_values(
+                value, x, y, clutter_boxes, score.box, score.quantile
+            )
             scores = peaks[name]
-            scores.target += at.tolist()
-            scores.target_quantile += high.tolist()
-            scores.clutter += around.tolist()
-            scores.clutter_quantile += high_around.tolist()
+            scores.target += target.tolist()
+            scores.target_quantile += target_quantile.tolist()
+            scores.clutter += clutter.tolist()
+            scores.clutter_quantile += clutter_quantile.tolist()
             scores.depth.append(look.depth)
-            scores.rock += rock.tolist()
+            scores.rock += has_rock.tolist()
     return peaks
 
 
@@ -218,9 +284,25 @@ def box_values(
     box: float,
     quantile: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Peak and quantile of a map in boxes (box, 2).
+    """Return the peak and a quantile (box,) of a map in boxes.
 
-    NaN pixels are left out, NaN for a box without any other.
+    Parameters
+    ----------
+    image : (y, x) ndarray
+        The map; NaN pixels are left out.
+    x, y : (n,) ndarray
+        Axes of the map, m.
+    centre : (box, 2) ndarray
+        Centres of the boxes, m.
+    box : float
+        Side of a box, m.
+    quantile : float
+        Probability of the quantile.
+
+    Returns
+    -------
+    peak, quantile : (box,) ndarray
+        NaN for a box without any other pixel than NaN.
     """
     peak = np.full(len(centre), np.nan)
     high = np.full(len(centre), np.nan)
@@ -236,25 +318,32 @@ def box_values(
 
 
 def _quantile(values: NDArray[np.float32], share: float) -> float:
-    """Return a quantile by linear interpolation.
-
-    For small arrays this is much quicker than NumPy's.
-    """
+    """Return a quantile by linear interpolation; for small arrays much quicker than NumPy's."""
     below, fraction = divmod(share * (values.size - 1), 1)
     k = int(below)
-    low, high = np.partition(values, [k, min(k + 1, values.size - 1)])[
-        [k, min(k + 1, values.size - 1)]
-    ]
+    neighbours = [k, min(k + 1, values.size - 1)]
+    low, high = np.partition(values, neighbours)[neighbours]
     return float(low + fraction * (high - low))
 
 
 def eigenvalue_ratios(
     recipe: StudyRecipe, training: Training, cuts: ComplexArray | None = None
 ) -> FloatArray:
-    """Return the largest six eigenvalues of Â over the first (Sec. IV-A).
+    """Return the largest six eigenvalues of Â over the first (Cosgrove et al. 2004, Sec. IV-A).
 
-    NaN in directions that no example reaches. ``cuts`` (n_samples, n_features) are whitened target
-    cuts, those of the training without any.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    training : Training
+        What a lane's training looks teach.
+    cuts : (n_samples, n_features) ndarray, optional
+        Whitened target cuts; those of the training by default.
+
+    Returns
+    -------
+    (6,) ndarray
+        NaN in directions that no example reaches.
     """
     examples = training.white if cuts is None else cuts
     detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
@@ -265,10 +354,11 @@ def eigenvalue_ratios(
 
 
 def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
-    """Return the first six eigenvectors of Â as rows of norm one, whitening undone.
+    """Return the first six eigenvectors (6, n_features) of Â, whitening undone, of norm one.
 
-    Cosgrove et al. 2004, Fig. 6.
+    See Cosgrove et al. 2004, Fig. 6.
     """
-    vectors = DeflectionDetector(6, recipe.detector.ddof).fit(training.white).forms_[0].vectors
+    detector = DeflectionDetector(6, recipe.detector.ddof).fit(training.white)
+    vectors = detector.forms_[0].vectors
     rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

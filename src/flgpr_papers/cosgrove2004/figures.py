@@ -31,21 +31,14 @@ def geometry(recipe: StudyRecipe) -> Figure:
     y0, y1 = recipe.image.y
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     plan, side = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    plan.plot(
-        tx[:, 1],
-        tx[:, 0],
-        ".",
-        ms=3,
-        color="#1b5e9b",
-        label=f"{len(tx)} positions of the antenna pair",
-    )
-    plan.add_patch(
-        Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image")
-    )
+    antennas = f"{len(tx)} positions of the antenna pair"
+    plan.plot(tx[:, 1], tx[:, 0], ".", ms=3, color="#1b5e9b", label=antennas)
+    image = Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image")
+    plan.add_patch(image)
     half = recipe.radar.stop_spacing / 2
-    plan.add_patch(
-        Rectangle((far - half, x0), 2 * half, x1 - x0, color="#ddd", label="boxes are taken here")
-    )
+    corner = far - half, x0
+    searched = Rectangle(corner, 2 * half, x1 - x0, color="#ddd", label="boxes are taken here")
+    plan.add_patch(searched)
     plan.plot([far], [0], "s", color="#c1440e", label="mine")
     plan.set(ylabel="cross-track (m)", ylim=(-3.5, 3.5))
     plan.legend(loc="upper left", fontsize=8, ncols=2)
@@ -92,13 +85,9 @@ def simulated_signature(offset: NDArray[np.float64], cuts: NDArray[np.complex64]
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     axes = figure.subplots()
     for name, cut in zip(("HH", "VV"), cuts, strict=True):
-        axes.plot(
-            offset,
-            np.abs(cut) / np.abs(cuts).max(),
-            _STYLE[name][1],
-            color=_STYLE[name][0],
-            label=name,
-        )
+        colour, dash = _STYLE[name]
+        level = np.abs(cut) / np.abs(cuts).max()
+        axes.plot(offset, level, dash, color=colour, label=name)
     axes.set(
         xlabel="behind the mine's centre (m)", ylabel="magnitude", xlim=(-0.6, 1.0), ylim=(0, None)
     )
@@ -183,30 +172,23 @@ def eigenvector_figure(
 def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
     """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7).
 
-    The first seed's curve over the seeds' spread.
+    The first seed's curve is drawn over the spread of all seeds.
     """
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     soils = [soil for soil in SOILS if soil in cases]
     names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)
-    for axes, soil in zip(
-        figure.subplots(1, len(soils), sharey=True, squeeze=False).ravel(), soils, strict=True
-    ):
+    panels = figure.subplots(1, len(soils), sharey=True, squeeze=False).ravel()
+    for axes, soil in zip(panels, soils, strict=True):
         for detector, label in names.items():
+            colour = _CURVES[label]
             curves = [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
-            spread = np.array([pd_at(curve, grid) for curve in curves])
-            axes.fill_between(
-                grid,
-                *np.quantile(spread, [0.1, 0.9], axis=0),
-                color=_CURVES[label],
-                alpha=0.15,
-                lw=0,
-            )
-            axes.plot(grid, spread.mean(axis=0), ":", color=_CURVES[label], lw=1)
-            shown = curves[0][curves[0]["far"] > 0]
-            axes.plot(
-                shown["far"], shown["pd"], color=_CURVES[label], label=label, drawstyle="steps-post"
-            )
+            pds = np.array([pd_at(curve, grid) for curve in curves])
+            low, high = np.quantile(pds, [0.1, 0.9], axis=0)
+            axes.fill_between(grid, low, high, color=colour, alpha=0.15, lw=0)
+            axes.plot(grid, pds.mean(axis=0), ":", color=colour, lw=1)
+            first = curves[0][curves[0]["far"] > 0]
+            axes.plot(first["far"], first["pd"], color=colour, label=label, drawstyle="steps-post")
         axes.axvline(recipe.score.pfa, color="#999", lw=0.8)
         axes.set(
             xscale="log",
@@ -225,19 +207,11 @@ def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     down, cross = figure.subplots(1, 2, sharey=True)
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
-        width = response.resolution
-        down.plot(
-            response.down,
-            _level(response.down_level),
-            style,
-            label=f"{name}: {100 * width[0]:.1f} cm",
-        )
-        cross.plot(
-            response.cross,
-            _level(response.cross_level),
-            style,
-            label=f"{name}: {100 * width[1]:.1f} cm",
-        )
+        down_width, cross_width = response.resolution
+        down_label = f"{name}: {100 * down_width:.1f} cm"
+        cross_label = f"{name}: {100 * cross_width:.1f} cm"
+        down.plot(response.down, _level(response.down_level), style, label=down_label)
+        cross.plot(response.cross, _level(response.cross_level), style, label=cross_label)
     down.set(xlabel="down-track (m)", ylabel="dB", ylim=(-40, 1), xlim=(-0.6, 0.6))
     cross.set(xlabel="cross-track (m)", xlim=(-1, 1))
     for axes in (down, cross):
@@ -255,19 +229,15 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
         detected: dict[float, list[bool]] = {}
         for case in cases[site]:
             curve = case_curve(case, name, recipe.score.box)
-            threshold = (
-                curve["threshold"].to_numpy()[curve["far"].to_numpy() <= recipe.score.pfa].min()
-            )
+            is_allowed = curve["far"].to_numpy() <= recipe.score.pfa
+            threshold = curve["threshold"].to_numpy()[is_allowed].min()
             peaks = case["peaks"][name]
             for depth, value in zip(peaks["depth"], peaks["target"], strict=True):
                 detected.setdefault(depth, []).append(value >= threshold)
         depths = sorted(detected)
-        axes.plot(
-            [100 * d for d in depths],
-            [np.mean(detected[d]) for d in depths],
-            marker + "-",
-            label=recipe.sites[site].title,
-        )
+        depths_cm = [100 * depth for depth in depths]
+        pds = [np.mean(detected[depth]) for depth in depths]
+        axes.plot(depths_cm, pds, marker + "-", label=recipe.sites[site].title)
     axes.set(xlabel="depth (cm)", ylabel=f"Pd at {recipe.score.pfa:g} per m²", ylim=(0, 1.02))
     axes.legend(fontsize=8)
     return figure

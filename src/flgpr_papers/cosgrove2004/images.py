@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -33,11 +33,13 @@ from flgpr_papers.kit.worlds import changed, turned
 
 FloatArray = NDArray[np.float64]
 BAND = "band"
-WORLDS = ("roadside", "open")
+SURROUNDINGS = ("roadside", "open")
+"""What stands beside a lane: bushes and posts, or nothing."""
 WIDE_MINES = ((-0.6, 15.0), (0.5, 20.0), (0.0, 25.0))
-"""Places (x, y), m, of the mines of the paper's Fig. 2, at its ranges."""
-_SIGNATURES = 999_000
-_SIGNATURE_SHARE = 0.2
+"""Positions (x, y), m, of the mines of the paper's Fig. 2, at its ranges."""
+_SIGNATURES = 999_000  # seed of mines that are imaged alone
+_SIGNATURE_SHARE = 0.2  # of a site's mines, of every depth
+_NO_ROADSIDE = {"bushes": 0.0, "posts": 0.0}
 
 
 @dataclass(frozen=True)
@@ -45,17 +47,30 @@ class Look:
     """One mine seen from one stop."""
 
     image: xr.DataArray  #: image (polarization, y, x) in the scan frame, self-signature removed
-    place: FloatArray  #: (2,) surveyed x and y of the mine in the scan frame, m
+    position: FloatArray  #: (2,) surveyed x and y of the mine in the scan frame, m
     depth: float  #: depth of its top, m
     trains: bool  #: whether the mine belongs to the training set
-    shift: float  #: how far behind its place the mine appears for the refraction at its depth, m
-    rocks: FloatArray  #: (rock, 2) places of rocks in the scan frame, m
+    #: how far behind its position the mine appears for the refraction at its depth, m
+    shift: float
+    rocks: FloatArray  #: (rock, 2) positions of rocks in the scan frame, m
+
+
+class StopImage(NamedTuple):
+    """The image of a stop with its mine, in the scan frame."""
+
+    image: xr.DataArray  #: (polarization, y, x)
+    position: FloatArray  #: (2,) surveyed x and y of the mine, m
+    shift: float  #: how far behind its position the mine appears for refraction, m
+    rocks: FloatArray  #: (rock, 2) positions of rocks, m
 
 
 def study_sensor(recipe: StudyRecipe) -> Sensor:
-    """Make the radar of the study: the preset on the study's tones, over the ground that is imaged.
+    """Return the radar of the study: the preset with the study's tones and ground.
 
-    Tones that let echoes from before the image appear in it are a ValueError.
+    Raises
+    ------
+    ValueError
+        If echoes from before the image appear in it with these tones.
     """
     preset = load_sensor(recipe.radar.sensor)
     low, high = recipe.image.band
@@ -63,21 +78,20 @@ def study_sensor(recipe: StudyRecipe) -> Sensor:
     margin = recipe.radar.margin
     x0, x1 = recipe.image.x
     y0, y1 = recipe.image.y
-    sensor = preset.model_copy(
-        update={
-            "tones": Tones(start=low, step=recipe.radar.tone_step, count=count),
-            "footprint": (x0 - margin, x1 + margin, y0 - margin, y1 + margin),
-            "polarization": recipe.cut.polarizations,
-        }
-    )
+    changes = {
+        "tones": Tones(start=low, step=recipe.radar.tone_step, count=count),
+        "footprint": (x0 - margin, x1 + margin, y0 - margin, y1 + margin),
+        "polarization": recipe.cut.polarizations,
+    }
+    sensor = preset.model_copy(update=changes)
     check_tones(sensor, recipe.image.x, recipe.image.y)
     return sensor
 
 
 def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
-    """Weight of every tone.
+    """Return the weight of every tone (frequency,), 1 at the most.
 
-    The ramp of filtered backprojection on data freed from the antennas' gain.
+    It is the ramp of filtered backprojection, on data freed from the gain of the antennas.
     """
     frequency = sensor.tones.axis()
     weight = ramp(frequency) if recipe.image.filter == "ramp" else np.ones(frequency.size)
@@ -93,35 +107,66 @@ def lane_looks(
 
     From the other direction the same mines, rocks and bushes stand there, turned by half a turn;
     the rough surface is drawn anew. The paper counts both images of a mine as distinct for the
-    randomness of that surface.
+    randomness of that surface (footnote 5).
 
-    Two looks per mine in each world: "roadside" with the bushes and posts that the site's catalogue
-    has beside the lane, "open" the same lane without them.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    name : str
+        Name of the site.
+    seed : int
+        Seed of the lane.
+    share : float
+        Share of the mines that are laid.
+
+    Returns
+    -------
+    dict
+        Two looks per mine, by surroundings: "roadside" with the bushes and posts that the site's
+        catalogue has beside the lane, "open" the same lane without them.
     """
-    scene, trains, depths = _scene(recipe, recipe.sites[name], _seed(recipe, name, seed), share)
-    looks: dict[str, list[Look]] = {world: [] for world in WORLDS}
-    for direction in (0, 1):
-        order = slice(None, None, 1 - 2 * direction)
-        number = _seed(recipe, name, seed) + direction
-        for world, looks_of_world in _direction(recipe, scene, number, direction == 1).items():
-            looks[world] += [
-                Look(image, position, float(depth), bool(trained), shift, rocks)
-                for (image, position, shift, rocks), depth, trained in zip(
-                    looks_of_world, depths[order], trains[order], strict=True
-                )
-            ]
+    number = _seed(recipe, name, seed)
+    scene, trains, depths = _scene(recipe, recipe.sites[name], number, share)
+    looks: dict[str, list[Look]] = {}
+    for surroundings, images in _direction(recipe, scene, number, back=False).items():
+        looks[surroundings] = _looks(images, depths, trains)
+    for surroundings, images in _direction(recipe, scene, number + 1, back=True).items():
+        # Driven back, the mines come in the opposite order.
+        looks[surroundings] += _looks(images, depths[::-1], trains[::-1])
+    return looks
+
+
+def _looks(
+    images: Sequence[StopImage], depths: FloatArray, trains: NDArray[np.bool_]
+) -> list[Look]:
+    """Return the looks of a drive: the images of its stops with depth and use of their mines."""
+    looks = []
+    for stop, depth, trained in zip(images, depths, trains, strict=True):
+        looks.append(
+            Look(
+                image=stop.image,
+                position=stop.position,
+                depth=float(depth),
+                trains=bool(trained),
+                shift=stop.shift,
+                rocks=stop.rocks,
+            )
+        )
     return looks
 
 
 @dataclass(frozen=True)
 class LaneChange:
-    """What is otherwise on a lane than in the study, to see what it does."""
+    """How a lane differs from the study's, to see what the difference does.
 
-    #: entries of the scene's parts that are replaced, ``{"surface": {"correlation": 0.0}}``
+    The names of the fields are part of the key of the records on disk.
+    """
+
+    #: entries of the scene's tables that are replaced, ``{"surface": {"correlation": 0.0}}``
     parts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    mine: Mapping[str, Any] = field(
-        default_factory=dict
-    )  #: entries of every mine that are replaced
+    #: entries of every mine that are replaced
+    mine: Mapping[str, Any] = field(default_factory=dict)
     #: False takes the mines out, with the holes over them; looks are taken where they lay
     mines: bool = True
 
@@ -131,75 +176,83 @@ def open_looks(
 ) -> list[Look]:
     """Image the mines of an open lane with something changed on the lane.
 
-    Otherwise it is as :func:`lane_looks` does.
+    Everything else is as in :func:`lane_looks`, whose first four parameters it has.
+
+    Parameters
+    ----------
+    recipe, name, seed, share
+        As of :func:`lane_looks`.
+    change : LaneChange
+        What is changed.
     """
     number = _seed(recipe, name, seed)
     scene, trains, depths = _scene(recipe, recipe.sites[name], number, share)
     mines = [target.model_dump(exclude_unset=True) | dict(change.mine) for target in scene.targets]
-    no_roadside = {"bushes": 0.0, "posts": 0.0}
     tables = {table: dict(entries) for table, entries in change.parts.items()}
-    tables["clutter"] = no_roadside | tables.get("clutter", {})
+    tables["clutter"] = _NO_ROADSIDE | tables.get("clutter", {})
     ground = changed(scene, targets=mines, **tables)
     looks = []
     for direction in (0, 1):
-        order = slice(None, None, 1 - 2 * direction)
-        placed = _from_other_end(ground, number) if direction else ground
+        placed = _driven(ground, number, direction)
         simulated = placed
         if not change.mines:
-            bare = changed(ground, targets=[])
-            simulated = _from_other_end(bare, number) if direction else bare
+            simulated = _driven(changed(ground, targets=[]), number, direction)
+        # Driven back, the mines come in the opposite order.
+        order = slice(None, None, -1) if direction == 1 else slice(None)
         simulator = Simulator(simulated, study_sensor(recipe), number + direction)
         images = _images(
             recipe, simulator, simulator.scans(), recipe.image.self_signature, placed.targets
         )
-        looks += [
-            Look(image, position, float(depth), bool(trained), shift, rocks)
-            for (image, position, shift, rocks), depth, trained in zip(
-                images, depths[order], trains[order], strict=True
-            )
-        ]
+        looks += _looks(images, depths[order], trains[order])
     return looks
+
+
+def _driven(scene: Scene, seed: int, direction: int) -> Scene:
+    """Return a lane as it lies before the vehicle: direction 1 drives it from the other end."""
+    return _from_other_end(scene, seed) if direction == 1 else scene
 
 
 def reflector_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     """Image corner reflectors in place of a site's mines.
 
-    There are no surface, other objects and errors of the radar.
+    There are no surface, other objects and errors of the radar. A corner reflector returns the same
+    in HH and in VV.
 
-    A corner reflector returns the same in HH and in VV.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    name : str
+        Name of the site.
     """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
-    reflectors = [
-        {"kind": "fiducial", "x": target.x, "y": target.y, "rcs_db": 0.0}
-        for target in scene.targets
-    ]
+    reflectors = []
+    for target in scene.targets:
+        reflectors.append({"kind": "fiducial", "x": target.x, "y": target.y, "rcs_db": 0.0})
     bare = changed(scene, targets=[], clutter=BARE, **ALONE).model_dump(exclude_unset=True)
     placed = Scene.model_validate(bare | {"objects": reflectors})
     simulator = Simulator(placed, study_sensor(recipe), _SIGNATURES, errors=False)
     images = _images(recipe, simulator, simulator.scans(), "none", scene.targets)
-    return [
-        Look(image, position, float(depth), bool(trained), shift, rocks)
-        for (image, position, shift, rocks), depth, trained in zip(
-            images, depths, trains, strict=True
-        )
-    ]
+    return _looks(images, depths, trains)
 
 
 def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
-    """Image mines of every depth of a site, in no lane.
+    """Image mines of every depth of a site, without a lane around them.
 
     There are no surface, other objects and errors of the radar.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    name : str
+        Name of the site.
     """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
     bare = changed(scene, clutter=BARE, **ALONE)
     simulator = Simulator(bare, study_sensor(recipe), _SIGNATURES, errors=False)
     images = _images(recipe, simulator, simulator.scans(), "none")
-    return [
-        Look(image, position, float(depth), bool(trained), shift, rocks)
-        for (image, position, shift, rocks), depth, trained in zip(
-            images, depths, trains, strict=True
-        )
-    ]
+    return _looks(images, depths, trains)
 
 
 def _seed(recipe: StudyRecipe, name: str, seed: int) -> int:
@@ -210,7 +263,10 @@ def _seed(recipe: StudyRecipe, name: str, seed: int) -> int:
 def _scene(
     recipe: StudyRecipe, site: Site, seed: int, share: float
 ) -> tuple[Scene, NDArray[np.bool_], FloatArray]:
-    """Lay mines of all depths in random order, one before each stop."""
+    """Lay mines of all depths in random order, one before each stop.
+
+    Returns the scene, whether each mine trains, and its depth (m), in the order of the stops.
+    """
     depths, trains = site.depths(share)
     rng = np.random.default_rng([seed, 2004])
     order = rng.permutation(depths.size)
@@ -220,16 +276,7 @@ def _scene(
     slots = spacing * (np.arange(depths.size) + 0.5)
     targets = []
     for slot, depth in zip(slots, depths, strict=True):
-        lean, roll = rng.normal(0, np.radians(4), 2)
-        targets.append(
-            site.mine(
-                x=float(rng.uniform(-1, 1)),
-                y=float(slot + np.clip(rng.normal(0, 0.3), -0.6, 0.6)),
-                depth=float(max(depth + rng.normal(0, 0.005), 0.0)),
-                tilt=float(np.hypot(lean, roll)),
-                azimuth=float(np.arctan2(roll, lean)),
-            )
-        )
+        targets.append(_mine(site, float(slot), float(depth), rng))
     scene = Scene.model_validate(
         {
             "name": site.title,
@@ -245,17 +292,30 @@ def _scene(
     return scene, trains, depths
 
 
+def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Lay a mine near its slot, leaning a little, at about its depth."""
+    lean, roll = rng.normal(0, np.radians(4), 2)
+    return site.mine(
+        x=float(rng.uniform(-1, 1)),
+        y=float(slot + np.clip(rng.normal(0, 0.3), -0.6, 0.6)),
+        depth=float(max(depth + rng.normal(0, 0.005), 0.0)),
+        tilt=float(np.hypot(lean, roll)),
+        azimuth=float(np.arctan2(roll, lean)),
+    )
+
+
 def _direction(
     recipe: StudyRecipe, scene: Scene, seed: int, back: bool
-) -> dict[str, list[tuple[xr.DataArray, FloatArray, float, FloatArray]]]:
-    """Return the images of every stop in both worlds.
+) -> dict[str, list[StopImage]]:
+    """Return the images of a drive's stops by surroundings.
 
-    Echoes add, so the roadside is simulated by itself and added.
+    Echoes add, so the roadside is simulated by itself and added to the open lane.
     """
     sensor = study_sensor(recipe)
-    ground = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
+    ground = changed(scene, clutter=_NO_ROADSIDE)
     roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, targets=[], **ALONE)
-    if back:  # what the seed before put there, from the other end
+    if back:
+        # The lane of the first drive, with all that its seed put there, from the other end.
         ground = _from_other_end(ground, seed - 1)
         roadside = turned(roadside, seed - 1)
     simulator = Simulator(ground, sensor, seed)
@@ -270,10 +330,7 @@ def _direction(
 
 
 def _from_other_end(scene: Scene, seed: int) -> Scene:
-    """Turn a lane with all that the seed put there by half a turn.
-
-    Its mines are in the order of the stops.
-    """
+    """Turn a lane with all that the seed put there by half a turn, its mines in stop order."""
     other = turned(scene, seed)
     return other.model_copy(update={"targets": other.targets[::-1]})
 
@@ -284,10 +341,8 @@ def _images(
     signal: ArrayLike | Iterable[NDArray[np.complex64]],
     signature: str,
     targets: Sequence[Target] | None = None,
-) -> list[tuple[xr.DataArray, FloatArray, float, FloatArray]]:
-    """Yield the image of every stop with its mine, in the scan frame.
-
-    Mine, shift by refraction and rocks are positions.
+) -> list[StopImage]:
+    """Return the image of every stop with its mine.
 
     ``targets`` are the mines, one a stop, where the simulated lane has none.
     """
@@ -297,50 +352,75 @@ def _images(
     polarizations = list(simulator.sensor.polarization)
     run = make_run(data, simulator.frequency, polarizations, tx, rx, pose, simulator.time)
     images = run_images(recipe, run, simulator.sensor, signature)
-    rocks = np.array(
-        [(o.x, o.y, 0.0) for o in simulator.world.objects if o.kind == "rock"]
-    ).reshape(-1, 3)
+    rocks = _rocks(simulator)
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
-    target_images = []
-    places = simulator.scene.targets if targets is None else targets
-    for image, target in zip(images, places, strict=True):
-        taken = np.asarray(image.attrs["pose"])
-        position = lane_to_scan(np.array([target.x, target.y, 0.0]), taken)[:2]
-        shift = float(refraction_shift(target.depth, permittivity, taken[2], recipe.radar.range))
-        target_images.append((image, position, shift, lane_to_scan(rocks, taken)[:, :2]))
-    return target_images
+    mines = simulator.scene.targets if targets is None else targets
+    stops = []
+    for image, mine in zip(images, mines, strict=True):
+        image_pose = np.asarray(image.attrs["pose"])
+        position = lane_to_scan(np.array([mine.x, mine.y, 0.0]), image_pose)[:2]
+        shift = refraction_shift(mine.depth, permittivity, image_pose[2], recipe.radar.range)
+        rock_positions = lane_to_scan(rocks, image_pose)[:, :2]
+        stops.append(StopImage(image, position, float(shift), rock_positions))
+    return stops
+
+
+def _rocks(simulator: Simulator) -> FloatArray:
+    """Return the positions (rock, 3) of the rocks on a lane, m."""
+    positions = []
+    for thing in simulator.world.objects:
+        if thing.kind == "rock":
+            positions.append((thing.x, thing.y, 0.0))
+    return np.array(positions).reshape(-1, 3)
 
 
 def run_images(
     recipe: StudyRecipe, run: xr.Dataset, sensor: Sensor, signature: str
 ) -> list[xr.DataArray]:
-    """Image every scan of a run and remove the self-signature."""
-    imager = ScanImager(
-        run, recipe.image.grid(), {BAND: recipe.image.band}, window=tone_weight(recipe, sensor)
-    )
+    """Image every scan of a run and remove the self-signature.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    run : Dataset
+        The run.
+    sensor : Sensor
+        Its radar, whose gain is taken out.
+    signature : str
+        How the self-signature is estimated: "mean", "median", or "none" to leave the images as they
+        are.
+
+    Returns
+    -------
+    list of DataArray
+        Images (polarization, y, x) in the scan frame, in units of the scan's gain where the
+        self-signature was removed.
+    """
+    band = {BAND: recipe.image.band}
+    imager = ScanImager(run, recipe.image.grid(), band, window=tone_weight(recipe, sensor))
     images = [image.isel(subband=0, drop=True) for image in imager]
     if signature == "none":
         return images
     pattern = self_signature(
         [image.values for image in images], "median" if signature == "median" else "mean"
     )
-    return [
-        image.copy(data=(image.values / scan_gain(image.values) - pattern).astype(np.complex64))
-        for image in images
-    ]
+    cleaned = []
+    for image in images:
+        values = image.values / scan_gain(image.values) - pattern
+        cleaned.append(image.copy(data=values.astype(np.complex64)))
+    return cleaned
 
 
 @dataclass(frozen=True)
 class PointResponse:
     """Image of a point on the ground at the study's range."""
 
-    #: down, cross: (n,) distance from the point down-track and cross-track, m
-    down: FloatArray
-    cross: FloatArray
-    #: down_level, cross_level: (n,) magnitude along them over the peak
-    down_level: FloatArray
-    cross_level: FloatArray
+    down: FloatArray  #: (n,) distance from the point down-track, m
+    cross: FloatArray  #: (n,) distance from the point cross-track, m
+    down_level: FloatArray  #: (n,) magnitude down-track over the peak
+    cross_level: FloatArray  #: (n,) magnitude cross-track over the peak
 
     @property
     def resolution(self) -> tuple[float, float]:
@@ -349,10 +429,18 @@ class PointResponse:
 
 
 def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
-    """Image an ideal point: flat spectrum, no pattern, no spreading."""
+    """Image an ideal point: flat spectrum, no antenna pattern, no spreading loss.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    filtered : bool
+        Whether the tones are weighted by the ramp.
+    """
     sensor = study_sensor(recipe)
     frequency = sensor.tones.axis()
-    tx, rx = (p + [0.0, 0.0, sensor.height] for p in sensor.pairs())
+    tx, rx = (positions + [0.0, 0.0, sensor.height] for positions in sensor.pairs())
     point = np.array([0.0, recipe.radar.range, 0.0])
     path = np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1)
     data = np.exp(-2j * np.pi * np.outer(path, frequency) / SPEED_OF_LIGHT)[None]
@@ -361,16 +449,25 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     lines[0, :, 1] += offset
     lines[1, :, 0] += offset
     window = ramp(frequency) if filtered else None
-    image = np.abs(
-        ImagingOperator(frequency, tx, rx, lines, window=window).adjoint(data)[0, 0]
-    ).astype(np.float64)
-    return PointResponse(offset, offset, image[0] / image[0].max(), image[1] / image[1].max())
+    operator = ImagingOperator(frequency, tx, rx, lines, window=window)
+    down, cross = np.abs(operator.adjoint(data)[0, 0]).astype(np.float64)
+    return PointResponse(offset, offset, down / down.max(), cross / cross.max())
 
 
 def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex64]]:
-    """Range cut through a mine in dry sand without clutter and errors, as the paper's Fig. 3.
+    """Return the range cut through a mine in dry sand without clutter and errors (Fig. 3).
 
-    Metres, and images.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+
+    Returns
+    -------
+    distance : (n,) ndarray
+        Distance behind the mine, m.
+    cut : (polarization, n) ndarray
+        The image along it.
     """
     ahead = recipe.radar.range
     scene = Scene.model_validate(
@@ -391,24 +488,31 @@ def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex6
 
 
 def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
-    """Return the image (polarization, y, x) of mines 15, 20 and 25 m ahead in dry sand.
+    """Return the image (polarization, y, x) of mines 15, 20 and 25 m ahead in dry sand (Fig. 2).
 
-    It is the paper's Fig. 2.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    seed : int
+        Seed of the lane.
     """
+    sand = recipe.sites["sand"]
     scene = Scene.model_validate(
         {
-            "site": recipe.sites["sand"].scene,
+            "site": sand.scene,
             "x_min": -2.0,
             "x_max": 2.0,
             "length": 40.0,
-            "targets": [recipe.sites["sand"].mine(x=x, y=y, depth=0.05) for x, y in WIDE_MINES],
+            "targets": [sand.mine(x=x, y=y, depth=0.05) for x, y in WIDE_MINES],
             "surface": {"density": recipe.radar.scatterers},
-            "clutter": {"bushes": 0.0, "posts": 0.0},
+            "clutter": _NO_ROADSIDE,
             "track": {"positions": [0.0]},
         }
     )
     sensor = study_sensor(recipe).model_copy(update={"footprint": (-4.5, 4.5, 10.0, 29.0)})
-    return _image(recipe, sensor, scene, seed, Grid(-4.0, 11.0, 161, 851, 0.05, 0.02), errors=True)
+    grid = Grid(-4.0, 11.0, 161, 851, 0.05, 0.02)
+    return _image(recipe, sensor, scene, seed, grid, errors=True)
 
 
 def _image(

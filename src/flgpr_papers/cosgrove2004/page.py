@@ -1,7 +1,4 @@
-"""The page of the study.
-
-The paper's figures and statements beside what the simulated lanes give.
-"""
+"""The page of the study: the paper's figures and statements, and what the simulated lanes give."""
 
 from __future__ import annotations
 
@@ -32,12 +29,39 @@ def page_html(
     study_world: StudyWorld,
     other: OtherWorld,
 ) -> str:
-    """Write the page, which needs nothing beside it."""
+    """Return the page, which needs no other file.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    cases : mapping
+        Cases of every seed by surroundings and site.
+    tables : mapping of str to DataFrame
+        Pd of every detector by surroundings.
+    found : mapping of str to sequence of Finding
+        Findings by surroundings.
+    responses : mapping of str to PointResponse
+        Image of a point with and without the ramp filter.
+    pictures : mapping of str to bytes
+        Figures by name, PNG.
+    quick : bool
+        Whether the study is a quick run.
+    study_world : StudyWorld
+        World of the lanes.
+    other : OtherWorld
+        Findings of the same study on roads as found.
+    """
     detectors: dict[str, dict[str, Any]] = {}
-    for world, lanes in cases.items():
-        detectors[world] = {}
+    chance_counts = {}
+    contrast = {}
+    for surroundings, lanes in cases.items():
+        detectors[surroundings] = {}
         for site in lanes:
-            detectors[world][recipe.sites[site].title] = _detector_rows(tables[world], site)
+            title = recipe.sites[site].title
+            detectors[surroundings][title] = _detector_rows(tables[surroundings], site)
+        chance_counts[surroundings] = by_chance(found[surroundings])
+        contrast[surroundings] = _contrast_rows(recipe, lanes)
     return study_html(
         "cosgrove2004.html",
         quick=quick,
@@ -45,10 +69,10 @@ def page_html(
         other=other,
         recipe=recipe,
         found=found,
-        by_chance={world: by_chance(all_) for world, all_ in found.items()},
+        by_chance=chance_counts,
         sizes=next(iter(cases.values())),
         detectors=detectors,
-        contrast={world: _contrast_rows(recipe, lanes) for world, lanes in cases.items()},
+        contrast=contrast,
         beside=BESIDE,
         twins=list(paper_twins(recipe, cases, tables, found, pictures)),
         others=list(own_twins(responses, pictures)),
@@ -71,12 +95,9 @@ def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
 
 def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> list[Row]:
     """Tabulate the contrast of mines and clutter by site and depth."""
-    return [
-        (
-            recipe.sites[row["site"]].title,
-            f"{100 * row['depth']:.0f} cm",
-            row["looks"],
-            f"{row['contrast']:.1f} dB",
-        )
-        for row in contrast_table(lanes).to_dict("records")
-    ]
+    rows: list[Row] = []
+    for row in contrast_table(lanes).to_dict("records"):
+        title = recipe.sites[row["site"]].title
+        depth = f"{100 * row['depth']:.0f} cm"
+        rows.append((title, depth, row["looks"], f"{row['contrast']:.1f} dB"))
+    return rows

@@ -1,14 +1,15 @@
-"""Why statements of Cosgrove et al. 2004 do not hold here.
+"""Experiments on why statements of Cosgrove et al. 2004 do not hold: lanes with one thing changed.
 
-Lanes of dry sand with one thing changed. The lanes are small twins of the study's open ones: all
-training mines, a third of the test mines, the study's seeds. Those of one seed differ in nothing
-but what is changed. What each explanation predicts was written before they ran.
+The lanes are small twins of the study's open lanes of dry sand: all training mines, a third of the
+test mines, the study's seeds. Lanes of one seed differ in nothing but what is changed. What each
+explanation predicts was written before the lanes ran.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ from flgpr_papers.cosgrove2004.signature import (
     polarization_correlation,
     visibility_db,
 )
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, share_error
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -63,6 +64,7 @@ SHIFTS = tuple(range(-10, 11))
 FILLED = 0.5
 """Least mean power of a whitened direction that holds clutter; white noise has 1."""
 _GAUSSIAN: Bounds = (1.8, 2.2)  # as the study's rule
+_WEAK_ECHO = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
 _BEST = "Pd is about 0.9 in the best soil"
 _NO_MINES = "mines taken out"
 _NOTHING = "stones, wet patches and empty holes taken out"
@@ -108,7 +110,7 @@ CHANGES: dict[str, LaneChange] = {
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``.
+    """Run the experiments, or read those that are on disk in ``folder/reasons``.
 
     Parameters
     ----------
@@ -132,12 +134,13 @@ def trials(
     records: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
     for name, seed in track(jobs, "changed lanes", len(jobs)):
         path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}.json"
-        record = kept(path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed))  # type: ignore[misc]
-        records[name].append(record)
-    path = folder / "reasons" / f"alone-{_key(recipe, 'nothing')}.json"
-    alone = kept(path, lambda: alone_record(recipe))
-    path = folder / "reasons" / f"visible-{_key(recipe, 'nothing')}.json"
-    levels = kept(path, lambda: visibility_record(recipe))
+        make = partial(lane_record, recipe, CHANGES[name], seed)
+        records[name].append(read_or_make(path, make))
+    key = _key(recipe, "nothing")
+    alone_file = folder / "reasons" / f"alone-{key}.json"
+    alone = read_or_make(alone_file, partial(alone_record, recipe))
+    visible_file = folder / "reasons" / f"visible-{key}.json"
+    levels = read_or_make(visible_file, partial(visibility_record, recipe))
     return [
         *eigenvalue_trials(records),
         *correlation_trials(records, alone),
@@ -186,6 +189,13 @@ def lane_record(recipe: StudyRecipe, change: LaneChange, seed: int) -> dict[str,
 def correlation_record(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, Any]:
     """Correlate HH and VV of mines and of clutter.
 
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    looks : sequence of Look
+        Looks at mines of a lane.
+
     Returns
     -------
     dict
@@ -195,21 +205,22 @@ def correlation_record(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, 
     """
     shape = recipe.cut.length, 1
     names = recipe.cut.polarizations
-    mines = np.concatenate([target_cut(recipe, look) for look in looks])
-    surveyed = np.concatenate(
-        [
-            range_cuts(look.image, (look.place + [0.0, look.shift])[None], shape, names)
-            for look in looks
-        ]
-    )
-    clutter = np.concatenate(
-        [samples_at(look.image, look.place[None], recipe.cuts).clutter for look in looks]
-    )[:: recipe.premises.clutter_thinning]
+    mine_cuts = []
+    surveyed_cuts = []
+    clutter_cuts_of_looks = []
+    for look in looks:
+        surveyed_position = (look.position + [0.0, look.shift])[None]
+        mine_cuts.append(target_cut(recipe, look))
+        surveyed_cuts.append(range_cuts(look.image, surveyed_position, shape, names))
+        samples = samples_at(look.image, look.position[None], recipe.cuts)
+        clutter_cuts_of_looks.append(samples.clutter)
+    mines = np.concatenate(mine_cuts)
+    clutter = np.concatenate(clutter_cuts_of_looks)[:: recipe.premises.clutter_thinning]
     return {
         "mine": _mean_correlation(mines),
         "clutter": _mean_correlation(clutter),
         "mine_by_shift": [_mean_correlation(mines, shift) for shift in SHIFTS],
-        "mine_over_looks": correlation_over_looks(surveyed),
+        "mine_over_looks": correlation_over_looks(np.concatenate(surveyed_cuts)),
         "clutter_over_looks": correlation_over_looks(clutter),
     }
 
@@ -217,7 +228,7 @@ def correlation_record(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, 
 def correlation_over_looks(cuts: NDArray[Any]) -> float:
     """Correlate HH and VV of cuts (n, 2 m) over looks, pixel by pixel.
 
-    The mean is weighted by the pixels' energy.
+    The mean over pixels is weighted by their energy:
 
     ``Σ_i |Σ_n h_ni v_ni*| / Σ_i sqrt(Σ_n |h_ni|² Σ_n |v_ni|²)`` is 1 where VV follows from HH by a
     factor that is the same in all looks and may differ from pixel to pixel.
@@ -229,9 +240,9 @@ def correlation_over_looks(cuts: NDArray[Any]) -> float:
 
 
 def _mean_correlation(cuts: NDArray[Any], shift: int = 0) -> float:
-    """Return the mean correlation of HH with VV shifted by so many samples.
+    """Return the mean correlation of HH with VV shifted by some samples.
 
-    It is over the samples that both have.
+    Only the samples that both have are correlated.
     """
     hh, vv = np.split(cuts, 2, axis=1)
     first = hh[:, max(shift, 0) : hh.shape[1] + min(shift, 0)]
@@ -245,6 +256,15 @@ def moment_record(
 ) -> dict[str, float]:
     """Measure how far whitened clutter is from Gaussian.
 
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    looks : sequence of Look
+        Looks that the whitener has not seen.
+    whitener : ClutterWhitener
+        Learnt from the clutter of the training looks.
+
     Returns
     -------
     dict
@@ -253,17 +273,18 @@ def moment_record(
         ``filled``, the fourth moment in these; ``levelled``, the same of cuts that were brought to
         one level of every look and every distance.
     """
-    cuts, look, row = [], [], []
-    for number, mine_look in enumerate(looks):
-        clutter = samples_at(mine_look.image, mine_look.place[None], recipe.cuts).clutter
+    cuts = []
+    look_numbers = []
+    rows = []
+    for number, look in enumerate(looks):
+        clutter = samples_at(look.image, look.position[None], recipe.cuts).clutter
         cuts.append(whitener.transform(clutter))
-        row.append(_cut_rows(recipe, mine_look))
-        look.append(np.full(len(clutter), number))
+        look_numbers.append(np.full(len(clutter), number))
+        rows.append(_cut_rows(recipe, look))
     white = np.concatenate(cuts)
     filled = white[:, np.mean(np.abs(white) ** 2, axis=0) >= FILLED]
-    levelled = filled
-    for group in (np.concatenate(look), np.concatenate(row)):
-        levelled = _at_one_level(levelled, group)
+    levelled = _at_equal_level(filled, np.concatenate(look_numbers))
+    levelled = _at_equal_level(levelled, np.concatenate(rows))
     return {
         "fourth_moment": fourth_moment_ratio(white),
         "share_filled": filled.shape[1] / white.shape[1],
@@ -275,17 +296,18 @@ def moment_record(
 def _cut_rows(recipe: StudyRecipe, look: Look) -> NDArray[np.int64]:
     """Return the first row of the image that each clutter cut of a look holds."""
     stack, _ = stack_channels(look.image, recipe.cut.polarizations)
-    x, y = look.image["x"].values, look.image["y"].values
-    clean = clean_pixels(x, y, look.place[None], recipe.training.clear)
-    rows = np.broadcast_to(np.arange(y.size)[:, None], clean.shape).astype(np.complex64)
-    rows = np.where(np.isfinite(stack).all(axis=0), rows, np.nan)[None]
+    x = look.image["x"].values
+    y = look.image["y"].values
+    clean = clean_pixels(x, y, look.position[None], recipe.training.clear)
+    # An image of row numbers is cut in the same way as the image itself.
+    row_numbers = np.broadcast_to(np.arange(y.size)[:, None], clean.shape).astype(np.complex64)
+    row_numbers = np.where(np.isfinite(stack).all(axis=0), row_numbers, np.nan)[None]
     shape = recipe.cut.length, 1
-    return clutter_cuts(rows, clean, shape, recipe.training.clutter_step)[:, 0].real.astype(
-        np.int64
-    )
+    cuts = clutter_cuts(row_numbers, clean, shape, recipe.training.clutter_step)
+    return cuts[:, 0].real.astype(np.int64)
 
 
-def _at_one_level(white: ComplexArray, group: NDArray[np.int64]) -> ComplexArray:
+def _at_equal_level(white: ComplexArray, group: NDArray[np.int64]) -> ComplexArray:
     """Scale cuts so that the mean energy of every group is the same."""
     energy = np.sum(np.abs(white) ** 2, axis=1)
     number = np.unique(group, return_inverse=True)[1]
@@ -294,9 +316,12 @@ def _at_one_level(white: ComplexArray, group: NDArray[np.int64]) -> ComplexArray
 
 
 def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
-    """Correlate HH and VV of the study's mines and of corner reflectors alone.
+    """Correlate HH and VV of the study's mines alone, and of corner reflectors in their place.
 
-    There is one of every depth and more.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
 
     Returns
     -------
@@ -314,13 +339,16 @@ def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
 
 
 def visibility_record(recipe: StudyRecipe) -> list[list[float]]:
-    """Return how far every mine of Fig. 2 stands over the strongest clutter at its range, dB, seed by seed."""
+    """Return how far every mine of Fig. 2 stands out, dB, seed by seed.
+
+    The level is that over the strongest clutter at the mine's range.
+    """
     seeds = range(1, 1 + recipe.study.seeds)
     return [visibility_db(recipe, wide_image(recipe, seed)) for seed in seeds]
 
 
 def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look]) -> float:
-    """Pd of the deflection detector at the study's P_FA on the test looks of a lane."""
+    """Return Pd of the deflection detector at the study's P_FA on the test looks of a lane."""
     detector = DeflectionDetector(recipe.detector.rank, recipe.detector.ddof).fit(training.white)
     form = chip_detector(recipe, detector.forms_, training.whitener, recipe.cut.length)
     peaks = score_looks(recipe, test, {"deflection": form})["deflection"]
@@ -329,50 +357,73 @@ def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look])
 
 
 def eigenvalue_trials(records: Records) -> list[Trial]:
-    """Ask why eigenvalues 2, 5 and 6 of dry sand (Sec. IV-A) and Pd differ from the paper's."""
+    """Return trials of why eigenvalues of dry sand (Sec. IV-A) and Pd differ from the paper's."""
+    return [
+        *_second_eigenvalue_trials(records),
+        *_small_eigenvalue_trials(records),
+        *_pd_trials(records),
+    ]
+
+
+def _second_eigenvalue_trials(records: Records) -> list[Trial]:
+    """Return trials of why the second eigenvalue is large."""
+    statement = "Eigenvalue 2 is 0.089 of the first (dry sand)"
+    quantity = "σ2/σ1"
+    sample = _sample(records)
+    rule = 0.0, 2 * PAPER_RATIOS[1]
+    trial_list = []
+    for name in ("nothing", *_ONE_BY_ONE):
+        trial_list.append(Trial(statement, "", name, quantity, _ratio(records, name, 2), sample))
+    unlike = "mines that differ in tilt, place, hole and way through the surface make it large"
+    alike = _ratio(records, _ALIKE, 2)
+    trial_list.append(Trial(statement, unlike, _ALIKE, quantity, alike, sample, rule))
+    humps = "a training cut at the brightest place lies now on one hump and now on the other"
+    surveyed = _ratio(records, "nothing", 2, "surveyed_ratios")
+    trial_list.append(Trial(statement, humps, _BY_SURVEY, quantity, surveyed, sample, rule))
+    return trial_list
+
+
+def _small_eigenvalue_trials(records: Records) -> list[Trial]:
+    """Return trials of why eigenvalues 5 and 6 differ from the paper's."""
     sample = _sample(records)
     trial_list = []
-    second = "Eigenvalue 2 is 0.089 of the first (dry sand)"
-    unlike = "mines that differ in tilt, place, hole and way through the surface make it large"
-    rule = 0.0, 2 * PAPER_RATIOS[1]
-    for name in ("nothing", *_ONE_BY_ONE):
-        trial_list.append(Trial(second, "", name, "σ2/σ1", _ratio(records, name, 2), sample))
-    trial_list.append(
-        Trial(second, unlike, _ALIKE, "σ2/σ1", _ratio(records, _ALIKE, 2), sample, rule)
-    )
-    explanation_of_place = (
-        "a training cut at the brightest place lies now on one hump and now on the other"
-    )
-    surveyed = _ratio(records, "nothing", 2, "surveyed_ratios")
-    trial_list.append(
-        Trial(second, explanation_of_place, _BY_SURVEY, "σ2/σ1", surveyed, sample, rule)
-    )
-    weak = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
     for number in (5, 6):
         paper = PAPER_RATIOS[number - 1]
         statement = f"Eigenvalue {number} is {paper} of the first (dry sand)"
         for name in ("nothing", _STRONGER, _MUCH_STRONGER):
             ratio = _ratio(records, name, number)
-            explanation = weak if name == _STRONGER else ""
-            rule_of_paper = (0.5 * paper, 2 * paper) if explanation else None
+            explanation = ""
+            rule = None
+            if name == _STRONGER:
+                explanation = _WEAK_ECHO
+                rule = (0.5 * paper, 2 * paper)
             trial_list.append(
-                Trial(statement, explanation, name, f"σ{number}/σ1", ratio, sample, rule_of_paper)
+                Trial(statement, explanation, name, f"σ{number}/σ1", ratio, sample, rule)
             )
+    return trial_list
+
+
+def _pd_trials(records: Records) -> list[Trial]:
+    """Return trials of why Pd of the best soil differs from the paper's."""
+    sample = _sample(records)
+    quantity = "Pd at 0.01 per m², M' = 3"
+    half = 1.96 * share_error(PAPER_PD, PAPER_LOOKS)
+    trial_list = []
     for name in ("nothing", _STRONGER, _MUCH_STRONGER):
         pd = interval([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
-        explanation = weak if name == _STRONGER else ""
-        half = 1.96 * share_error(PAPER_PD, PAPER_LOOKS)
-        rule_of_paper = (PAPER_PD - half, PAPER_PD + half) if explanation else None
-        trial_list.append(
-            Trial(_BEST, explanation, name, "Pd at 0.01 per m², M' = 3", pd, sample, rule_of_paper)
-        )
+        explanation = ""
+        rule = None
+        if name == _STRONGER:
+            explanation = _WEAK_ECHO
+            rule = (PAPER_PD - half, PAPER_PD + half)
+        trial_list.append(Trial(_BEST, explanation, name, quantity, pd, sample, rule))
     return trial_list
 
 
 def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -> list[Trial]:
-    """Ask why mines are less correlated in HH and VV than clutter (III-C).
+    """Return trials of why mines are less correlated in HH and VV than clutter (III-C).
 
-    Clutter, radar, mine and measure are changed.
+    Clutter, radar, mine and measure are changed, one at a time.
     """
     sample = _sample(records)
     statement = "A mine is better correlated between HH and VV than clutter"
@@ -417,9 +468,9 @@ def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -
 
 
 def moment_trials(records: Records) -> list[Trial]:
-    """Ask what makes clutter not Gaussian after whitening (II-A).
+    """Return trials of what makes whitened clutter other than Gaussian (II-A).
 
-    Mines, things strewn, a patchy surface.
+    Mines, what is strewn on and in the soil, and a patchy surface are taken out.
     """
     sample = _sample(records)
     statement = "Clutter may be modelled as complex Gaussian after whitening"
@@ -469,13 +520,16 @@ def moment_trials(records: Records) -> list[Trial]:
 
 
 def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
-    """Tell how far the mines of Fig. 2 stand out, beside the study's rule that asks for a quantile of clutter."""
+    """Return how far the mines of Fig. 2 stand out, for comparison with the study's rule.
+
+    The rule asks for a quantile of the clutter.
+    """
     statement = "Three mines are readily visible at 15, 20 and 25 m (HH)"
     quantity = "peak over that of the strongest clutter box at its range, HH"
     sample = f"{len(levels)} seeds"
     trial_list = []
     for number, (_, y) in enumerate(WIDE_MINES):
-        level = interval([one[number] for one in levels])
+        level = interval([of_seed[number] for of_seed in levels])
         trial_list.append(
             Trial(statement, "", f"the mine at {y:g} m", quantity, level, sample, unit="dB")
         )

@@ -17,35 +17,29 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Radar(Table):
-    """Sensor preset, step of its tones (Hz) and range of the mines (m).
+    """The radar and its stops."""
 
-    Also the stop spacing (m) and the surface scatterers per m².
-    """
-
-    sensor: str
-    tone_step: Positive
-    range: Positive
-    scatterers: Positive | None = None
-    stop_spacing: Positive
-    margin: Positive
+    sensor: str  #: preset
+    tone_step: Positive  #: Hz
+    range: Positive  #: distance of the mines from the stop, m
+    scatterers: Positive | None = None  #: surface scatterers per m²
+    stop_spacing: Positive  #: m
+    margin: Positive  #: simulated ground around the image, m
 
 
 class Image(Table):
-    """Image in the scan frame (m), band (Hz) and how it is formed.
+    """Image in the scan frame, and how it is formed."""
 
-    ``spacing`` is cross-track, down-track.
-    """
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-    spacing: tuple[Positive, Positive]
-    band: tuple[float, float]
-    filter: Literal["ramp", "none"]
-    calibrate: bool
-    self_signature: Literal["none", "mean", "median"]
+    x: tuple[float, float]  #: cross-track, m
+    y: tuple[float, float]  #: down-track, m
+    spacing: tuple[Positive, Positive]  #: of the pixels, cross-track and down-track, m
+    band: tuple[float, float]  #: Hz
+    filter: Literal["ramp", "none"]  #: weight of the tones
+    calibrate: bool  #: whether the gain of the antennas is taken out
+    self_signature: Literal["none", "mean", "median"]  #: how it is estimated
 
     def grid(self) -> Grid:
-        """Grid of the images."""
+        """Return the grid of the images."""
         dx, dy = self.spacing
         x0, x1 = self.x
         y0, y1 = self.y
@@ -77,28 +71,23 @@ class Detector(Table):
 
 
 class Score(Table):
-    """Boxes, clearance and reach of rocks (m), and the levels of comparisons.
+    """How detectors are scored, by boxes at the mines and away from them."""
 
-    They are the quantile beside the peak and the P_FA (per m²).
-    """
-
-    box: Positive
-    clearance: Annotated[float, Field(ge=0)]
-    quantile: Annotated[float, Field(gt=0, le=1)]
-    pfa: Positive
-    rock: Annotated[float, Field(ge=0)]
+    box: Positive  #: side of a box, m
+    clearance: Annotated[float, Field(ge=0)]  #: of clutter boxes from a mine's box, m
+    quantile: Annotated[float, Field(gt=0, le=1)]  #: tried in place of the peak of a box
+    pfa: Positive  #: false alarms per m² at which detectors are compared
+    rock: Annotated[float, Field(ge=0)]  #: distance at which a rock is near a box, m
 
 
 class Premises(Table):
     """How the paper's premises are measured, and within what they are said to hold."""
 
-    hump: Annotated[
-        float, Field(gt=0, le=1)
-    ]  #: share of a cut's largest value by which a hump stands out
+    #: share of a cut's largest value by which a hump stands out
+    hump: Annotated[float, Field(gt=0, le=1)]
     humps: tuple[float, float]  #: mean number of humps that is called a double hump
-    visible: Annotated[
-        float, Field(gt=0, lt=1)
-    ]  #: share of clutter boxes that a visible mine exceeds
+    #: share of clutter boxes that a visible mine exceeds
+    visible: Annotated[float, Field(gt=0, lt=1)]
     visible_mines: tuple[float, float]  #: share of visible mines that is called "readily visible"
     fourth_moment: tuple[float, float]  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
     humps_across: tuple[float, float]  #: mean number of humps across that is called no structure
@@ -114,10 +103,7 @@ class Study(Table):
 
 
 class Site(Table):
-    """A lane.
-
-    Soil, kind of mine and its body, and numbers of mines by depth (m) for training and test.
-    """
+    """A lane: soil, kind of mine and its body, and numbers of mines by depth (m)."""
 
     title: str
     scene: str
@@ -126,23 +112,29 @@ class Site(Table):
     training: dict[str, int]
     test: dict[str, int]
 
-    def mine(self, **place: float) -> dict[str, Any]:
-        """Describe a mine of this lane at a place, as scenes hold targets."""
-        entries = (
-            {"kind": self.kind} if self.body is None else {"kind": self.kind, "body": self.body}
-        )
-        return entries | place
+    def mine(self, **position: float) -> dict[str, Any]:
+        """Return a mine of this lane at a position, as scenes hold targets."""
+        entries: dict[str, Any] = {"kind": self.kind}
+        if self.body is not None:
+            entries["body"] = self.body
+        return entries | position
 
     def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Depth (m) of every mine and whether it trains, at least one mine of a depth."""
-        depth = []
-        train = []
-        for table, trains in ((self.training, True), (self.test, False)):
-            for name, count in table.items():
+        """Return the depth of every mine, m, and whether it belongs to the training set.
+
+        Parameters
+        ----------
+        share : float
+            Share of the mines that is laid, at least one of every depth.
+        """
+        depths = []
+        trains = []
+        for counts, is_training in ((self.training, True), (self.test, False)):
+            for depth, count in counts.items():
                 number = max(1, round(count * share))
-                depth += [float(name)] * number
-                train += [trains] * number
-        return np.array(depth), np.array(train)
+                depths += [float(depth)] * number
+                trains += [is_training] * number
+        return np.array(depths), np.array(trains)
 
 
 class StudyRecipe(Table):
@@ -163,13 +155,13 @@ class StudyRecipe(Table):
 
     @property
     def cuts(self) -> CutSettings:
-        """How samples are taken, as the stage that maps by forms is told it."""
+        """How samples are taken: the settings of the stage that maps by forms."""
         return CutSettings(**(self.cut.model_dump() | self.training.model_dump()))
 
 
 def study_recipe(quick: bool = False, world: str = OWN) -> StudyRecipe:
     """Load the packaged recipe of the study, on the lanes of a world."""
-    sites = {
-        name: {"scene": site} for name, site in study_world("cosgrove2004", world).sites.items()
-    }
+    sites = {}
+    for name, site in study_world("cosgrove2004", world).sites.items():
+        sites[name] = {"scene": site}
     return packaged("cosgrove2004", StudyRecipe, quick, {"sites": sites})

@@ -1,9 +1,8 @@
-"""What the images say of mines before any detector runs.
+"""Measures of the premises of Cosgrove et al. 2004 on images, before any detector runs.
 
-Humps, polarizations, width, and how Gaussian clutter is. These are the premises of Cosgrove et al.
-2004: the double hump (Sec. III-B), the correlation of polarizations (III-C), mines that are readily
-visible (Fig. 2), no cross-range structure (III-B), and clutter that may be modelled as complex
-Gaussian once it is whitened (II-A).
+They are the double hump (Sec. III-B), the correlation of polarizations (III-C), mines that are
+readily visible (Fig. 2), no cross-range structure (III-B), and clutter that may be modelled as
+complex Gaussian once it is whitened (II-A).
 """
 
 from __future__ import annotations
@@ -30,9 +29,14 @@ _ACROSS = 1.0  # m, half length of the cut across a mine
 
 
 def hump_count(magnitude: ArrayLike, prominence: float) -> int:
-    """Count the local maxima of a cut (n,) that stand out.
+    """Return the number of local maxima of a cut that stand out.
 
-    They do by a share ``prominence`` of its largest value.
+    Parameters
+    ----------
+    magnitude : (n,) array_like
+        The cut.
+    prominence : float
+        Share of the cut's largest value by which a maximum has to stand out.
     """
     level = np.asarray(magnitude, dtype=np.float64)
     peaks, _ = find_peaks(level, prominence=prominence * level.max())
@@ -40,9 +44,14 @@ def hump_count(magnitude: ArrayLike, prominence: float) -> int:
 
 
 def polarization_correlation(cut: ArrayLike) -> float:
-    """Correlate the two halves of a stacked cut (2 n,), HH and VV.
+    """Return the correlation of HH and VV along a cut, from 0 to 1.
 
-    ``|Σ h v*| / sqrt(Σ|h|² Σ|v|²)``, from 0 to 1.
+    It is ``|Σ h v*| / sqrt(Σ|h|² Σ|v|²)``.
+
+    Parameters
+    ----------
+    cut : (2 n,) array_like
+        HH, then VV.
     """
     hh, vv = np.split(np.asarray(cut), 2)
     energy = np.sum(np.abs(hh) ** 2) * np.sum(np.abs(vv) ** 2)
@@ -50,9 +59,12 @@ def polarization_correlation(cut: ArrayLike) -> float:
 
 
 def fourth_moment_ratio(white: ArrayLike) -> float:
-    """Return the mean over features of ``E|z|⁴ / (E|z|²)²`` of samples (n, features).
+    """Return the mean over features of ``E|z|⁴ / (E|z|²)²``, which is 2 for Gaussian samples.
 
-    2 for circular Gaussian ones.
+    Parameters
+    ----------
+    white : (n, features) array_like
+        Whitened samples.
     """
     power = np.abs(np.asarray(white)) ** 2
     return float(np.mean(np.mean(power**2, axis=0) / np.mean(power, axis=0) ** 2))
@@ -81,7 +93,7 @@ def look_measures(
     clutter_cuts = []
     across = []
     for look in looks:
-        samples = samples_at(look.image, look.place[None], recipe.cuts)
+        samples = samples_at(look.image, look.position[None], recipe.cuts)
         target_cuts.append(samples.target)
         clutter_cuts.append(samples.clutter)
         across.append(_across(recipe, look))
@@ -98,59 +110,76 @@ def look_measures(
 
 
 def signature_humps(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, list[int]]:
-    """Count the humps of clutter-free signatures of mines by polarization."""
-    cut = recipe.cut.length, 1
-    cuts = [
-        range_cuts(
-            look.image, look.place[None], cut, recipe.cut.polarizations, recipe.training.search
-        )[0]
-        for look in looks
-    ]
+    """Return the number of humps of clutter-free signatures of mines, by polarization.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    looks : sequence of Look
+        Looks at mines without a lane around them.
+    """
+    shape = recipe.cut.length, 1
+    names = recipe.cut.polarizations
+    cuts = []
+    for look in looks:
+        position = look.position[None]
+        cuts.append(range_cuts(look.image, position, shape, names, recipe.training.search)[0])
     measures = _cut_measures(recipe, np.array(cuts))
-    return {name: measures[name] for name in recipe.cut.polarizations}
+    return {name: measures[name] for name in names}
 
 
 def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
-    """Return which mines of the wide image stand out in HH (Fig. 2).
+    """Return whether each mine of the wide image is readily visible in HH (Fig. 2).
 
-    They are compared with the boxes of clutter at their range.
+    It is if the peak of its box exceeds the peaks of a share ``premises.visible`` of the clutter
+    boxes at its range.
 
-    A mine is readily visible if its box's peak exceeds the peaks of a share ``premises.visible`` of
-    the clutter boxes.
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    image : (polarization, y, x) DataArray
+        As `flgpr_papers.cosgrove2004.images.wide_image` returns it.
     """
-    return [
-        bool(at_mine > np.quantile(at_clutter, recipe.premises.visible))
-        for at_mine, at_clutter in _wide_boxes(recipe, image)
-    ]
+    visible = []
+    for at_mine, at_clutter in _wide_boxes(recipe, image):
+        level = np.quantile(at_clutter, recipe.premises.visible)
+        visible.append(bool(at_mine > level))
+    return visible
 
 
 def visibility_db(recipe: StudyRecipe, image: xr.DataArray) -> list[float]:
-    """Return the peak of every mine of the wide image in HH over the strongest box of clutter at its range, dB."""
-    return [
-        float(10 * np.log10(at_mine / at_clutter.max()))
-        for at_mine, at_clutter in _wide_boxes(recipe, image)
-    ]
+    """Return the peak of every mine of the wide image over that of the clutter at its range, dB.
+
+    Both are peaks of boxes in HH, that of clutter the strongest of all boxes.
+    """
+    levels = []
+    for at_mine, at_clutter in _wide_boxes(recipe, image):
+        levels.append(float(10 * np.log10(at_mine / at_clutter.max())))
+    return levels
 
 
 def _wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, FloatArray]]:
-    """Return the peak power in HH of every mine's box, and those of the boxes of clutter at its range."""
+    """Return the peak power in HH of every mine's box, and of the clutter's boxes at its range."""
     power = (np.abs(image.sel(polarization="HH").values) ** 2).astype(np.float32)
     x = image["x"].values
     y = image["y"].values
     box = recipe.score.box
-    found = []
+    half_step = recipe.radar.stop_spacing / 2
+    peaks = []
     for position in np.array(WIDE_MINES, dtype=np.float64):
         area = {
             "x_min": float(x[0]),
             "x_max": float(x[-1]),
-            "y_min": position[1] - recipe.radar.stop_spacing / 2,
-            "y_max": position[1] + recipe.radar.stop_spacing / 2,
+            "y_min": position[1] - half_step,
+            "y_max": position[1] + half_step,
         }
         boxes = offset_boxes(position[None], area, box, recipe.score.clearance)
         at_mine, _ = box_values(power, x, y, position[None], box, 1.0)
         at_clutter, _ = box_values(power, x, y, boxes, box, 1.0)
-        found.append((float(at_mine[0]), at_clutter))
-    return found
+        peaks.append((float(at_mine[0]), at_clutter))
+    return peaks
 
 
 def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:
@@ -165,19 +194,20 @@ def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any
 
 
 def _across(recipe: StudyRecipe, look: Look) -> tuple[int, float]:
-    """Return the number of humps across the brightest pixel near a mine in HH, and their width.
+    """Return the humps across range at the brightest pixel near a mine in HH, and their width.
 
-    It is the half-power width, m.
+    The width is that between the half-power points, m.
     """
     magnitude = np.abs(look.image.sel(polarization="HH").values)
     x = look.image["x"].values
     y = look.image["y"].values
     search = recipe.training.search
-    near = (np.abs(x - look.place[0]) <= search)[None, :] & (np.abs(y - look.place[1]) <= search)[
-        :, None
-    ]
-    row, column = np.unravel_index(int(np.argmax(np.where(near, magnitude, 0))), magnitude.shape)
+    is_near_x = np.abs(x - look.position[0]) <= search
+    is_near_y = np.abs(y - look.position[1]) <= search
+    is_near = is_near_x[None, :] & is_near_y[:, None]
+    row, column = np.unravel_index(int(np.argmax(np.where(is_near, magnitude, 0))), magnitude.shape)
     reach = min(round(_ACROSS / (x[1] - x[0])), int(column), x.size - 1 - int(column))
     columns = slice(int(column) - reach, int(column) + reach + 1)
     level = magnitude[row, columns] / magnitude[row, column]
-    return hump_count(level, recipe.premises.hump), half_power(x[columns] - x[column], level)
+    humps = hump_count(level, recipe.premises.hump)
+    return humps, half_power(x[columns] - x[column], level)

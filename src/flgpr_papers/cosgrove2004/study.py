@@ -1,6 +1,8 @@
-"""The study of Cosgrove et al. 2004 on simulated lanes.
+"""Reproduce Cosgrove et al. 2004 on simulated lanes: trained detection by deflection.
 
-Sites, training, detectors, figures, findings.
+The study in order, seed by seed: simulate the lanes of every soil and image their mines, train the
+detectors on some of the mines, score them on the others; then judge the paper's statements by all
+seeds, draw the figures and write the page.
 """
 
 from __future__ import annotations
@@ -17,9 +19,11 @@ from numpy.typing import NDArray
 from flgpr.chain.model import Model, save_model
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.stages.forms import learnt_of
+from flgpr.detect import ChipDetector
 from flgpr.store import write_whole
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
+    Training,
     detectors,
     eigenvalue_ratios,
     eigenvectors,
@@ -29,7 +33,7 @@ from flgpr_papers.cosgrove2004.detect import (
 )
 from flgpr_papers.cosgrove2004.findings import Case, findings, interval, pd_table
 from flgpr_papers.cosgrove2004.images import (
-    WORLDS,
+    SURROUNDINGS,
     Look,
     PointResponse,
     lane_looks,
@@ -41,7 +45,7 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.page import page_html
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
@@ -51,6 +55,7 @@ from flgpr_papers.kit.worlds import World
 ComplexArray = NDArray[np.complex128]
 PAGE = "index.html"
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
+"""Cases of every seed by surroundings and site."""
 
 
 @one_blas_thread
@@ -63,129 +68,209 @@ def reproduce(
 ) -> Path:
     """Run the study and write its page, figures, findings and trained detectors.
 
-    ``recipe`` stands in for the packaged. Every lane's scores are kept in ``output/lanes``, so that
-    a broken run goes on where it stopped.
+    The scores of every seed's lanes stay in ``output/lanes``, so that an interrupted run resumes
+    seed by seed.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in.
+    quick : bool
+        A small study that only shows that everything runs.
+    track : Track
+        Shows progress.
+    recipe : StudyRecipe, optional
+        Recipe in place of the packaged one.
+    world : str
+        World of the lanes, see `flgpr_papers.kit.study_worlds`.
+
+    Returns
+    -------
+    Path
+        The page.
     """
     study = recipe or study_recipe(quick, world)
     folder = Path(output)
     seeds = _seeds(study)
     cases = _run_cases(study, folder, seeds, track)
-    tables = {world: pd_table(study, cases[world]) for world in WORLDS}
-    findings_of_world = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
+    tables = {}
+    findings_by_surroundings = {}
+    judged = []
+    for surroundings in SURROUNDINGS:
+        table = pd_table(study, cases[surroundings])
+        tables[surroundings] = table
+        found = []
+        for finding in findings(study, cases[surroundings], table):
+            found.append(replace(finding, group=surroundings))
+        findings_by_surroundings[surroundings] = found
+        judged += found
     responses = {
         "with the ramp": point_response(study, True),
         "without": point_response(study, False),
     }
-    drawn = _figures(study, cases, responses, seeds[0])
-    pictures = {name: draw(figure, quick) for name, figure in drawn.items()}
-    for name, picture in pictures.items():
-        write_whole(folder / f"{name}.png", picture)
-    rows = pd.concat(tables, names=["world"]).reset_index("world")
-    write_whole(folder / "pd.csv", rows.to_csv(index=False))
+    pictures = {}
+    for name, figure in _figures(study, cases, responses, seeds[0]).items():
+        pictures[name] = draw(figure, quick)
+        write_whole(folder / f"{name}.png", pictures[name])
+    pds = pd.concat(tables, names=["world"]).reset_index("world")
+    write_whole(folder / "pd.csv", pds.to_csv(index=False))
     resolution = {name: response.resolution for name, response in responses.items()}
-    judged = [
-        replace(finding, group=world) for world in WORLDS for finding in findings_of_world[world]
-    ]
     write_findings(folder, judged, quick, world=world, seeds=len(seeds), resolution_m=resolution)
-    page = folder / PAGE
-    grouped: dict[str, list[Finding]] = {name: [] for name in WORLDS}
-    for finding in judged:
-        grouped[finding.group].append(finding)
-    worlds = study_world("cosgrove2004", world), other_world(folder, PAGE, world, quick)
-    write_whole(page, page_html(study, cases, tables, grouped, responses, pictures, quick, *worlds))
-    return page
+    html = page_html(
+        study,
+        cases,
+        tables,
+        findings_by_surroundings,
+        responses,
+        pictures,
+        quick,
+        study_world("cosgrove2004", world),
+        other_world(folder, PAGE, world, quick),
+    )
+    write_whole(folder / PAGE, html)
+    return folder / PAGE
 
 
 def run_seed(
     recipe: StudyRecipe, seed: int, share: float, models: Path | None = None
 ) -> dict[str, dict[str, Case]]:
-    """Simulate every lane of a seed, train on it and score every detector."""
-    cases: dict[str, dict[str, Case]] = {world: {} for world in WORLDS}
-    taught: dict[str, ComplexArray] = {}
-    point_width = point_response(recipe, filtered=recipe.image.filter == "ramp").resolution[1]
+    """Simulate every lane of a seed, train on it, and score every detector.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    seed : int
+        Seed of the lanes.
+    share : float
+        Share of the mines that are laid.
+    models : Path, optional
+        Folder for the trained detectors, a bundle for each site and surroundings.
+
+    Returns
+    -------
+    dict
+        Case by surroundings and site, as JSON can hold it.
+    """
+    cases: dict[str, dict[str, Case]] = {surroundings: {} for surroundings in SURROUNDINGS}
+    sand_cuts: dict[str, ComplexArray] = {}
+    response = point_response(recipe, filtered=recipe.image.filter == "ramp")
     visible = visible_mines(recipe, wide_image(recipe, seed))
-    for site in sorted(
-        recipe.sites, key=lambda name: name != "sand"
-    ):  # dry sand first: its detector is tried elsewhere
+    # Dry sand comes first: its detector is tried at the other sites.
+    for site in sorted(recipe.sites, key=_is_not_sand):
         bare_looks = signature_looks(recipe, site)
         signatures = np.concatenate([target_cut(recipe, look) for look in bare_looks])
         humps = signature_humps(recipe, bare_looks)
-        for world, looks in lane_looks(recipe, site, seed, share).items():
-            trains = [look for look in looks if look.trains]
-            test = [look for look in looks if not look.trains]
-            training = learn(recipe, trains)
+        for surroundings, looks in lane_looks(recipe, site, seed, share).items():
+            training = learn(recipe, [look for look in looks if look.trains])
             chip_detectors = detectors(
-                recipe, training, signatures.astype(np.complex128), taught.get(world)
+                recipe,
+                training,
+                signatures.astype(np.complex128),
+                sand_cuts.get(surroundings),
             )
             if site == "sand":
-                taught[world] = training.white
+                sand_cuts[surroundings] = training.white
             if models is not None:
                 detector = chip_detectors[f"rank {recipe.detector.rank}"]
-                learnt = learnt_of(detector.forms, training.clutter)
-                save_model(
-                    Model(stages={"map.deflection": learnt}),
-                    models / f"{site}-{world}",
-                    detector.notes,
-                )
-            cases[world][site] = {
-                "premises": look_measures(recipe, test, training.whitener),
+                _save_detector(models / f"{site}-{surroundings}", detector, training)
+            has_wide_image = (surroundings, site) == ("open", "sand")
+            cases[surroundings][site] = {
+                **_lane_case(recipe, looks, training, chip_detectors),
                 "signature_humps": humps,
-                "visible": visible if (world, site) == ("open", "sand") else [],
-                "point_width": point_width,
+                "visible": visible if has_wide_image else [],
+                "point_width": response.resolution[1],
                 "site": site,
                 "seed": seed,
-                "training_looks": len(trains),
-                "test_looks": len(test),
-                "ratios": eigenvalue_ratios(recipe, training).tolist(),
-                "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
-                "cuts": [
-                    {
-                        "depth": look.depth,
-                        "magnitude": np.abs(target_cut(recipe, look)[0]).astype(float).tolist(),
-                    }
-                    for look in _one_per_depth(looks)
-                ],
-                "peaks": {
-                    name: asdict(peaks)
-                    for name, peaks in score_looks(recipe, test, chip_detectors).items()
-                },
             }
     return cases
+
+
+def _is_not_sand(site: str) -> bool:
+    """Return whether a site is another one than that of dry sand."""
+    return site != "sand"
+
+
+def _save_detector(path: Path, detector: ChipDetector, training: Training) -> None:
+    """Save a trained detector as the model that the recipe cosgrove2004 takes."""
+    learnt = learnt_of(detector.forms, training.clutter)
+    save_model(Model(stages={"map.deflection": learnt}), path, detector.notes)
+
+
+def _lane_case(
+    recipe: StudyRecipe,
+    looks: Sequence[Look],
+    training: Training,
+    chip_detectors: dict[str, ChipDetector],
+) -> Case:
+    """Return what was measured on a lane: premises, eigenvalues, cuts and peaks."""
+    test = [look for look in looks if not look.trains]
+    cuts = []
+    for look in _one_per_depth(looks):
+        magnitude = np.abs(target_cut(recipe, look)[0]).astype(float)
+        cuts.append({"depth": look.depth, "magnitude": magnitude.tolist()})
+    peaks = {}
+    for name, peaks_of_detector in score_looks(recipe, test, chip_detectors).items():
+        peaks[name] = asdict(peaks_of_detector)
+    return {
+        "premises": look_measures(recipe, test, training.whitener),
+        "training_looks": len(looks) - len(test),
+        "test_looks": len(test),
+        "ratios": eigenvalue_ratios(recipe, training).tolist(),
+        "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
+        "cuts": cuts,
+        "peaks": peaks,
+    }
 
 
 def _run_cases(
     recipe: StudyRecipe, folder: Path, seeds: range, track: Track
 ) -> dict[str, dict[str, list[Case]]]:
-    """Run the seeds that are not yet on disk, read the others; returns world, site, cases."""
-    read = [
-        _seed_cases(recipe, folder, seed)
-        for seed in track(seeds, "lanes, seed by seed", len(seeds))
-    ]
+    """Return the cases of all seeds by surroundings and site; those on disk are read."""
+    cases_by_seed = []
+    for seed in track(seeds, "lanes, seed by seed", len(seeds)):
+        cases_by_seed.append(_seed_cases(recipe, folder, seed))
     cases: dict[str, dict[str, list[Case]]] = {}
-    for world in WORLDS:
-        cases[world] = {}
+    for surroundings in SURROUNDINGS:
+        cases[surroundings] = {}
         for site in recipe.sites:
-            cases[world][site] = [record[world][site] for record in read]
+            of_site = [of_seed[surroundings][site] for of_seed in cases_by_seed]
+            cases[surroundings][site] = of_site
     return cases
 
 
 def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
-    """Return the cases of a seed, or read them if they are on disk."""
-    share = recipe.study.share
+    """Return the cases of a seed by surroundings and site, or read them if they are on disk."""
     models = folder / "models" if seed == 1 else None
-    path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
-    cases: dict[str, dict[str, Case]] = kept(path, lambda: run_seed(recipe, seed, share, models))
+    key = key_of(recipe.model_dump(mode="json"))
+
+    def make() -> dict[str, dict[str, Case]]:
+        return run_seed(recipe, seed, recipe.study.share, models)
+
+    cases: dict[str, dict[str, Case]] = read_or_make(
+        folder / "lanes" / f"seed-{seed}-{key}.json", make
+    )
     return cases
 
 
 def parts(quick: bool) -> list[str]:
-    """List the seeds, each of which can be worked on by itself."""
+    """Return the names of the seeds, each of which can be run by itself."""
     return [str(seed) for seed in _seeds(study_recipe(quick))]
 
 
 @one_blas_thread
 def make_part(folder: Path, seed: str, quick: bool, world: str = OWN) -> None:
-    """Work on a seed."""
+    """Run the lanes of a seed, unless they are on disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    seed : str
+        The seed, see :func:`parts`.
+    quick, world
+        As of :func:`reproduce`.
+    """
     _seed_cases(study_recipe(quick, world), folder, int(seed))
 
 
@@ -195,7 +280,7 @@ def _seeds(recipe: StudyRecipe) -> range:
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
-    """Return the first look at each depth, of three depths at most."""
+    """Return the first look at each depth, of the three smallest depths at most."""
     first = {look.depth: look for look in reversed(looks)}
     return [first[depth] for depth in sorted(first)][:3]
 
@@ -203,7 +288,7 @@ def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
 def _figures(
     recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int
 ) -> dict[str, Figure]:
-    """Draw the figures of the page by name."""
+    """Draw the figures of the page by name, the paper's first, in its order."""
     image = wide_image(recipe, seed)
     drawn = {
         "figure-1": figures.geometry(recipe),
@@ -212,52 +297,59 @@ def _figures(
         "figure-5": figures.feature_vector(recipe, image),
         "resolution": figures.point_figure(responses),
     }
-    for world in WORLDS:
-        sand = cases[world]["sand"][0]
-        drawn[f"figure-4-{world}"] = figures.imaged_signatures(recipe, sand["cuts"])
-        drawn[f"figure-6-{world}"] = figures.eigenvector_figure(
+    for surroundings in SURROUNDINGS:
+        lanes = cases[surroundings]
+        sand = lanes["sand"][0]
+        drawn[f"figure-4-{surroundings}"] = figures.imaged_signatures(recipe, sand["cuts"])
+        drawn[f"figure-6-{surroundings}"] = figures.eigenvector_figure(
             recipe, np.array(sand["eigenvectors"]), np.array(sand["ratios"])
         )
-        drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
-        drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
-    # The paper's figures come first, in its order.
-    return dict(
-        sorted(drawn.items(), key=lambda item: (not item[0].startswith("figure-"), item[0]))
-    )
+        drawn[f"figure-7-{surroundings}"] = figures.roc_figure(recipe, lanes)
+        drawn[f"depth-{surroundings}"] = figures.depth_figure(recipe, lanes)
+    papers_figures = sorted(name for name in drawn if name.startswith("figure-"))
+    own_figures = sorted(name for name in drawn if not name.startswith("figure-"))
+    return {name: drawn[name] for name in (*papers_figures, *own_figures)}
 
 
+# Seeds, and mines by depth (m), of a world: fewer than the study's, for there are many worlds.
 _SEEDS = 2
 _TRAINING = {"0.10": 4}
 _TEST = {"0.01": 3, "0.05": 3, "0.15": 3}
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements on one soil, and tell its Pd, by which soils can be compared."""
+    """Judge the paper's statements on one soil, and measure Pd, by which soils can be compared.
+
+    Parameters
+    ----------
+    world : World
+        Soil, surface and roadside.
+    folder : Path
+        Folder to work in.
+    """
     study = study_recipe()
-    site = study.sites["sand"].model_copy(
-        update={
-            "title": "this soil",
-            "scene": world.site(folder),
-            "training": _TRAINING,
-            "test": _TEST,
-        }
-    )
+    changes = {
+        "title": "this soil",
+        "scene": world.site(folder),
+        "training": _TRAINING,
+        "test": _TEST,
+    }
+    site = study.sites["sand"].model_copy(update=changes)
     study = study.model_copy(update={"sites": {"sand": site}})
-    first = 1 + _SEEDS * (world.number + 100)
-    cases = [
-        run_seed(study, seed, 1.0)["roadside"]["sand"] for seed in range(first, first + _SEEDS)
-    ]
+    first_seed = 1 + _SEEDS * (world.number + 100)
+    cases = []
+    for seed in range(first_seed, first_seed + _SEEDS):
+        cases.append(run_seed(study, seed, 1.0)["roadside"]["sand"])
     table = pd_table(study, {"sand": cases})
-    judged = [
-        finding for finding in findings(study, {"sand": cases}, table) if finding.verdict != OPEN
-    ]
+    statements = []
+    for finding in findings(study, {"sand": cases}, table):
+        if finding.verdict != OPEN:
+            statements.append(finding)
     pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]
-    return [
-        *judged,
-        measured(
-            "Pd of the deflection detector",
-            "not stated for such a soil",
-            f"at {study.score.pfa:g} per m²",
-            interval(pds.to_numpy(), bounds=(0.0, 1.0)),
-        ),
-    ]
+    pd_of_soil = measured(
+        "Pd of the deflection detector",
+        "not stated for such a soil",
+        f"at {study.score.pfa:g} per m²",
+        interval(pds.to_numpy(), bounds=(0.0, 1.0)),
+    )
+    return [*statements, pd_of_soil]

@@ -15,7 +15,7 @@ from flgpr_papers.kit.page import Twin
 
 Rows = Sequence[tuple[str, str, str]]
 BESIDE = {"open": "open lanes", "roadside": "beside bushes and posts"}
-"""The two worlds in words."""
+"""What stands beside a lane, in words."""
 _TITLES = {
     "1": ("Collection geometry", "From above and from the side: a van stops along the lane."),
     "2": (
@@ -47,15 +47,36 @@ def paper_twins(
     found: Mapping[str, Sequence[Finding]],
     pictures: Mapping[str, bytes],
 ) -> Iterator[Twin]:
-    """Yield Fig. 1 to 7, those of detectors and imaged mines for either world."""
+    """Yield Fig. 1 to 7, those of detectors and imaged mines with and without a roadside.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    cases : mapping
+        Cases of every seed by surroundings and site.
+    tables : mapping of str to DataFrame
+        Pd of every detector by surroundings.
+    found : mapping of str to sequence of Finding
+        Findings by surroundings.
+    pictures : mapping of str to bytes
+        Figures by name, PNG.
+    """
     for number, (title, caption) in _TITLES.items():
-        for world, lane_words in BESIDE.items():
-            rows = _numbers(number, recipe, cases[world], tables[world], found[world])
-            picture = pictures.get(f"figure-{number}-{world}")
+        heading = f"Fig. {number}"
+        for surroundings, lane_title in BESIDE.items():
+            rows = _numbers(
+                number,
+                recipe,
+                cases[surroundings],
+                tables[surroundings],
+                found[surroundings],
+            )
+            picture = pictures.get(f"figure-{number}-{surroundings}")
             if picture is not None:
-                yield Twin(f"Fig. {number}", f"{title}, {lane_words}", picture, caption, rows)
-            elif world == "open":
-                yield Twin(f"Fig. {number}", title, pictures[f"figure-{number}"], caption, rows)
+                yield Twin(heading, f"{title}, {lane_title}", picture, caption, rows)
+            elif surroundings == "open":
+                yield Twin(heading, title, pictures[f"figure-{number}"], caption, rows)
 
 
 def own_twins(
@@ -64,9 +85,9 @@ def own_twins(
     """Yield the figures that the paper does not have."""
     caption = "Half-power widths of an ideal point on the ground at 15 m (Sec. III-A)."
     yield Twin("", "Resolution", pictures["resolution"], caption, _resolution_rows(responses))
-    for world, title in BESIDE.items():
+    for surroundings, title in BESIDE.items():
         caption = "All seeds pooled, thresholds lane by lane."
-        yield Twin("", f"Pd over depth, {title}", pictures[f"depth-{world}"], caption)
+        yield Twin("", f"Pd over depth, {title}", pictures[f"depth-{surroundings}"], caption)
 
 
 def _numbers(

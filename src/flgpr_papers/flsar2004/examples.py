@@ -19,6 +19,7 @@ from flgpr.chain.stages.clusters import (
     templates_of,
 )
 from flgpr.features import (
+    SurveyOffset,
     align_phases,
     clutter_tiles,
     cut_regions,
@@ -27,7 +28,6 @@ from flgpr.features import (
     register_fiducials,
     template_features,
 )
-from flgpr.features.registration import Registration
 from flgpr.model import Grid, Lane
 from flgpr.screen import energy_ratio, find_clusters
 from flgpr.screen.clusters import Rule
@@ -36,6 +36,7 @@ from flgpr_papers.flsar2004.lanes import Pass, Settings
 FloatArray = NDArray[np.float64]
 POLARIZATIONS = ("HH", "VV")
 ANTENNA_HEIGHT = 3.5
+"""Height of the antennas above the ground, m."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,8 @@ class Site:
     #: drives), subset
     mines: pd.DataFrame
     lanes: tuple[Lane, ...]  #: the lane in both drives
-    registration: dict[
-        str, Registration
-    ]  #: of (polarization, range) to the registration by fiducials, drive by drive
+    #: offset of every image from the survey, by direction, polarization and range
+    registration: dict[str, SurveyOffset]
 
     @property
     def view(self) -> xr.DataArray:
@@ -75,53 +75,85 @@ class Site:
 
 
 def join(settings: Settings, drives: Sequence[Pass]) -> Site:
-    """Join the drives of a site into one strip and choose the subset.
+    """Join the drives of a site into one strip and choose the subset of the mines.
 
     The subset is for templates and thresholds.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    drives : sequence of Pass
+        The drives of a site.
     """
     first = drives[0].grid
     grid = Grid(first.x_min, first.y_min, first.nx, first.ny * len(drives), first.dx, first.dy)
-    mines = []
+    tables = []
     lanes = []
-    registration = {}
+    registration: dict[str, SurveyOffset] = {}
     for k, drive in enumerate(drives):
         offset = k * first.ny * first.dy
-        for p, r in np.ndindex(*drive.image.shape[:2]):
-            # Focused on the ground, what stands higher appears nearer by height·H/distance.
-            known = np.array(drive.fiducials[["x", "y"]], dtype=np.float64)
-            known[:, 1] -= (
-                drive.fiducials["height"].to_numpy() * ANTENNA_HEIGHT / settings.ranges[r]
-            )
-            name = f"{drive.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
-            registration[name] = register_fiducials(np.abs(drive.image[p, r]), drive.grid, known)
-        shift = np.median(
-            [
-                registered.shift
-                for key, registered in registration.items()
-                if key.startswith(drive.direction)
-            ],
-            axis=0,
-        )
+        offsets = _survey_offsets(settings, drive)
+        registration |= offsets
+        shift_x, shift_y = np.median([known.shift for known in offsets.values()], axis=0)
         table = drive.truth[["x", "y", "kind", "depth"]].assign(
             target=drive.truth["target_id"], direction=drive.direction
         )
-        table["x"] += shift[0]
-        table["y"] += shift[1] + offset
-        mines.append(table)
+        table["x"] += shift_x
+        table["y"] += shift_y + offset
+        tables.append(table)
         lanes.append(Lane(settings.lane[0], settings.lane[1], offset, settings.length + offset))
-    table = pd.concat(mines, ignore_index=True)
-    names = np.sort(table["target"].unique())
-    rng = np.random.default_rng(settings.seed + settings.sites.index(drives[0].site))
-    chosen = rng.choice(names, max(round(settings.features.share * len(names)), 4), replace=False)
-    table["subset"] = table["target"].isin(chosen)
+    mines = pd.concat(tables, ignore_index=True)
+    subset = _draw_subset(settings, drives[0].site, mines)
+    mines["subset"] = mines["target"].isin(subset)
     wave = np.concatenate([drive.image for drive in drives], axis=2)
-    return Site(drives[0].site, wave, np.abs(wave), grid, table, tuple(lanes), registration)
+    return Site(drives[0].site, wave, np.abs(wave), grid, mines, tuple(lanes), registration)
+
+
+def _survey_offsets(settings: Settings, drive: Pass) -> dict[str, SurveyOffset]:
+    """Return the offset of every image of a drive from the survey, by its fiducials."""
+    offsets = {}
+    for p, r in np.ndindex(*drive.image.shape[:2]):
+        # Focused on the ground, what stands higher appears nearer by height·H/distance.
+        surveyed = np.array(drive.fiducials[["x", "y"]], dtype=np.float64)
+        height = drive.fiducials["height"].to_numpy()
+        surveyed[:, 1] -= height * ANTENNA_HEIGHT / settings.ranges[r]
+        name = f"{drive.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
+        offsets[name] = register_fiducials(np.abs(drive.image[p, r]), drive.grid, surveyed)
+    return offsets
+
+
+def _draw_subset(settings: Settings, site: str, mines: pd.DataFrame) -> NDArray[Any]:
+    """Draw the mines of the subset: a share of all, and at least four."""
+    names = np.sort(mines["target"].unique())
+    rng = np.random.default_rng(settings.seed + settings.sites.index(site))
+    count = max(round(settings.features.share * len(names)), 4)
+    return rng.choice(names, count, replace=False)
 
 
 def signatures(
     settings: Settings, site: Site, subset: bool, magnitude: bool = True
 ) -> tuple[NDArray[Any], pd.DataFrame]:
-    """Cut images of template size about the mines: those of the subset, or all the others."""
+    """Cut images of template size about the mines: those of the subset, or all the others.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : Site
+        The site.
+    subset : bool
+        Whether the mines are those of the subset.
+    magnitude : bool
+        Whether magnitudes are cut, or complex values.
+
+    Returns
+    -------
+    chips : (mine, polarization, range, y, x) ndarray
+        The images.
+    mines : DataFrame
+        Their mines.
+    """
     mines = site.mines[site.mines["subset"] == subset].reset_index(drop=True)
     image = site.image if magnitude else site.wave
     return cut_regions(image, site.grid, mines[["x", "y"]], settings.features.template), mines
@@ -149,41 +181,64 @@ VARIANTS = {
 def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> NDArray[Any]:
     """Compute templates from the subset's signatures.
 
-    Their shape is (polarization, range, y, x) or (..., component, y, x).
-
     Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a
     wavelength: they are turned to one phase before they are averaged.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : Site
+        The site.
+    variant : Variant
+        Kind of the templates.
+
+    Returns
+    -------
+    (polarization, range, y, x) or (polarization, range, component, y, x) ndarray
+        The templates.
     """
     if variant == MAIN:
         return templates_of([_training(site)], TemplateSettings(**_sizes(settings)))
-    chips = signatures(settings, site, True, variant.magnitude)[0]
+    chips, _ = signatures(settings, site, True, variant.magnitude)
     channels = []
     for p, r in np.ndindex(*chips.shape[1:3]):
         images = chips[:, p, r]
-        channels.append(
-            principal_templates(images, variant.components)[0]
-            if variant.components
-            else mean_template(align_phases(images))
-        )
+        if variant.components:
+            template, _ = principal_templates(images, variant.components)
+        else:
+            template = mean_template(align_phases(images))
+        channels.append(template)
     return np.stack(channels).reshape(*chips.shape[1:3], *channels[0].shape)
 
 
 def open_examples(
     settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
 ) -> tuple[pd.DataFrame, FloatArray]:
-    """Examples without prescreener.
+    """Return the examples without prescreener and their features.
 
-    Every mine outside the subset, and the tiles of the lane that hold none.
+    They are every mine outside the subset, and the tiles of the lane that hold none.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : Site
+        The site.
+    templates : ndarray
+        As :func:`make_templates` returns them.
+    magnitude : bool
+        Whether magnitudes are correlated, or complex values.
     """
     features = settings.features
+    all_mines = site.mines[["x", "y"]]
+    tables = []
+    for k, lane in enumerate(site.lanes):
+        tiles = clutter_tiles(lane, features.region, all_mines, features.keep_off)
+        tables.append(tiles.assign(clutter=f"{k}"))
+    clutter = pd.concat(tables).assign(kind="clutter")
     mines = site.mines[~site.mines["subset"]]
-    tiles = [
-        clutter_tiles(lane, features.region, site.mines[["x", "y"]], features.keep_off).assign(
-            clutter=f"{k}"
-        )
-        for k, lane in enumerate(site.lanes)
-    ]
-    table = pd.concat([mines, pd.concat(tiles).assign(kind="clutter")], ignore_index=True)
+    table = pd.concat([mines, clutter], ignore_index=True)
     return _with_features(settings, site, templates, table, magnitude)
 
 
@@ -208,6 +263,15 @@ def learn_screen(
     """Train the recipe's prescreeners on the subset's mines of some kinds.
 
     If there is none of them, all of the subset is used.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : Site
+        The site.
+    kinds : tuple of str
+        Kinds of mines.
     """
     table = ClusterSettings(
         **_sizes(settings),
@@ -216,7 +280,8 @@ def learn_screen(
         reach=settings.prescreen.halo,
         kinds=kinds,
     )
-    return ClusterScreen(table, None, ClusterScreen.fit(table, [_training(site)])[0])  # type: ignore[arg-type]
+    learnt, _ = ClusterScreen.fit(table, [_training(site)])
+    return ClusterScreen(table, None, learnt)  # type: ignore[arg-type]
 
 
 def screened_regions(
@@ -224,24 +289,41 @@ def screened_regions(
 ) -> pd.DataFrame:
     """Return the regions in the lane that pass in all ranges of a polarization (par. 44).
 
-    The images are joined by "and" (par. 18).
+    Parameters
+    ----------
+    site : Site
+        The site.
+    screen : ClusterScreen
+        The trained prescreeners.
+    polarizations : sequence of str
+        Polarizations whose images are screened.
+    rule : str
+        How the images are joined; "and" is par. 18.
     """
-    table = screen.settings.model_copy(update={"polarizations": tuple(polarizations), "rule": rule})
+    changes = {"polarizations": tuple(polarizations), "rule": rule}
+    table = screen.settings.model_copy(update=changes)
     regions = ClusterScreen(table, screen.setup, screen.learnt).alarms(site.view)
-    inside = np.zeros(len(regions), np.bool_)
+    is_inside = np.zeros(len(regions), np.bool_)
     for lane in site.lanes:
-        inside |= lane.contains(regions["x"], regions["y"])
-    return regions[inside].reset_index(drop=True)
+        is_inside |= lane.contains(regions["x"], regions["y"])
+    return regions[is_inside].reset_index(drop=True)
 
 
 def clutter_past_prescreeners(
     site: Site, screen: ClusterScreen, halo: float
 ) -> tuple[int, int, int]:
-    """Count the clusters of clutter, over all images, that pass the prescreeners.
+    """Return the number of clutter clusters that pass the first, the second and all prescreeners.
 
-    They are those that pass the first, the second too, and all three.
+    They are counted over all images.
 
-    Clutter is what lies in the lane and further than ``halo`` (m) from every mine.
+    Parameters
+    ----------
+    site : Site
+        The site.
+    screen : ClusterScreen
+        The trained prescreeners.
+    halo : float
+        Clutter lies in the lane and farther than this from every mine, m.
     """
     mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
     counts = np.zeros(3, dtype=np.int64)
@@ -260,12 +342,12 @@ def clutter_past_prescreeners(
 
 
 def _training(site: Site) -> TrainingView:
-    """Show the site to a stage with the subset's mines alone."""
+    """Return the site as a stage sees it in training, with the subset's mines alone."""
     return TrainingView(site.view, site.mines[site.mines["subset"]], site.lanes[0])
 
 
 def _sizes(settings: Settings) -> dict[str, Any]:
-    """Sizes that the stages of the recipe are told; all of the subset trains them."""
+    """Return the sizes in the settings of the recipe's stages; all of the subset trains them."""
     return {
         "region": settings.features.region,
         "template": settings.features.template,
@@ -276,28 +358,32 @@ def _sizes(settings: Settings) -> dict[str, Any]:
 def screened_examples(
     settings: Settings, site: Site, templates: NDArray[Any], regions: pd.DataFrame
 ) -> tuple[pd.DataFrame, FloatArray]:
-    """Label regions by the mines within the halo.
+    """Return screened regions as examples with features, labelled by the mines within the halo.
 
     Further regions of one mine, and those of the subset, are dropped.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : Site
+        The site.
+    templates : ndarray
+        As :func:`make_templates` returns them.
+    regions : DataFrame
+        As :func:`screened_regions` returns them.
     """
     mines = site.mines.reset_index(drop=True)
-    places = mines[["x", "y"]].to_numpy(dtype=np.float64)
-    distance = np.linalg.norm(
-        regions[["x", "y"]].to_numpy(dtype=np.float64)[:, None] - places, axis=2
-    )
+    mine_positions = mines[["x", "y"]].to_numpy(dtype=np.float64)
+    region_positions = regions[["x", "y"]].to_numpy(dtype=np.float64)
+    distance = np.linalg.norm(region_positions[:, None] - mine_positions, axis=2)
     nearest = distance.argmin(axis=1)
-    near = distance[np.arange(len(regions)), nearest] <= settings.prescreen.halo
-    label = mines.iloc[nearest][["kind", "depth", "target", "direction", "subset"]].reset_index(
-        drop=True
-    )
-    label.loc[~near, ["kind", "depth", "target", "direction", "subset"]] = [
-        "clutter",
-        np.nan,
-        "",
-        "",
-        False,
-    ]
-    table = pd.concat([regions[["x", "y"]], label], axis=1)
-    again = table.duplicated(["target", "direction"]) & (table["target"] != "")
-    table = table[~again & ~table["subset"].astype(bool)].reset_index(drop=True)
+    is_hit = distance[np.arange(len(regions)), nearest] <= settings.prescreen.halo
+    columns = ["kind", "depth", "target", "direction", "subset"]
+    labels = mines.iloc[nearest][columns].reset_index(drop=True)
+    labels.loc[~is_hit, columns] = ["clutter", np.nan, "", "", False]
+    table = pd.concat([regions[["x", "y"]], labels], axis=1)
+    is_repeated = table.duplicated(["target", "direction"]) & (table["target"] != "")
+    is_of_subset = table["subset"].astype(bool)
+    table = table[~is_repeated & ~is_of_subset].reset_index(drop=True)
     return _with_features(settings, site, templates, table)

@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
@@ -23,14 +24,24 @@ from flgpr_papers.kit.settings import packaged_text
 
 Curves = dict[str, dict[str, pd.DataFrame]]
 TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
+"""Title of every panel of ROCs by its name."""
 
 
 def draw(
-    settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
+    settings: Settings, sites: list[Site], curves: Curves, details: dict[str, Any]
 ) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures with their names, one at a time.
+    """Yield the figures with their names: those of the paper in its order, then our own.
 
-    Those of the paper in its order, then our own.
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    sites : list of Site
+        Both sites.
+    curves : dict
+        ROC by figure and label.
+    details : dict
+        Further numbers of the results.
     """
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         yield "fig1", _lane(settings, sites[0])
@@ -39,23 +50,25 @@ def draw(
         yield "fig4", margin_figure()
         for number in range(5, 11):
             names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-            yield f"fig{number}", _rocs(curves, names, (1, len(names)), notes)
-        yield "machines", _rocs(curves, ["machines"], (1, 1), notes)
-        yield "vectors", _vectors(notes["vectors by fold"])
+            yield f"fig{number}", _rocs(curves, names, (1, len(names)), details)
+        yield "machines", _rocs(curves, ["machines"], (1, 1), details)
+        yield "vectors", _vectors(details["vectors by fold"])
         yield "one-class-width", kernel_width_figure()
-        yield "rocs", _rocs(curves, [name for name in TITLES if name != "machines"], (3, 3), notes)
+        all_names = [name for name in TITLES if name != "machines"]
+        yield "rocs", _rocs(curves, all_names, (3, 3), details)
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
-    """Fig. 1: HH and VV over part of the lane, with mines."""
+    """Draw Fig. 1: HH and VV over part of the lane, with mines."""
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     end = min(30.0, settings.length)
     rows = (site.grid.y >= 0) & (site.grid.y <= end)
-    for axes, p in zip(figure.subplots(2, 1, sharex=True), range(2), strict=True):
-        image = 20 * np.log10(np.maximum(site.image[p, 0][rows], 1e-6))
-        image -= np.median(image)
+    shown_mines = site.mines[site.mines["y"].between(0, end)]
+    for p, axes in enumerate(figure.subplots(2, 1, sharex=True)):
+        level = 20 * np.log10(np.maximum(site.image[p, 0][rows], 1e-6))
+        level -= np.median(level)
         axes.imshow(
-            image.T,
+            level.T,
             origin="lower",
             extent=(0, end, site.grid.x[0], site.grid.x[-1]),
             vmin=-5,
@@ -63,12 +76,11 @@ def _lane(settings: Settings, site: Site) -> Figure:
             cmap="viridis",
             aspect="equal",
         )
-        near = site.mines[site.mines["y"].between(0, end)]
-        for x, y, kind, depth in near[["x", "y", "kind", "depth"]].to_numpy():
+        for x, y, kind, depth in shown_mines[["x", "y", "kind", "depth"]].to_numpy():
+            where = "surface" if depth < -0.05 else f"{100 * depth:.0f} cm"
             axes.plot(y, x, "o", mfc="none", mec="white", ms=11)
-            name = f"{kind[0].upper()} {'surface' if depth < -0.05 else f'{100 * depth:.0f} cm'}"
             axes.annotate(
-                name,
+                f"{kind[0].upper()} {where}",
                 (y, x),
                 (0, 8),
                 textcoords="offset points",
@@ -86,10 +98,9 @@ def _lane(settings: Settings, site: Site) -> Figure:
 
 
 def _ellipse(settings: Settings, site: Site) -> Figure:
-    """Draw Fig. 2: energy inside the ellipse and in the rest of the rectangle.
+    """Draw Fig. 2: the ellipse and the rectangle whose energies the prescreener compares.
 
-    Energy inside the ellipse is compared with energy in the rest of the rectangle, as the
-    prescreener takes them. The origin is the cluster's brightest pixel; the rectangle is twice as
+    The origin is the cluster's brightest pixel; the rectangle is twice as
     long and wide as the ellipse.
     """
     ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
@@ -115,48 +126,47 @@ def _ellipse(settings: Settings, site: Site) -> Figure:
 
 
 def _templates(settings: Settings, sites: list[Site]) -> Figure:
-    """Fig. 3, with the ellipse of Fig. 2."""
+    """Draw Fig. 3, with the ellipse of Fig. 2."""
     figure = Figure(figsize=(5.6, 8.4), layout="constrained")
-    axes = figure.subplots(4, len(settings.ranges))
+    panels = figure.subplots(4, len(settings.ranges))
     for s, site in enumerate(sites):
-        template = make_templates(settings, site)
-        for p, r in np.ndindex(*template.shape[:2]):
-            image: NDArray[Any] = template[p, r]
-            axes_of_template = axes[2 * s + p, r]
-            half = (
-                image.shape[0] * settings.spacing[1] / 2,
-                image.shape[1] * settings.spacing[0] / 2,
-            )
-            axes_of_template.imshow(
-                image.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma"
-            )
-            ellipse = fit_ellipse(image, settings.spacing)
-            angle = np.linspace(0, 2 * np.pi, 100)
-            # Where the prescreener puts it: at its offset from the brightest pixel.
-            row, column = np.unravel_index(int(image.argmax()), image.shape)
-            v = (row - image.shape[0] // 2) * settings.spacing[1] + ellipse.offset_y
-            u = (column - image.shape[1] // 2) * settings.spacing[0] + ellipse.offset_x
-            axes_of_template.plot(
-                v + ellipse.half_y * np.cos(angle), u + ellipse.half_x * np.sin(angle), "w:", lw=1
-            )
-            axes_of_template.set(
-                xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3)
-            )
-            axes_of_template.grid(visible=False)
-            axes_of_template.set_title(
-                f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m", fontsize=8
-            )
+        templates = make_templates(settings, site)
+        for p, r in np.ndindex(*templates.shape[:2]):
+            axes = panels[2 * s + p, r]
+            _draw_template(axes, templates[p, r], settings)
+            title = f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
+            axes.set_title(title, fontsize=8)
     figure.supxlabel("down-track, m")
     figure.supylabel("cross-track, m")
     return figure
 
 
+def _draw_template(axes: Axes, template: NDArray[Any], settings: Settings) -> None:
+    """Draw a template with its ellipse."""
+    dx, dy = settings.spacing
+    half_y = template.shape[0] * dy / 2
+    half_x = template.shape[1] * dx / 2
+    extent = (-half_y, half_y, -half_x, half_x)
+    axes.imshow(template.T, origin="lower", extent=extent, cmap="magma")
+    ellipse = fit_ellipse(template, settings.spacing)
+    # Where the prescreener puts it: at its offset from the brightest pixel.
+    row, column = np.unravel_index(int(template.argmax()), template.shape)
+    y = (row - template.shape[0] // 2) * dy + ellipse.offset_y
+    x = (column - template.shape[1] // 2) * dx + ellipse.offset_x
+    angle = np.linspace(0, 2 * np.pi, 100)
+    along = y + ellipse.half_y * np.cos(angle)
+    across = x + ellipse.half_x * np.sin(angle)
+    axes.plot(along, across, "w:", lw=1)
+    axes.set(xlim=(-half_y, half_y), ylim=(-half_x, half_x), xticks=(-0.3, 0, 0.3))
+    axes.grid(visible=False)
+
+
 def margin_figure() -> Figure:
-    """Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
+    """Draw Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
     rng = np.random.default_rng(4)
-    points = np.concatenate(
-        [rng.normal((-1.2, -0.6), 0.4, (20, 2)), rng.normal((1.2, 0.8), 0.4, (20, 2))]
-    )
+    first = rng.normal((-1.2, -0.6), 0.4, (20, 2))
+    second = rng.normal((1.2, 0.8), 0.4, (20, 2))
+    points = np.concatenate([first, second])
     label = np.repeat([0, 1], 20)
     machine = SVC(kernel="linear", C=1e6).fit(points, label)
     weight = machine.coef_[0]
@@ -167,22 +177,16 @@ def margin_figure() -> Figure:
     sparse = RelevanceVectorClassifier(kernel="linear").fit(points, label)
     u, v = np.meshgrid(np.linspace(-2.6, 2.6, 200), np.linspace(-2.2, 2.4, 200))
     positions = np.column_stack([u.ravel(), v.ravel()])
+    signed = ((positions @ weight + bias) / np.linalg.norm(weight)).reshape(u.shape)
+    sparse_value = sparse.decision_function(positions).reshape(u.shape)
+    support = points[machine.support_]
+    relevance = points[sparse.relevance_]
     figure = Figure(figsize=(6, 4.6), layout="constrained")
     axes = figure.subplots()
     for side, colour, name in ((0, "#b3261e", "l = -1"), (1, "#1f4e8c", "l = +1")):
         axes.plot(*points[label == side].T, "o", color=colour, ms=4, label=name)
-    axes.plot(
-        *points[machine.support_].T, "o", mfc="none", mec="black", ms=10, label="support vectors"
-    )
-    axes.plot(
-        *points[sparse.relevance_].T,
-        "s",
-        mfc="none",
-        mec="#2e7d32",
-        ms=13,
-        label="relevance vectors",
-    )
-    signed = ((positions @ weight + bias) / np.linalg.norm(weight)).reshape(u.shape)
+    axes.plot(*support.T, "o", mfc="none", mec="black", ms=10, label="support vectors")
+    axes.plot(*relevance.T, "s", mfc="none", mec="#2e7d32", ms=13, label="relevance vectors")
     axes.contour(
         u,
         v,
@@ -191,9 +195,7 @@ def margin_figure() -> Figure:
         colors="black",
         linestyles=["dashed", "solid", "dashed"],
     )
-    axes.contour(
-        u, v, sparse.decision_function(positions).reshape(u.shape), levels=[0], colors="#2e7d32"
-    )
+    axes.contour(u, v, sparse_value, levels=[0], colors="#2e7d32")
     axes.set_title(
         f"D-1 = {below:.2f}, D+1 = {above:.2f}, margin {below + above:.2f}; green: RVM, p = 1/2",
         fontsize=9,
@@ -204,12 +206,14 @@ def margin_figure() -> Figure:
 
 
 def _rocs(
-    curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
+    curves: Curves, names: Sequence[str], shape: tuple[int, int], details: dict[str, Any]
 ) -> Figure:
     """Draw ROC curves by name, a panel each."""
-    size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
+    rows, columns = shape
+    size = (11, 10) if rows > 1 else (5.2 * columns, 3.8)
     figure = Figure(figsize=size, layout="constrained")
-    for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
+    panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
+    for axes, name in zip(panels, names, strict=True):
         for label, curve in curves.get(name, {}).items():
             # Not in the paper's figure.
             is_our_addition = "sum of the correlations" in label or "binary" in label
@@ -221,67 +225,51 @@ def _rocs(
                 lw=1.0 if is_our_addition else 1.6,
                 ls="--" if is_our_addition else "-",
             )
-        axes.set(
-            title=TITLES[name],
-            xlabel="false alarms per m²",
-            ylabel="Pd",
-            ylim=(0, 1.02),
-            xlim=(0, None),
-        )
+        axes.set(xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.02), xlim=(0, None))
+        axes.set_title(TITLES[name])
         axes.title.set_fontsize(8)
         if curves.get(name):
             axes.legend(fontsize=7, loc="lower right")
         else:
-            reason = notes.get(f"{name} both", "too few examples")
-            axes.text(
-                0.5,
-                0.5,
-                reason.replace("; ", ";\n"),
-                transform=axes.transAxes,
-                ha="center",
-                fontsize=8,
-            )
+            reason = details.get(f"{name} both", "too few examples").replace("; ", ";\n")
+            axes.text(0.5, 0.5, reason, transform=axes.transAxes, ha="center", fontsize=8)
     return figure
 
 
-def _vectors(kept: dict[str, list[float]]) -> Figure:
-    """Draw histograms of the share of examples kept as vectors."""
+def _vectors(shares_by_machine: dict[str, list[float]]) -> Figure:
+    """Draw histograms of the share of the training examples that are vectors, by machine."""
     figure = Figure(figsize=(5, 3), layout="constrained")
     axes = figure.subplots()
-    bins = np.linspace(0, max(max(values) for values in kept.values()) * 1.05, 40)
-    for label, values in kept.items():
-        axes.hist(100 * np.asarray(values), bins=(100 * bins).tolist(), alpha=0.7, label=label)
+    largest = max(max(shares) for shares in shares_by_machine.values())
+    bins = np.linspace(0, largest * 1.05, 40)
+    for label, shares in shares_by_machine.items():
+        axes.hist(100 * np.asarray(shares), bins=(100 * bins).tolist(), alpha=0.7, label=label)
     axes.set(xlabel="training examples kept as vectors, %", ylabel="leave-one-out folds")
     axes.legend()
     return figure
 
 
 def kernel_width_figure() -> Figure:
-    """Draw the one-class machine's p(mine) over a plane.
-
-    There is a panel per kernel width and formulation.
-    """
+    """Draw the one-class machine's p(mine) over a plane, by kernel width and formulation."""
     rng = np.random.default_rng(0)
-    mines = np.concatenate(
-        [rng.normal((-1, 0), 0.35, (40, 2)), rng.normal((1, 0.5), 0.35, (40, 2))]
-    )
+    first = rng.normal((-1, 0), 0.35, (40, 2))
+    second = rng.normal((1, 0.5), 0.35, (40, 2))
+    mines = np.concatenate([first, second])
     u, v = np.meshgrid(np.linspace(-4, 4, 120), np.linspace(-3, 3, 90))
+    positions = np.column_stack([u.ravel(), v.ravel()])
     figure = Figure(figsize=(10, 6.4), layout="constrained")
-    axes = figure.subplots(3, 4, sharex=True, sharey=True)
+    panels = figure.subplots(3, 4, sharex=True, sharey=True)
     for row, formulation in enumerate(FORMULATIONS):
         for column, gamma in enumerate((0.05, 0.5, 3.0, 30.0)):
             machine = OneClassRelevanceVectorMachine(
                 gamma=gamma, formulation=formulation, n_reference=400, random_state=0, tol=1e-4
             ).fit(mines)
-            p = machine.predict_proba(np.column_stack([u.ravel(), v.ravel()]))[:, -1].reshape(
-                u.shape
-            )
-            panel = axes[row, column]
-            shown = panel.pcolormesh(u, v, p, vmin=0, vmax=1, cmap="viridis", rasterized=True)
-            panel.plot(*mines.T, "w.", ms=1.5)
-            panel.set_title(
-                f"{formulation}, γ = {gamma:g}, {len(machine.relevance_)} vectors", fontsize=8
-            )
-            panel.grid(visible=False)
-    figure.colorbar(shown, ax=axes, label="p(mine)")
+            p = machine.predict_proba(positions)[:, -1].reshape(u.shape)
+            axes = panels[row, column]
+            shown = axes.pcolormesh(u, v, p, vmin=0, vmax=1, cmap="viridis", rasterized=True)
+            axes.plot(*mines.T, "w.", ms=1.5)
+            title = f"{formulation}, γ = {gamma:g}, {len(machine.relevance_)} vectors"
+            axes.set_title(title, fontsize=8)
+            axes.grid(visible=False)
+    figure.colorbar(shown, ax=panels, label="p(mine)")
     return figure

@@ -1,4 +1,4 @@
-"""What flsar2004 found, as numbers with intervals and rules that were set before the numbers."""
+"""Numbers that the statements of flsar2004 are judged by, with their intervals."""
 
 from __future__ import annotations
 
@@ -24,38 +24,63 @@ _CHUNK = 50  # bootstrap draws at a time
 
 
 def roc(scores: HeldOut, area: float, n_targets: int | None = None) -> pd.DataFrame:
-    """ROC of held-out scores; the false alarms of a novelty detector are divided by its folds."""
+    """Compute the ROC of held-out scores.
+
+    The false alarms of a novelty detector are divided by the number of its folds.
+
+    Parameters
+    ----------
+    scores : HeldOut
+        Scores of mines and clutter.
+    area : float
+        Area that was searched, m².
+    n_targets : int, optional
+        Number of targets; that of the scored mines by default.
+    """
     values = np.concatenate([scores.mine, scores.clutter.ravel()])
     is_mine = np.repeat([True, False], [scores.mine.size, scores.clutter.size])
     return example_roc(values, is_mine, area, n_targets=n_targets, repeats=scores.clutter.shape[1])
 
 
 def _wins(scores: HeldOut) -> FloatArray:
-    """How often each mine scores higher than each clutter example; ties are worth one half."""
+    """Return how often each mine scores higher than each clutter example (mine, clutter).
+
+    Ties are worth one half.
+    """
     above = scores.mine[:, None, None] > scores.clutter[None]
     equal = scores.mine[:, None, None] == scores.clutter[None]
     return np.asarray((above + 0.5 * equal).mean(axis=2))
 
 
 def auc(scores: HeldOut) -> float:
-    """Area under the ROC: how often a mine scores higher than clutter."""
+    """Return the area under the ROC: how often a mine scores higher than clutter."""
     return float(_wins(scores).mean())
 
 
 def _draws(scores: HeldOut, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Return bootstrap weights of mines and clutter, shape (count, n).
+    """Return bootstrap weights of mines (count, n) and of clutter (count, m).
 
     Both drives over a mine are drawn together.
     """
     rng = np.random.default_rng(seed)
     names, code = np.unique(scores.target, return_inverse=True)
-    mines = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), count)[:, code]
+    n = len(names)
     m = len(scores.tile)
-    return mines.astype(float), rng.multinomial(m, np.full(m, 1 / m), count).astype(float)
+    mines = rng.multinomial(n, np.full(n, 1 / n), count)[:, code]
+    clutter = rng.multinomial(m, np.full(m, 1 / m), count)
+    return mines.astype(float), clutter.astype(float)
 
 
 def auc_interval(scores: HeldOut, count: int) -> Interval:
-    """Area under the whole ROC with its bootstrap interval over mines and clutter examples."""
+    """Return the area under the whole ROC with its interval over mines and clutter examples.
+
+    Parameters
+    ----------
+    scores : HeldOut
+        Scores of mines and clutter.
+    count : int
+        Number of bootstrap draws.
+    """
     mines, clutter = _draws(scores, count, 1)
     total = np.einsum("bi,ij,bj->b", mines, _wins(scores), clutter, optimize=True)
     low, high = np.quantile(total / (mines.sum(axis=1) * clutter.sum(axis=1)), (0.025, 0.975))
@@ -66,35 +91,48 @@ def auc_interval(scores: HeldOut, count: int) -> Interval:
 class Measure:
     """A number of the ROC at few false alarms: mean Pd up to ``far`` per m², or Pd at it."""
 
-    area: float  #: searched, m²
+    area: float  #: area that was searched, m²
     far: float = FAR_LIMIT
-    #: whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+    #: whether the number is Pd at ``far``, or else the mean Pd over 0 to ``far``, the partial area
+    #: over its width
     at: bool = False
 
     def chance(self, scores: HeldOut) -> float:
-        """Return the value of scores that know nothing of the mines."""
+        """Return the number of scores that know nothing of the mines."""
         most = len(scores.tile) / self.area
         if self.at:
             return min(self.far / most, 1.0)
-        return self.far / most / 2 if self.far <= most else 1 - most / self.far / 2
+        if self.far <= most:
+            return self.far / most / 2
+        return 1 - most / self.far / 2
 
     def of(self, scores: HeldOut, mines: FloatArray, tiles: FloatArray) -> FloatArray:
-        """Return the number (draw,) for weights of mines (draw, n) and of clutter (draw, m).
+        """Return the number (draw,) for weights of mines and of clutter.
 
         The clutter's outputs are gone through from the strongest; each is a false alarm for its
         weight, and Pd is the weight of the mines above it. The outputs of a novelty detector's
         folds share the allowed false alarms.
+
+        Parameters
+        ----------
+        scores : HeldOut
+            Scores of mines and clutter.
+        mines : (draw, n) ndarray
+            Weight of every mine.
+        tiles : (draw, m) ndarray
+            Weight of every clutter example.
         """
         repeats = scores.clutter.shape[1]
         allowed = self.far * self.area * repeats
         order = np.argsort(-scores.clutter.ravel(), kind="stable")
-        order = order[: int(4 * allowed) + 20 * repeats]  # a draw leaves out a third of them
+        # A draw leaves out a third of the outputs: more of them are needed than are allowed.
+        order = order[: int(4 * allowed) + 20 * repeats]
         output = scores.clutter.ravel()[order]
         tile = order // repeats
         above = (scores.mine[:, None] > output).astype(float)
         above += 0.0 if self.at else 0.5 * (scores.mine[:, None] == output)
         share = mines / mines.sum(axis=1, keepdims=True)
-        found_without_limit = share @ np.isfinite(scores.mine)
+        pd_without_limit = share @ np.isfinite(scores.mine)
         values = np.empty(len(mines))
         for begin in range(0, len(mines), _CHUNK):
             rows = slice(begin, begin + _CHUNK)
@@ -102,49 +140,67 @@ class Measure:
             pd_above = share[rows] @ above
             if self.at:
                 first = np.argmax(reached > allowed, axis=1)
-                never = reached[:, -1] <= allowed
-                interpolated = pd_above[np.arange(len(first)), first]
-                values[rows] = np.where(never, found_without_limit[rows], interpolated)
+                is_never_reached = reached[:, -1] <= allowed
+                pd_at_first = pd_above[np.arange(len(first)), first]
+                values[rows] = np.where(is_never_reached, pd_without_limit[rows], pd_at_first)
             else:
                 taken = np.diff(np.minimum(reached, allowed), prepend=0.0, axis=1)
                 rest = np.maximum(allowed - reached[:, -1], 0.0)
-                values[rows] = (
-                    (taken * pd_above).sum(axis=1) + rest * found_without_limit[rows]
-                ) / allowed
+                area = (taken * pd_above).sum(axis=1) + rest * pd_without_limit[rows]
+                values[rows] = area / allowed
         return values
 
     def value(self, scores: HeldOut) -> float:
         """Return the number of the scores as they are."""
-        return float(
-            self.of(scores, np.ones((1, scores.mine.size)), np.ones((1, len(scores.tile))))[0]
-        )
+        mines = np.ones((1, scores.mine.size))
+        tiles = np.ones((1, len(scores.tile)))
+        return float(self.of(scores, mines, tiles)[0])
 
     def interval(self, scores: HeldOut, count: int) -> Interval:
         """Return the number with its bootstrap interval over mines and clutter examples.
 
         Both looks at a mine are drawn together.
+
+        Parameters
+        ----------
+        scores : HeldOut
+            Scores of mines and clutter.
+        count : int
+            Number of draws.
         """
         low, high = np.quantile(self.of(scores, *_draws(scores, count, 1)), (0.025, 0.975))
         return self.value(scores), float(low), float(high)
 
 
 def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval:
-    """Return a's number less b's.
+    """Return the number of a classifier less that of another, with its bootstrap interval.
 
-    Mines and clutter are drawn together where both scored the same, else apart.
+    Mines and clutter that both scored are drawn together, others apart.
+
+    Parameters
+    ----------
+    a, b : HeldOut
+        Scores of the two classifiers.
+    measure : Measure
+        The number.
+    count : int
+        Number of bootstrap draws.
     """
-    same_mines = np.array_equal(a.target, b.target)
-    same_clutter = a.tile.size == b.tile.size
-    first = _draws(a, count, 1)
-    mines, tiles = _draws(b, count, 2)
-    second = first if same_mines and same_clutter else (first[0] if same_mines else mines, tiles)
-    draws = measure.of(a, *first) - measure.of(b, *second)
+    has_same_mines = np.array_equal(a.target, b.target)
+    has_same_clutter = a.tile.size == b.tile.size
+    first_mines, first_tiles = _draws(a, count, 1)
+    second_mines, second_tiles = _draws(b, count, 2)
+    if has_same_mines:
+        second_mines = first_mines
+        if has_same_clutter:
+            second_tiles = first_tiles
+    draws = measure.of(a, first_mines, first_tiles) - measure.of(b, second_mines, second_tiles)
     low, high = np.quantile(draws, (0.025, 0.975))
     return measure.value(a) - measure.value(b), float(low), float(high)
 
 
 def proportion(successes: int, trials: int) -> Interval:
-    """Proportion with its exact interval."""
+    """Return a proportion with its exact interval (Clopper & Pearson 1934)."""
     low, high = clopper_pearson(successes, trials)
     return successes / trials, float(low), float(high)
 
@@ -152,97 +208,145 @@ def proportion(successes: int, trials: int) -> Interval:
 def pd_count(
     scores: HeldOut, area: float, far: float, chosen: NDArray[np.bool_]
 ) -> tuple[int, int]:
-    """Count the chosen mines that are found at an allowed FAR."""
+    """Return how many of the chosen mines are found at an allowed FAR, and how many there are.
+
+    Parameters
+    ----------
+    scores : HeldOut
+        Scores of mines and clutter.
+    area : float
+        Area that was searched, m².
+    far : float
+        Allowed false alarms per m².
+    chosen : (n,) ndarray of bool
+        Which mines count.
+    """
     curve = roc(scores, area)
-    threshold = curve["threshold"].to_numpy()[
-        np.searchsorted(curve["far"].to_numpy(), far, side="right") - 1
-    ]
+    point = np.searchsorted(curve["far"].to_numpy(), far, side="right") - 1
+    threshold = curve["threshold"].to_numpy()[point]
     return int((scores.mine[chosen] >= threshold).sum()), int(chosen.sum())
 
 
 def ratio_interval(a: FloatArray, b: FloatArray) -> Interval:
-    """Return the ratio of two mean shares of kept vectors, with its range.
+    """Return the ratio of two mean shares of vectors, with its range.
 
     The range holds 95 % of the folds' own ratios.
+
+    Parameters
+    ----------
+    a, b : (fold,) ndarray
+        Share of the training examples that are vectors, of each machine.
     """
     low, high = np.quantile(a / b, (0.025, 0.975))
     return float(a.mean() / b.mean()), float(low), float(high)
 
 
 def spread_of_folds(shares: FloatArray) -> Interval:
-    """Mean share of kept vectors, with the range of the folds that holds 95 % of them."""
+    """Return the mean share of vectors, with the range that holds 95 % of the folds."""
     low, high = np.quantile(shares, (0.025, 0.975))
     return float(shares.mean()), float(low), float(high)
 
 
 def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
-    """Share of pairs of one mine of each table, at the same depth, in which the first is stronger.
+    """Return how often a mine of one table is stronger than one of another at the same depth.
 
-    Tables of ``peak``, ``depth`` and ``target``; bootstrapped over targets.
+    Parameters
+    ----------
+    a, b : DataFrame
+        ``peak``, ``depth`` and ``target``, a row per look. Targets are drawn anew.
+    count : int
+        Number of bootstrap draws, of which 200 are made at the most.
     """
     rng = np.random.default_rng(5)
-
-    def draw(table: pd.DataFrame) -> pd.DataFrame:
-        names = table["target"].unique()
-        return pd.concat([table[table["target"] == name] for name in rng.choice(names, len(names))])
-
-    def share(table: pd.DataFrame, other: pd.DataFrame) -> float:
-        wins = pairs = 0.0
-        for depth in np.intersect1d(table["depth"], other["depth"]):
-            u = table.loc[table["depth"] == depth, "peak"].to_numpy()
-            v = other.loc[other["depth"] == depth, "peak"].to_numpy()
-            wins += (u[:, None] > v).sum() + 0.5 * (u[:, None] == v).sum()
-            pairs += u.size * v.size
-        return wins / pairs if pairs else float("nan")
-
-    draws = [share(draw(a), draw(b)) for _ in range(min(count, 200))]
+    draws = []
+    for _ in range(min(count, 200)):
+        first = _drawn_targets(a, rng)
+        second = _drawn_targets(b, rng)
+        draws.append(_stronger_share(first, second))
     low, high = np.nanquantile(draws, (0.025, 0.975))
-    return share(a, b), float(low), float(high)
+    return _stronger_share(a, b), float(low), float(high)
+
+
+def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
+    """Draw as many targets of a table as it has, with all their looks."""
+    names = table["target"].unique()
+    drawn = rng.choice(names, len(names))
+    return pd.concat([table[table["target"] == name] for name in drawn])
+
+
+def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:
+    """Return the share of pairs of looks at one depth in which that of the first is stronger."""
+    wins = 0.0
+    pairs = 0.0
+    for depth in np.intersect1d(table["depth"], other["depth"]):
+        u = table.loc[table["depth"] == depth, "peak"].to_numpy()
+        v = other.loc[other["depth"] == depth, "peak"].to_numpy()
+        wins += (u[:, None] > v).sum() + 0.5 * (u[:, None] == v).sum()
+        pairs += u.size * v.size
+    return wins / pairs if pairs else float("nan")
 
 
 def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Interval]:
-    """Return the first principal component's energy and its cosine with the mean template.
+    """Return the first principal component's energy, and its cosine with the mean template.
 
-    Mines are drawn anew in every bootstrap draw.
+    Both are means over polarizations and ranges. Mines are drawn anew in every bootstrap draw.
 
-    ``chips`` (n, polarization, range, y, x); both are means over polarizations and ranges.
+    Parameters
+    ----------
+    chips : (n, polarization, range, y, x) ndarray
+        Signatures of the mines.
+    count : int
+        Number of bootstrap draws, of which 100 are made at the most.
     """
     rng = np.random.default_rng(3)
+    draws = []
+    for _ in range(min(count, 100)):
+        draws.append(_first_component(chips[rng.integers(0, len(chips), len(chips))]))
+    low, high = np.quantile(np.array(draws), (0.025, 0.975), axis=0)
+    share, cosine = _first_component(chips)
+    return (share, float(low[0]), float(high[0])), (cosine, float(low[1]), float(high[1]))
 
-    def both(images: NDArray[Any]) -> tuple[float, float]:
-        shares = []
-        cosines = []
-        for p, r in np.ndindex(*images.shape[1:3]):
-            component, share = principal_templates(images[:, p, r], 1)
-            shares.append(share[0])
-            cosines.append(abs(float((component[0] * mean_template(images[:, p, r])).sum())))
-        return float(np.mean(shares)), float(np.mean(cosines))
 
-    draws = np.array(
-        [both(chips[rng.integers(0, len(chips), len(chips))]) for _ in range(min(count, 100))]
-    )
-    low, high = np.quantile(draws, (0.025, 0.975), axis=0)
-    value = both(chips)
-    return (value[0], float(low[0]), float(high[0])), (value[1], float(low[1]), float(high[1]))
+def _first_component(chips: NDArray[Any]) -> tuple[float, float]:
+    """Return the first component's share of energy and its cosine with the mean template."""
+    shares = []
+    cosines = []
+    for polarization, distance in np.ndindex(*chips.shape[1:3]):
+        images = chips[:, polarization, distance]
+        component, share = principal_templates(images, 1)
+        shares.append(share[0])
+        cosines.append(abs(float((component[0] * mean_template(images)).sum())))
+    return float(np.mean(shares)), float(np.mean(cosines))
 
 
 def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
-    """Return the largest correlation of two sites' mean templates.
+    """Return the largest correlation of two sites' mean templates, with its interval over mines.
 
-    It is the mean over polarizations and ranges, bootstrapped over mines.
+    It is the mean over polarizations and ranges.
+
+    Parameters
+    ----------
+    a, b : (n, polarization, range, y, x) ndarray
+        Signatures of the mines of each site.
+    count : int
+        Number of bootstrap draws, of which 100 are made at the most.
     """
     rng = np.random.default_rng(4)
-
-    def likeness(u: NDArray[Any], v: NDArray[Any]) -> float:
-        s = mean_template(u)
-        t = mean_template(v)
-        return float(
-            np.mean([max_correlation(s[p, r], t[p, r]) for p, r in np.ndindex(*s.shape[:2])])
-        )
-
-    draws = [
-        likeness(a[rng.integers(0, len(a), len(a))], b[rng.integers(0, len(b), len(b))])
-        for _ in range(min(count, 100))
-    ]
+    draws = []
+    for _ in range(min(count, 100)):
+        first = a[rng.integers(0, len(a), len(a))]
+        second = b[rng.integers(0, len(b), len(b))]
+        draws.append(_likeness(first, second))
     low, high = np.quantile(draws, (0.025, 0.975))
-    return likeness(a, b), float(low), float(high)
+    return _likeness(a, b), float(low), float(high)
+
+
+def _likeness(a: NDArray[Any], b: NDArray[Any]) -> float:
+    """Return the largest correlation of mean templates, mean over polarizations and ranges."""
+    s = mean_template(a)
+    t = mean_template(b)
+    correlations = []
+    for polarization, distance in np.ndindex(*s.shape[:2]):
+        correlation = max_correlation(s[polarization, distance], t[polarization, distance])
+        correlations.append(correlation)
+    return float(np.mean(correlations))

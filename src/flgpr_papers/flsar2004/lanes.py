@@ -1,7 +1,4 @@
-"""The lanes of flsar2004.
-
-Simulated, imaged stop by stop, and laid out as one image per polarization and range.
-"""
+"""The lanes of flsar2004: simulated, imaged stop by stop, and joined to one image per range."""
 
 from __future__ import annotations
 
@@ -38,12 +35,13 @@ from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.kit.worlds import turned
 
 FloatArray = NDArray[np.float64]
-# m of a stop's image beyond the lane's, across, and beyond half a step, along
-_SIDE = 0.2
-_BEYOND = 0.75
+_SIDE = 0.2  # m of a stop's image beyond the lane's, cross-track
+_BEYOND = 0.75  # m of a stop's image beyond half a step, down-track
 # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated
 # between them
 FINER = 2
+# settings that the images depend on
+_IMAGING = ("ranges", "step", "lane", "spacing", "margin", "window")
 
 
 class Mines(Table):
@@ -57,30 +55,30 @@ class Mines(Table):
 class Features(Table):
     """Regions, templates and the subset that makes them."""
 
-    region: tuple[float, float]
-    template: tuple[float, float]
-    share: float
-    keep_off: float
+    region: tuple[float, float]  #: size of a region, m
+    template: tuple[float, float]  #: size of a template, m
+    share: float  #: share of the mines in the subset
+    keep_off: float  #: least distance of clutter from mines, m
 
 
 class Prescreen(Table):
     """Prescreeners and what counts as a hit."""
 
-    radius: float
-    pass_share: float
-    halo: float
+    radius: float  #: of a cluster, m
+    pass_share: float  #: share of the subset's mines that a threshold lets pass
+    halo: float  #: largest distance of a hit from its mine, m
 
 
 class Classify(Table):
     """Classifiers: what is chosen inside training folds, and the size of the bootstrap."""
 
-    folds: int
-    widths: tuple[float, ...]
-    costs: tuple[float, ...]
-    degrees: tuple[int, ...]
-    p0: float
-    bootstrap: int
-    examples: tuple[int, int]
+    folds: int  #: groups of mines that are held out together
+    widths: tuple[float, ...]  #: γ of RBF kernels, times the number of features
+    costs: tuple[float, ...]  #: C of support vector machines
+    degrees: tuple[int, ...]  #: of polynomial kernels
+    p0: float  #: of the one-class machine
+    bootstrap: int  #: number of draws
+    examples: tuple[int, int]  #: mines and clutter examples of the paper's leave-one-out
 
 
 class Settings(Table):
@@ -119,9 +117,14 @@ class Settings(Table):
 
 
 def load_settings(quick: bool = False, world: str = OWN) -> Settings:
-    """Read the packaged settings on the lanes of a world.
+    """Load the packaged settings on the lanes of a world.
 
-    ``quick`` takes few mines, tones and draws, which only show that all of it runs.
+    Parameters
+    ----------
+    quick : bool
+        Few mines, tones and draws, which only show that everything runs.
+    world : str
+        World of the lanes, see `flgpr_papers.kit.study_worlds`.
     """
     return packaged("flsar2004", Settings, quick, {"scenes": study_world("flsar2004", world).sites})
 
@@ -132,82 +135,75 @@ class Pass:
 
     site: str
     direction: str  #: "out" or "back"; the frame is that of the drive
-    #: (polarization, range, y, x) in units of the scans' gain; the phase that the way to the pixel
-    #: turns at the middle of the band is taken out
+    #: (polarization, range, y, x) in units of the scans' gain; the phase of the way to the pixel
+    #: at the middle of the band is taken out
     image: NDArray[np.complex64]
     grid: Grid  #: pixels
-    #: truth, fiducials: mines and fiducials in the frame of the drive
-    truth: pd.DataFrame
-    fiducials: pd.DataFrame
+    truth: pd.DataFrame  #: mines in the frame of the drive
+    fiducials: pd.DataFrame  #: fiducials in the frame of the drive
     key: str = ""  #: digest of what the images were made of
 
 
 def drive(settings: Settings, site: str, folder: Path, track: Track = silent) -> list[Pass]:
-    """Return a site's lane driven in both directions.
+    """Simulate a site's lane driven in both directions and image it.
 
-    Images of the same drive are read from a folder.
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : str
+        Name of the site.
+    folder : Path
+        Folder of the lane images; images of the same drive are read from it.
+    track : Track
+        Shows progress.
     """
     sensor = study_sensor(settings)
     seed = settings.seed + 10 * settings.sites.index(site)
     scene = _scene(settings, site)
+    turned_scene = turned(scene, seed)
     out = Simulator(scene, sensor, seed)
-    other = turned(scene, seed)
-    back = Simulator(other, sensor, seed + 1)
+    back = Simulator(turned_scene, sensor, seed + 1)
     folder.mkdir(parents=True, exist_ok=True)
     passes = []
-    for name, simulator, world in (("out", out, scene), ("back", back, other)):
-        imaging = {
-            key: getattr(settings, key)
-            for key in ("ranges", "step", "lane", "spacing", "margin", "window")
-        }
+    for direction, simulator, driven in (("out", out, scene), ("back", back, turned_scene)):
         content = {
-            "scene": world.model_dump(mode="json"),
+            "scene": driven.model_dump(mode="json"),
             "sensor": sensor.model_dump(mode="json"),
             "seed": seed,
-            "imaging": imaging,
+            "imaging": {name: getattr(settings, name) for name in _IMAGING},
             "length": settings.length,
         }
-        path = folder / f"{site}-{name}-{key_of(content)}.bundle"
-        passes.append(_one_pass(settings, site, name, simulator, sensor, path, track))
+        path = folder / f"{site}-{direction}-{key_of(content)}.bundle"
+        passes.append(_one_pass(settings, site, direction, simulator, sensor, path, track))
     return passes
 
 
 def study_sensor(settings: Settings) -> Sensor:
-    """Make the radar of the study.
+    """Return the radar of the study: the preset with the study's tones.
 
-    The preset on the study's tones, which must keep its images free of aliases.
+    Raises
+    ------
+    ValueError
+        If echoes from outside the images appear in them with these tones.
     """
     start, step, count = settings.tones
-    sensor = load_sensor(settings.sensor).model_copy(
-        update={
-            "tones": Tones(start=start, step=step, count=int(count)),
-            "footprint": settings.footprint,
-        }
-    )
-    side = settings.lane[0] - settings.margin - _SIDE, settings.lane[1] + settings.margin + _SIDE
+    tones = Tones(start=start, step=step, count=int(count))
+    changes = {"tones": tones, "footprint": settings.footprint}
+    sensor = load_sensor(settings.sensor).model_copy(update=changes)
+    x_min, x_max = settings.lane
     half = settings.step / 2 + _BEYOND
-    check_tones(sensor, side, (settings.ranges[0] - half, settings.ranges[-1] + half))
+    x_span = x_min - settings.margin - _SIDE, x_max + settings.margin + _SIDE
+    check_tones(sensor, x_span, (settings.ranges[0] - half, settings.ranges[-1] + half))
     return sensor
 
 
 def _scene(settings: Settings, site: str) -> Scene:
     """Return the scene of a site's lane."""
-    draws = [
-        TargetDraw(kind=kind, depth=mines.depth, count=count, position_jitter=0.2)
-        for mines in settings.mines
-        for kind, count in (("metal", mines.metal), ("plastic", mines.plastic))
-    ]
-    fiducials = tuple(
-        SceneObject(
-            kind="fiducial",
-            x=side * settings.fiducial_x,
-            y=float(y),
-            height=0.3,
-            rcs_db=settings.fiducial_rcs,
-        )
-        for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch)
-        for side in (-1, 1)
-    )
+    draws = []
+    for mines in settings.mines:
+        for kind, count in (("metal", mines.metal), ("plastic", mines.plastic)):
+            draws.append(TargetDraw(kind=kind, depth=mines.depth, count=count, position_jitter=0.2))
     return Scene(
         name=site,
         site=settings.scenes[site],
@@ -215,10 +211,28 @@ def _scene(settings: Settings, site: str) -> Scene:
         x_max=settings.lane[1],
         length=settings.length,
         draws=tuple(draws),
-        objects=fiducials,
+        objects=tuple(_fiducials(settings)),
         track=_track(settings),
         surface=Surface(density=settings.density),
     )
+
+
+def _fiducials(settings: Settings) -> list[SceneObject]:
+    """Return the fiducials on both sides of the lane."""
+    fiducials = []
+    first = settings.fiducial_pitch / 2
+    for y in np.arange(first, settings.length, settings.fiducial_pitch):
+        for side in (-1, 1):
+            fiducials.append(
+                SceneObject(
+                    kind="fiducial",
+                    x=side * settings.fiducial_x,
+                    y=float(y),
+                    height=0.3,
+                    rcs_db=settings.fiducial_rcs,
+                )
+            )
+    return fiducials
 
 
 def _track(settings: Settings) -> Drive:
@@ -237,25 +251,28 @@ def _one_pass(
     path: Path,
     track: Track,
 ) -> Pass:
-    """Return the lane images of a drive in one direction, or read them from a folder."""
-    m = settings.margin
+    """Return the lane images of a drive in one direction, or read them if they are on disk."""
+    margin = settings.margin
     dx, dy = settings.spacing
-    x = np.arange(settings.lane[0] - m, settings.lane[1] + m + dx / 2, dx)
-    grid = Grid(float(x[0]), -m, x.size, round((settings.length + 2 * m) / dy) + 1, dx, dy)
+    x = np.arange(settings.lane[0] - margin, settings.lane[1] + margin + dx / 2, dx)
+    ny = round((settings.length + 2 * margin) / dy) + 1
+    grid = Grid(float(x[0]), -margin, x.size, ny, dx, dy)
     if path.is_file():
         image = read_arrays(path)["image"]
     else:
-        stops = track(
-            range(len(simulator.reported_pose())),
-            f"{site} {direction}",
-            len(simulator.reported_pose()),
-        )
+        count = len(simulator.reported_pose())
+        stops = track(range(count), f"{site} {direction}", count)
         image = lane_images(settings, simulator, sensor, grid, stops)
         write_arrays(path, {"image": image})
     objects = simulator.objects
-    fiducials = objects[objects["kind"] == "fiducial"].reset_index(drop=True)
     return Pass(
-        site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials, path.stem
+        site=site,
+        direction=direction,
+        image=image,
+        grid=grid,
+        truth=simulator.truth.reset_index(drop=True),
+        fiducials=objects[objects["kind"] == "fiducial"].reset_index(drop=True),
+        key=path.stem,
     )
 
 
@@ -264,35 +281,55 @@ def lane_images(
 ) -> NDArray[np.complex64]:
     """Image every stop and join one lane image per polarization and range.
 
-    The self-signature is subtracted.
+    The self-signature is subtracted. A pixel of the image of range d comes from the stop that sees
+    it within half a step of d. The phase of the middle of the band is taken out, so that
+    neighbouring pixels differ little and signatures at any distance are alike.
 
-    A pixel of the image of range d comes from the stop that sees it within half a step of d. The
-    phase of the middle of the band is taken out, so that neighbouring pixels differ little and
-    signatures at any distance are alike.
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    simulator : Simulator
+        The lane of a drive.
+    sensor : Sensor
+        The radar.
+    grid : Grid
+        Pixels of the lane image.
+    stops : iterable of int
+        Numbers of the stops.
+
+    Returns
+    -------
+    (polarization, range, y, x) ndarray
+        The lane images, 0 where no stop sees a pixel.
     """
-    half = settings.step / 2 + _BEYOND
-    nx = round((grid.x[-1] - grid.x[0] + 2 * _SIDE) / grid.dx) + 1
-    ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) * FINER / grid.dy) + 1
-    view = Grid(
-        float(grid.x[0]) - _SIDE, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER
-    )
+    view = _stop_grid(settings, grid)
     pose = simulator.reported_pose()
     tx, rx = (vehicle_to_scan(positions, pose[0]) for positions in sensor.pairs())
     operator = ImagingOperator(simulator.frequency, tx, rx, view.points(), window=settings.window)
-    images = [operator.adjoint(simulator.scan(index))[:, 0] for index in stops]
+    images = [operator.adjoint(simulator.scan(stop))[:, 0] for stop in stops]
     signature = self_signature(images, "median")
-    middle = 2 * np.pi * float(np.mean(simulator.frequency)) / SPEED_OF_LIGHT
+    wavenumber = 2 * np.pi * float(np.mean(simulator.frequency)) / SPEED_OF_LIGHT
     path = 2 * np.linalg.norm(view.points() - (tx + rx).mean(axis=0) / 2, axis=-1)
-    carrier = np.exp(-1j * middle * path).astype(np.complex64)
+    carrier = np.exp(-1j * wavenumber * path).astype(np.complex64)
     lane = np.zeros((images[0].shape[0], len(settings.ranges), *grid.shape), np.complex64)
     points = grid.points()
-    for image, where in zip(images, pose, strict=True):
+    for image, stop_pose in zip(images, pose, strict=True):
         clean = ((image / scan_gain(image) - signature) * carrier).astype(np.complex64)
-        local = lane_to_scan(points, where)
+        position = lane_to_scan(points, stop_pose)
         for k, distance in enumerate(settings.ranges):
-            rows = np.abs(local[:, 0, 1] - distance) <= settings.step / 2
+            rows = np.abs(position[:, 0, 1] - distance) <= settings.step / 2
             if rows.any():
-                row = (local[rows][..., 1] - view.y_min) / view.dy
-                column = (local[rows][..., 0] - view.x_min) / view.dx
+                row = (position[rows][..., 1] - view.y_min) / view.dy
+                column = (position[rows][..., 0] - view.x_min) / view.dx
                 lane[:, k, rows] = np.nan_to_num(bilinear(clean, row, column))
     return lane
+
+
+def _stop_grid(settings: Settings, grid: Grid) -> Grid:
+    """Return the pixels of a stop's image: all ranges and a border around the lane."""
+    half = settings.step / 2 + _BEYOND
+    nx = round((grid.x[-1] - grid.x[0] + 2 * _SIDE) / grid.dx) + 1
+    ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) * FINER / grid.dy) + 1
+    x_min = float(grid.x[0]) - _SIDE
+    return Grid(x_min, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER)

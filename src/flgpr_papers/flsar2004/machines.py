@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,11 @@ from flgpr_papers.flsar2004.lanes import Classify
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Scorer = Callable[[FloatArray], FloatArray]
-"""A trained classifier: scores (n,) of features (n, feature)."""
+"""A trained classifier: returns the scores (n,) of features (n, feature)."""
 Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
-"""Trains on features and labels (True for a mine).
+"""Trains on features (n, feature) and labels (n,), True for a mine.
 
-Returns the scorer and the share of the examples that are kept as vectors.
+Returns the scorer and the share of the training examples that are vectors.
 """
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
@@ -81,7 +82,7 @@ def _rvm_on_the_kernel_of_the_svm(
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
         kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
-        return lambda train, label: _relevance(train, label, **kernel_options, **option)
+        return partial(_relevance, **kernel_options, **option)
 
     return TunedClassifier(choose)
 
@@ -100,7 +101,7 @@ def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
             machine = RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
             evidence.append(machine.log_evidence_)
         best = options[int(np.argmax(evidence))]
-        return lambda train, label: _relevance(train, label, n_starts=3, tol=1e-4, **best)
+        return partial(_relevance, n_starts=3, tol=1e-4, **best)
 
     return TunedClassifier(choose)
 
@@ -132,11 +133,25 @@ def svm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
 def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> Any:
     """Choose a support vector machine inside the training examples.
 
-    Its kernel is that of both machines.
+    Its kernel is that of the relevance vector machine, too. The criterion is the mean area under
+    the ROC of three folds, whose kernels are computed once for all costs: a grid search of complete
+    pipelines takes twice as long. With fewer than three mines there are as many folds as mines.
 
-    The criterion is the mean area under the ROC of three folds, whose kernels are computed once for
-    all costs: a grid search of complete pipelines takes twice as long. With fewer than three mines
-    there are as many folds as mines.
+    Parameters
+    ----------
+    settings : Classify
+        The widths or degrees, and the costs, to choose from.
+    kernel : str
+        "rbf" or "poly".
+    X : (n, feature) ndarray
+        Features of the training examples.
+    y : (n,) ndarray of bool
+        Which of them are mines.
+
+    Returns
+    -------
+    Pipeline
+        The chosen machine, not trained.
 
     Raises
     ------
@@ -149,30 +164,36 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
             f"y must hold at least two mines and two clutter examples, got {y.sum()} and "
             f"{(~y).sum()}"
         )
-    if kernel == "rbf":
-        options: list[dict[str, float]] = [
-            {"gamma": width / X.shape[1]} for width in settings.widths
-        ]
-    else:
-        options = [{"degree": n, "coef0": 1.0, "gamma": 1 / X.shape[1]} for n in settings.degrees]
+    options = _kernel_options(settings, kernel, X.shape[1])
     area = np.zeros((len(settings.costs), len(options)))
     with config_context(assume_finite=True, skip_parameter_validation=True):
         for train, test in StratifiedKFold(folds, shuffle=True, random_state=0).split(X, y):
             scaler = StandardScaler().fit(X[train])
-            scaled = scaler.transform(X[train])
-            new = scaler.transform(X[test])
+            train_scaled = scaler.transform(X[train])
+            test_scaled = scaler.transform(X[test])
             for k, option in enumerate(options):
-                inner = pairwise_kernels(scaled, scaled, kernel, **option)
-                outer = pairwise_kernels(new, scaled, kernel, **option)
+                train_kernel = pairwise_kernels(train_scaled, train_scaled, kernel, **option)
+                test_kernel = pairwise_kernels(test_scaled, train_scaled, kernel, **option)
                 for j, cost in enumerate(settings.costs):
-                    machine = SVC(C=cost, kernel="precomputed").fit(inner, y[train])
-                    score = machine.decision_function(outer)
+                    machine = SVC(C=cost, kernel="precomputed").fit(train_kernel, y[train])
+                    score = machine.decision_function(test_kernel)
                     above = score[y[test]][:, None] - score[~y[test]]
                     area[j, k] += (above > 0).mean() + 0.5 * (above == 0).mean()
-    best_cost, best = np.unravel_index(int(area.argmax()), area.shape)
-    return make_pipeline(
-        StandardScaler(), SVC(C=settings.costs[best_cost], kernel=kernel, **options[best])
-    )
+    best_cost, best_option = np.unravel_index(int(area.argmax()), area.shape)
+    chosen = SVC(C=settings.costs[best_cost], kernel=kernel, **options[best_option])
+    return make_pipeline(StandardScaler(), chosen)
+
+
+def _kernel_options(settings: Classify, kernel: str, features: int) -> list[dict[str, float]]:
+    """Return the parameters of a kernel to choose from: widths, or degrees."""
+    options: list[dict[str, float]] = []
+    if kernel == "rbf":
+        for width in settings.widths:
+            options.append({"gamma": width / features})
+    else:
+        for degree in settings.degrees:
+            options.append({"degree": degree, "coef0": 1.0, "gamma": 1 / features})
+    return options
 
 
 def sum_of_correlations(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
@@ -193,21 +214,33 @@ def median_width(mines: FloatArray) -> float:
 
 
 def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
-    """Return a novelty detector of ``NOVELTY_RIVALS`` for the training mines alone.
+    """Return a novelty detector for the training mines alone.
 
-    Its width is that of ``median_width``.
+    Its width is that of :func:`median_width`.
+
+    Parameters
+    ----------
+    settings : Classify
+        Its ``p0``.
+    kind : str
+        One of ``NOVELTY_RIVALS``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such detector.
     """
     if kind not in NOVELTY_RIVALS:
         raise ValueError(f"kind must be one of {', '.join(NOVELTY_RIVALS)}, got {kind!r}")
 
     def fit(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
         mines = X[y]
+        if kind == "gmm":
+            return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
         if kind == "svm":
             machine = OneClassSVM(nu=0.1, gamma=median_width(mines))
             pipeline = make_pipeline(StandardScaler(), machine).fit(mines)
             return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
-        if kind == "gmm":
-            return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
         relevance_machine = OneClassRelevanceVectorMachine(
             gamma=median_width(mines),
             prior="laplacian-map",
@@ -215,8 +248,8 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
             formulation=_FORMULATION_OF[kind],
             random_state=0,
         ).fit(mines)
-        kept_share = len(relevance_machine.relevance_) / len(mines)
-        return relevance_machine.score_samples, kept_share
+        vector_share = len(relevance_machine.relevance_) / len(mines)
+        return relevance_machine.score_samples, vector_share
 
     return fit
 
@@ -228,10 +261,15 @@ class HeldOut:
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
     #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
     clutter: FloatArray
-    #: target, tile: mine that each score belongs to, and name of each clutter example
-    target: NDArray[Any]
-    tile: NDArray[Any]
-    kept: FloatArray  #: (fold,) share of the training examples kept as vectors
+    target: NDArray[Any]  #: (n,) name of the mine of each score
+    tile: NDArray[Any]  #: (m,) name of each clutter example
+    vector_share: FloatArray  #: (fold,) share of the training examples that are vectors
+
+    def of_mines(self, rows: BoolArray) -> HeldOut:
+        """Return the scores of some of the mines, and of all clutter."""
+        return HeldOut(
+            self.mine[rows], self.clutter, self.target[rows], self.tile, self.vector_share
+        )
 
 
 def held_out(
@@ -239,12 +277,24 @@ def held_out(
 ) -> HeldOut:
     """Score every example by a classifier trained without its mine.
 
-    All looks at the mine are left out together. ``folds`` is the number of groups that the mines
-    are dealt to.
+    All looks at the mine are left out together.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The examples, with ``kind`` and ``target``.
+    X : (n, feature) ndarray
+        Their features.
+    classifier : Classifier
+        What is trained.
+    folds : int
+        Number of groups that the mines are dealt to.
+    novelty : bool
+        Whether it is a novelty detector, which scores all clutter in every fold.
     """
     y = _is_mine(table)
     score = np.full(len(table), np.nan)
-    pooled = []
+    clutter_scores = []
     shares = []
     for group in _mine_groups(table, y, folds):
         if novelty and not y[group.test].any():
@@ -253,10 +303,13 @@ def held_out(
         score[group.test] = scorer(X[group.test])
         shares.append(share)
         if novelty:
-            pooled.append(scorer(X[~y]))
-    clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
+            clutter_scores.append(scorer(X[~y]))
     return HeldOut(
-        score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(shares)
+        mine=score[y],
+        clutter=np.stack(clutter_scores, axis=1) if novelty else score[~y][:, None],
+        target=_names(table, y),
+        tile=_tile_names(y),
+        vector_share=np.array(shares),
     )
 
 
@@ -268,27 +321,39 @@ def leave_one_out(
     A novelty detector leaves one mine out at a time and scores all clutter each time: N_o · N_c
     outputs (par. 52). The second look at a mine stays among the training examples, as in the paper;
     :func:`held_out` takes it out as well. The kernel of a fold is chosen without the group of mines
-    and clutter, of ``folds``, that its example is in: the paper does not say how its kernels were
-    chosen, and choosing anew for every example costs sixty times the training.
+    and clutter that its example is in: the paper does not say how its kernels were chosen, and
+    choosing anew for every example costs sixty times the training.
+
+    Parameters
+    ----------
+    table, X, classifier, novelty
+        As of :func:`held_out`.
+    folds : int
+        Number of groups that the mines are dealt to, for the choice of the kernels.
     """
     y = _is_mine(table)
     every = np.arange(len(table))
     score = np.full(len(table), np.nan)
     shares = np.full(len(table), np.nan)
-    pooled = []
+    clutter_scores = []
     for group in _mine_groups(table, y, folds):
-        fixed = classifier
+        chosen = classifier
         if isinstance(classifier, TunedClassifier):
-            fixed = classifier.choose(X[group.train], y[group.train])
-        for n in group.test[y[group.test]] if novelty else group.test:
-            training = every != n
-            scorer, shares[n] = fixed(X[training], y[training])
+            chosen = classifier.choose(X[group.train], y[group.train])
+        left_out = group.test[y[group.test]] if novelty else group.test
+        for n in left_out:
+            is_training = every != n
+            scorer, shares[n] = chosen(X[is_training], y[is_training])
             score[n] = scorer(X[n : n + 1])[0]
             if novelty:
-                pooled.append(scorer(X[~y]))
-    clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
-    tile = np.arange((~y).sum()).astype(str)
-    return HeldOut(score[y], clutter, _names(table, y), tile, shares[np.isfinite(shares)])
+                clutter_scores.append(scorer(X[~y]))
+    return HeldOut(
+        mine=score[y],
+        clutter=np.stack(clutter_scores, axis=1) if novelty else score[~y][:, None],
+        target=_names(table, y),
+        tile=_tile_names(y),
+        vector_share=shares[np.isfinite(shares)],
+    )
 
 
 def retrained(
@@ -303,23 +368,34 @@ def retrained(
 
     The classifier is trained on what was drawn. Looks at one mine are drawn together, and all
     copies of an example are held out together.
+
+    Parameters
+    ----------
+    table, X, classifier, folds
+        As of :func:`held_out`.
+    draws : int
+        Number of bootstrap draws.
+    seed : int
+        Seed of the draws.
     """
     rng = np.random.default_rng(seed)
-    areas = []
     y = _is_mine(table)
     targets = table["target"].to_numpy(dtype=str)
-    mines = [np.flatnonzero(targets == name) for name in np.unique(_names(table, y))]
+    looks_of_mine = [np.flatnonzero(targets == name) for name in np.unique(_names(table, y))]
+    clutter = np.flatnonzero(~y)
+    areas = []
     for _ in range(draws):
-        chosen = [mines[k] for k in rng.integers(len(mines), size=len(mines))]
-        rows = np.concatenate([*chosen, rng.choice(np.flatnonzero(~y), int((~y).sum()))])
+        drawn_mines = rng.integers(len(looks_of_mine), size=len(looks_of_mine))
+        drawn_looks = [looks_of_mine[number] for number in drawn_mines]
+        rows = np.concatenate([*drawn_looks, rng.choice(clutter, len(clutter))])
         names = np.where(y[rows], targets[rows], np.char.add("clutter ", rows.astype(str)))
         group = np.unique(names, return_inverse=True)[1]
         fold = rng.permutation(group.max() + 1) % folds
         score = np.full(len(rows), np.nan)
         for k in range(folds):
-            test = fold[group] == k
-            scorer, _ = classifier(X[rows][~test], y[rows][~test])
-            score[test] = scorer(X[rows][test])
+            is_test = fold[group] == k
+            scorer, _ = classifier(X[rows][~is_test], y[rows][~is_test])
+            score[is_test] = scorer(X[rows][is_test])
         areas.append(roc_auc_score(y[rows], score))
     return np.array(areas)
 
@@ -329,33 +405,56 @@ def across(
     test: tuple[pd.DataFrame, FloatArray],
     classifier: Classifier,
 ) -> HeldOut:
-    """Train on one site and test on the other (par. 39)."""
+    """Train on one site and test on the other (par. 39).
+
+    Parameters
+    ----------
+    train, test : tuple of DataFrame and ndarray
+        Examples and their features.
+    classifier : Classifier
+        What is trained.
+    """
     train_table, train_features = train
     test_table, test_features = test
     scorer, share = classifier(train_features, _is_mine(train_table))
     score = scorer(test_features)
     is_mine = _is_mine(test_table)
     return HeldOut(
-        score[is_mine],
-        score[~is_mine][:, None],
-        _names(test_table, is_mine),
-        np.arange((~is_mine).sum()).astype(str),
-        np.array([share]),
+        mine=score[is_mine],
+        clutter=score[~is_mine][:, None],
+        target=_names(test_table, is_mine),
+        tile=_tile_names(is_mine),
+        vector_share=np.array([share]),
     )
 
 
-def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
-    """Add the mines that the prescreeners lost, which no threshold finds.
+def _tile_names(is_mine: BoolArray) -> NDArray[Any]:
+    """Return the names of the clutter examples: their numbers."""
+    return np.arange((~is_mine).sum()).astype(str)
 
-    ``seen`` has a row per scored mine, ``offered`` one per mine and drive, both with target and
-    direction.
+
+def with_lost(scores: HeldOut, passed: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
+    """Return scores with the mines that the prescreeners lost, which no threshold finds.
+
+    Parameters
+    ----------
+    scores : HeldOut
+        Scores of the looks that passed the prescreeners.
+    passed : DataFrame
+        A row per scored look, with ``target`` and ``direction``.
+    offered : DataFrame
+        A row per mine and drive, with the same columns.
     """
-    seen_looks = zip(seen["target"], seen["direction"], strict=True)
-    of_look = dict(zip(seen_looks, scores.mine, strict=True))
-    looks = zip(offered["target"], offered["direction"], strict=True)
-    mine_scores = np.array([of_look.get(look, -np.inf) for look in looks])
+    passed_looks = zip(passed["target"], passed["direction"], strict=True)
+    score_of_look = dict(zip(passed_looks, scores.mine, strict=True))
+    offered_looks = zip(offered["target"], offered["direction"], strict=True)
+    mine_scores = [score_of_look.get(look, -np.inf) for look in offered_looks]
     return HeldOut(
-        mine_scores, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.kept
+        mine=np.array(mine_scores),
+        clutter=scores.clutter,
+        target=offered["target"].to_numpy(dtype=str),
+        tile=scores.tile,
+        vector_share=scores.vector_share,
     )
 
 

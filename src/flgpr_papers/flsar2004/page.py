@@ -1,4 +1,4 @@
-"""The page of the reproduction: findings, figures and tables of the paper beside ours."""
+"""The page of the reproduction: findings, figures and tables of the paper, and ours."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from flgpr_papers.flsar2004.experiment import Results
 from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.flsar2004.material import Results
 from flgpr_papers.kit.findings import Finding, by_chance, in_words
 from flgpr_papers.kit.page import Twin, study_html
 from flgpr_papers.kit.settings import packaged_text
@@ -25,9 +25,31 @@ def page_html(
     study_world: StudyWorld,
     other: OtherWorld,
 ) -> str:
-    """Write the page, which needs nothing beside it."""
-    notes = results.notes
-    twins = list(_twins(results.findings, pictures))
+    """Return the page, which needs no other file.
+
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    results : Results
+        Results of all parts.
+    pictures : mapping of str to bytes
+        Figures by name, PNG.
+    quick : bool
+        Whether the study is a quick run.
+    study_world : StudyWorld
+        World of the lanes.
+    other : OtherWorld
+        Findings of the same study on roads as found.
+    """
+    details = results.details
+    papers_twins = []
+    own_twins = []
+    for twin in _twins(results.findings, pictures):
+        if twin.number:
+            papers_twins.append(twin)
+        else:
+            own_twins.append(twin)
     return study_html(
         "flsar2004.html",
         quick=quick,
@@ -36,44 +58,41 @@ def page_html(
         settings=settings,
         found=results.findings,
         chance=by_chance(results.findings),
-        sizes=_sizes(settings, notes),
+        sizes=_sizes(settings, details),
         areas=_areas(results),
-        cases=list(notes["templates"]),
-        templates=_variants(notes["templates"]),
-        energy=notes["energy of the first component"],
-        registration=_registration(notes["registration"]),
-        twins=[twin for twin in twins if twin.number],
-        others=[twin for twin in twins if not twin.number],
+        cases=list(details["templates"]),
+        templates=_variants(details["templates"]),
+        energy=details["energy of the first component"],
+        registration=_registration(details["registration"]),
+        twins=papers_twins,
+        others=own_twins,
     )
 
 
-def _twins(found: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[Twin]:
-    """Put each figure beside what the paper says of it, in the order of the captions."""
+def _twins(findings: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[Twin]:
+    """Yield each figure with what the paper says of it, in the order of the captions."""
     for name, caption in _CAPTIONS.items():
         if name not in pictures:
             continue
+        numbers = []
+        for quantity, paper in caption.get("same", {}).items():
+            numbers.append((quantity, paper, "as in the paper"))
         claims = tuple(caption.get("claims", ()))
-        numbers = [
-            (finding.claim, finding.paper, finding.ours)
-            for finding in found
-            if finding.claim.startswith(claims)
-        ]
-        stated = [
-            (quantity, paper, "as in the paper")
-            for quantity, paper in caption.get("same", {}).items()
-        ]
+        for finding in findings:
+            if finding.claim.startswith(claims):
+                numbers.append((finding.claim, finding.paper, finding.ours))
         yield Twin(
             caption.get("number", ""),
             caption["title"],
             pictures[name],
             caption["caption"],
-            [*stated, *numbers],
+            numbers,
         )
 
 
-def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
+def _sizes(settings: Settings, details: Mapping[str, Any]) -> list[Row]:
     """Tabulate numbers of mines and examples in the paper and here."""
-    loo = notes["vectors, leave-one-out"]
+    loo = details["vectors, leave-one-out"]
     metal = sum(mines.metal for mines in settings.mines)
     plastic = sum(mines.plastic for mines in settings.mines)
     rows: list[Row] = [
@@ -104,39 +123,35 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
             f"{100 * loo['RVM, ARD, width by evidence']:.1f} %",
         ),
     ]
-    for site, counts in notes["examples"].items():
-        counts_in_words = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-        rows.append(
-            (f"examples without prescreener, both looks, {site}", "not given", counts_in_words)
-        )
-    for name, counts_in_words in notes.items():
+    for site, counts in details["examples"].items():
+        text = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        rows.append((f"examples without prescreener, both looks, {site}", "not given", text))
+    for name, value in details.items():
         if name.startswith(("prescreen", "fig5")):
-            text = (
-                ", ".join(f"{k}: {_short(v)}" for k, v in counts_in_words.items())
-                if isinstance(counts_in_words, dict)
-                else str(counts_in_words)
-            )
-            rows.append((name, "", text))
+            rows.append((name, "", _detail_text(value)))
     return rows
 
 
+def _detail_text(value: Any) -> str:
+    """Format a detail of the results: a text, or several named numbers."""
+    if not isinstance(value, dict):
+        return str(value)
+    return ", ".join(f"{name}: {_short(number)}" for name, number in value.items())
+
+
 def _areas(results: Results) -> list[Row]:
-    """Return both areas of every curve.
+    """Tabulate both areas of every curve.
 
     Whole areas that were trained anew in every draw have no partial one.
     """
-    rows = []
+    rows: list[Row] = []
     for name, area in results.areas.items():
-        partial = results.partial.get(name)
-        chance = results.chance.get(name)
-        rows.append(
-            (
-                name,
-                "" if partial is None else in_words(*partial),
-                "" if chance is None else f"{chance:.2f}",
-                in_words(*area),
-            )
-        )
+        partial = ""
+        chance = ""
+        if name in results.partial:
+            partial = in_words(*results.partial[name])
+            chance = f"{results.chance[name]:.2f}"
+        rows.append((name, partial, chance, in_words(*area)))
     return rows
 
 
@@ -146,34 +161,29 @@ def _short(value: Any) -> str:
 
 
 def _variants(summary: Mapping[str, Any]) -> list[Row]:
-    """Return for each kind of template the number of every case.
-
-    Also by how much it lies above the main one's.
-    """
-    form = "{:.2f} ({:.2f} to {:.2f}); {:+.2f} ({:+.2f} to {:+.2f})".format
+    """Tabulate the number of every kind of template in every case, and that less the main one's."""
     first_case = next(iter(summary.values()))
     rows: list[Row] = []
     for name in first_case:
         cells = []
         for case in summary.values():
-            cells.append(form(*case[name]["area"], *case[name]["less the main one"]))
+            area, low, high = case[name]["area"]
+            gap, gap_low, gap_high = case[name]["less the main one"]
+            cells.append(
+                f"{area:.2f} ({low:.2f} to {high:.2f}); "
+                f"{gap:+.2f} ({gap_low:+.2f} to {gap_high:+.2f})"
+            )
         rows.append((name, *cells))
     return rows
 
 
 def _registration(summary: Mapping[str, Any]) -> list[Row]:
     """Tabulate how well the fiducials register the images."""
-    rows = []
+    rows: list[Row] = []
     for site, by_pass in summary.items():
         for name, registered in by_pass.items():
-            across, along = (f"{100 * shift:+.1f}" for shift in registered["shift"])
-            rows.append(
-                (
-                    site,
-                    name,
-                    f"{across}, {along} cm",
-                    f"{100 * registered['residual']:.1f} cm",
-                    registered["fiducials"],
-                )
-            )
+            across, along = registered["shift"]
+            shift = f"{100 * across:+.1f}, {100 * along:+.1f} cm"
+            residual = f"{100 * registered['residual']:.1f} cm"
+            rows.append((site, name, shift, residual, registered["fiducials"]))
     return rows

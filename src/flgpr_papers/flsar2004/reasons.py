@@ -1,14 +1,15 @@
-"""Why statements of flsar2004 do not hold here.
+"""Experiments on why statements of flsar2004 do not hold: the study with one step changed.
 
-The study's lane images, with one step done otherwise. What each explanation predicts was written
-before its numbers were seen, but for the width of the kernel: the share of relevance vectors at
-four widths had been seen on a fifth of the examples.
+The lane images are the study's. What each explanation predicts was written before its numbers were
+seen, but for the width of the kernel: the share of relevance vectors at four widths had been seen
+on a fifth of the examples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +33,6 @@ from flgpr_papers.flsar2004.examples import (
     open_examples,
     signatures,
 )
-from flgpr_papers.flsar2004.experiment import (
-    SHALLOW,
-    SURFACE,
-    Examples,
-    Material,
-    open_area,
-    pick_examples,
-    prepare,
-    thin_examples,
-)
 from flgpr_papers.flsar2004.findings import (
     Measure,
     proportion,
@@ -51,7 +42,6 @@ from flgpr_papers.flsar2004.findings import (
 from flgpr_papers.flsar2004.lanes import Settings, drive, load_settings
 from flgpr_papers.flsar2004.machines import (
     NOVELTY_RIVALS,
-    Classifier,
     HeldOut,
     across,
     held_out,
@@ -60,7 +50,17 @@ from flgpr_papers.flsar2004.machines import (
     rvm,
     svm,
 )
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.flsar2004.material import (
+    SHALLOW,
+    SURFACE,
+    Examples,
+    Material,
+    open_area,
+    pick_examples,
+    prepare,
+    thin_examples,
+)
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import SHARE, Bounds, Interval, clip
 from flgpr_papers.kit.reasons import Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -90,7 +90,7 @@ COMPLEX = Variant(0, False)
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``.
+    """Run the experiments, or read those that are on disk in ``folder/reasons``.
 
     Lane images are the study's.
 
@@ -111,94 +111,115 @@ def trials(
         In the order of the statements.
     """
     settings = load_settings(quick, world)
-    drives = [drive(settings, site, folder / "images", track) for site in settings.sites]
-    material = prepare(settings, [join(settings, passes) for passes in drives])
+    sites = []
+    image_keys = []
+    for site in settings.sites:
+        passes = drive(settings, site, folder / "images", track)
+        image_keys += [drive_pass.key for drive_pass in passes]
+        sites.append(join(settings, passes))
+    material = prepare(settings, sites)
     key = key_of(
         settings.model_dump(mode="json"),
-        [entry.key for passes in drives for entry in passes],
+        image_keys,
         [WIDTHS, RATES, SUBSETS],
         flgpr.__version__,
     )
     trial_list: list[Trial] = []
     for name, experiment in track(EXPERIMENTS.items(), "experiments", len(EXPERIMENTS)):
         path = folder / "reasons" / f"{name}-{key}.json"
-        rows = kept(path, lambda run=experiment: [asdict(entry) for entry in run(material)])  # type: ignore[misc]
+        rows = read_or_make(path, partial(_trial_rows, experiment, material))
         trial_list += [_trial(row) for row in rows]
     return trial_list
 
 
+def _trial_rows(
+    experiment: Callable[[Material], list[Trial]], material: Material
+) -> list[dict[str, Any]]:
+    """Run an experiment and return its trials as JSON can hold them."""
+    return [asdict(trial) for trial in experiment(material)]
+
+
 def _trial(row: Mapping[str, Any]) -> Trial:
     """Return a trial from its JSON."""
-    pairs = {
-        name: None if row[name] is None else tuple(row[name]) for name in ("interval", "predicted")
-    }
-    return Trial(**{**row, **pairs})
+    entries = dict(row)
+    for name in ("interval", "predicted"):
+        if row[name] is not None:
+            entries[name] = tuple(row[name])
+    return Trial(**entries)
 
 
 def template_trials(material: Material) -> list[Trial]:
-    """Ask why the first component is less like the mean template than in par. 24.
+    """Return trials of why the first component is less like the mean template than in par. 24.
 
-    This is at the arid site.
+    They are of the arid site.
+
+    Parameters
+    ----------
+    material : Material
+        Both sites.
     """
     statement = "component close to the mean template"
     quantity = "cosine of first component and mean template, arid"
-    chips, mines = signatures(material.settings, material.sites[0], False)
     draws = material.settings.classify.bootstrap
-    trial_list = []
-
-    def add(changed: str, images: NDArray[Any], own: bool, component_own: bool, why: str) -> None:
-        value = cosine_interval(images, own, component_own, draws)
-        sample = f"{len(images)} looks"
-        rule = ALIKE if why else None
-        trial_list.append(Trial(statement, why, changed, quantity, value, sample, rule))
-
-    add("nothing", chips, True, False, "")
+    chips, mines = signatures(material.settings, material.sites[0], False)
+    is_buried = (mines["depth"] > SURFACE).to_numpy()
     weighed = "the brightest mines make the mean, every mine counts alike in the components"
-    add("mean of images of unit energy", chips, False, False, weighed)
-    add("components of the images as they are", chips, True, True, weighed)
     surface = "the mines that lie on the surface are those brightest ones"
-    buried = (mines["depth"] > SURFACE).to_numpy()
-    add("surface mines left out", chips[buried], True, False, surface)
+    # What is changed, the images, whether mean and components are of the images as they are, and
+    # the explanation.
+    cases = (
+        ("nothing", chips, True, False, ""),
+        ("mean of images of unit energy", chips, False, False, weighed),
+        ("components of the images as they are", chips, True, True, weighed),
+        ("surface mines left out", chips[is_buried], True, False, surface),
+    )
+    trial_list = []
+    for changed, images, mean_as_it_is, components_as_they_are, explanation in cases:
+        value = cosine_interval(images, mean_as_it_is, components_as_they_are, draws)
+        sample = f"{len(images)} looks"
+        rule = ALIKE if explanation else None
+        trial_list.append(Trial(statement, explanation, changed, quantity, value, sample, rule))
     return trial_list
 
 
 def cosine_interval(
-    chips: NDArray[Any], mean_as_they_are: bool, components_as_they_are: bool, draws: int
+    chips: NDArray[Any], mean_as_it_is: bool, components_as_they_are: bool, draws: int
 ) -> Interval:
-    """Return the mean cosine of first component and mean template, and its interval.
+    """Return the cosine of first component and mean template, with its bootstrap interval.
 
-    It is the mean over images, with a bootstrap interval.
+    It is the mean over polarizations and ranges.
 
     Parameters
     ----------
     chips : (mine, polarization, range, y, x) ndarray
         Magnitudes.
-    mean_as_they_are, components_as_they_are : bool
+    mean_as_it_is, components_as_they_are : bool
         Whether mean and components are of the images as they are, in place of images of unit
         energy.
     draws : int
         Bootstrap draws of mines, of which at most 100 are taken.
     """
-
-    def cosine(images: NDArray[Any]) -> float:
-        cosines = []
-        for p, r in np.ndindex(*images.shape[1:3]):
-            values = images[:, p, r]
-            component = (
-                first_component(values)
-                if components_as_they_are
-                else principal_templates(values)[0][0]
-            )
-            mean = mean_template(values, normalize_each=not mean_as_they_are)
-            cosines.append(abs(float((component * mean).sum())))
-        return float(np.mean(cosines))
-
     rng = np.random.default_rng(3)
-    values = [
-        cosine(chips[rng.integers(0, len(chips), len(chips))]) for _ in range(min(draws, 100))
-    ]
+    values = []
+    for _ in range(min(draws, 100)):
+        drawn = chips[rng.integers(0, len(chips), len(chips))]
+        values.append(_mean_cosine(drawn, mean_as_it_is, components_as_they_are))
     low, high = np.quantile(values, (0.025, 0.975))
-    return cosine(chips), float(low), float(high)
+    return _mean_cosine(chips, mean_as_it_is, components_as_they_are), float(low), float(high)
+
+
+def _mean_cosine(chips: NDArray[Any], mean_as_it_is: bool, components_as_they_are: bool) -> float:
+    """Return the cosine of first component and mean template, mean over all images."""
+    cosines = []
+    for polarization, distance in np.ndindex(*chips.shape[1:3]):
+        images = chips[:, polarization, distance]
+        if components_as_they_are:
+            component = first_component(images)
+        else:
+            component = principal_templates(images)[0][0]
+        mean = mean_template(images, normalize_each=not mean_as_it_is)
+        cosines.append(abs(float((component * mean).sum())))
+    return float(np.mean(cosines))
 
 
 def first_component(images: NDArray[Any]) -> NDArray[Any]:
@@ -208,7 +229,13 @@ def first_component(images: NDArray[Any]) -> NDArray[Any]:
 
 
 def prescreener_trials(material: Material) -> list[Trial]:
-    """Ask why the standard deviation removes no false alarms (par. 16)."""
+    """Return trials of why the standard deviation removes no false alarms (par. 16).
+
+    Parameters
+    ----------
+    material : Material
+        Both sites.
+    """
     trial_list: list[Trial] = []
     for site in material.sites:
         trial_list += _site_prescreener_trials(material.settings, site)
@@ -219,58 +246,65 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
     """Return the trials of the second prescreener at a site."""
     statement = f"the standard deviation removes false alarms, {site.name}"
     quantity = "share of the clutter's clusters past amplitude and size that it removes"
-    metal = site.mines[site.mines["subset"] & (site.mines["kind"] == "metal")]
-    by_strength = subset_by_strength(settings, site)
-    surface = metal.loc[metal["depth"] <= SURFACE, "target"].unique()
     trial_list = []
-
-    def add(changed: str, targets: Sequence[str], why: str) -> None:
+    for changed, targets, explanation in _subset_cases(settings, site):
         value, clusters = removed_share(settings, site, targets)
-        rule = REMOVES if why else None
+        rule = REMOVES if explanation else None
         sample = f"{clusters} clusters"
-        trial_list.append(Trial(statement, why, changed, quantity, value, sample, rule))
-
-    add("nothing", by_strength, "")
-    reason = "a single mine of the subset, the brightest, sets a limit under which all clutter lies"
-    if len(by_strength) > 1:
-        add(f"brightest of {len(by_strength)} metal mines left out", by_strength[1:], reason)
-    if len(surface) and len(surface) < len(by_strength):
-        buried = [name for name in by_strength if name not in set(surface)]
-        on_it = "the mines on the surface set that limit"
-        add(f"{len(surface)} mines on the surface left out", buried, on_it)
-    deep = set(metal.loc[metal["depth"] > SHALLOW, "target"])
-    if deep and len(deep) < len(by_strength):
-        shallow = [name for name in by_strength if name not in deep]
-        faint = "the deep mines, as faint as the ground, set an amplitude threshold within its even floor"
-        add(f"{len(deep)} mines deeper than 5 cm left out", shallow, faint)
-        middle_ones = [name for name in shallow if name not in set(surface)]
-        if middle_ones:
-            add(f"{len(middle_ones)} mines flush and 5 cm deep alone", middle_ones, "")
+        trial_list.append(Trial(statement, explanation, changed, quantity, value, sample, rule))
+    by_strength = subset_by_strength(settings, site)
     value, clusters = removed_share(settings, site, by_strength, relative=True)
-    scale = (
-        "a deviation in units of the image grows with brightness, "
-        "and mines are brighter than clutter"
-    )
-    changed = "deviation over the mean amplitude of the cluster"
-    trial_list.append(
-        Trial(statement, scale, changed, quantity, value, f"{clusters} clusters", REMOVES)
+    relative_trial = Trial(
+        statement=statement,
+        explanation="a deviation in units of the image grows with brightness, and mines are "
+        "brighter than clutter",
+        changed="deviation over the mean amplitude of the cluster",
+        quantity=quantity,
+        interval=value,
+        sample=f"{clusters} clusters",
+        predicted=REMOVES,
     )
     shares = other_subsets(settings, site)
-    middle = float(np.median(shares)), float(min(shares)), float(max(shares))
-    drawn = "this draw of the subset is an unlucky one"
-    changed = f"{SUBSETS} other draws of the subset"
-    trial_list.append(
-        Trial(
-            statement,
-            drawn,
-            changed,
-            f"{quantity}, median and range",
-            middle,
-            f"{SUBSETS} draws",
-            REMOVES,
-        )
+    drawn_trial = Trial(
+        statement=statement,
+        explanation="this draw of the subset is an unlucky one",
+        changed=f"{SUBSETS} other draws of the subset",
+        quantity=f"{quantity}, median and range",
+        interval=(float(np.median(shares)), float(min(shares)), float(max(shares))),
+        sample=f"{SUBSETS} draws",
+        predicted=REMOVES,
     )
-    return trial_list
+    return [*trial_list, relative_trial, drawn_trial]
+
+
+def _subset_cases(settings: Settings, site: Site) -> list[tuple[str, Sequence[str], str]]:
+    """Return other choices of the mines that make the thresholds: change, mines, explanation."""
+    metal = site.mines[site.mines["subset"] & (site.mines["kind"] == "metal")]
+    by_strength = subset_by_strength(settings, site)
+    on_surface = set(metal.loc[metal["depth"] <= SURFACE, "target"].unique())
+    deep = set(metal.loc[metal["depth"] > SHALLOW, "target"])
+    cases: list[tuple[str, Sequence[str], str]] = [("nothing", by_strength, "")]
+    if len(by_strength) > 1:
+        brightest = (
+            "a single mine of the subset, the brightest, sets a limit under which all clutter lies"
+        )
+        changed = f"brightest of {len(by_strength)} metal mines left out"
+        cases.append((changed, by_strength[1:], brightest))
+    if on_surface and len(on_surface) < len(by_strength):
+        buried = [name for name in by_strength if name not in on_surface]
+        changed = f"{len(on_surface)} mines on the surface left out"
+        cases.append((changed, buried, "the mines on the surface set that limit"))
+    if deep and len(deep) < len(by_strength):
+        shallow = [name for name in by_strength if name not in deep]
+        faint = (
+            "the deep mines, as faint as the ground, set an amplitude threshold within its even "
+            "floor"
+        )
+        cases.append((f"{len(deep)} mines deeper than 5 cm left out", shallow, faint))
+        middle = [name for name in shallow if name not in on_surface]
+        if middle:
+            cases.append((f"{len(middle)} mines flush and 5 cm deep alone", middle, ""))
+    return cases
 
 
 def subset_by_strength(settings: Settings, site: Site) -> list[str]:
@@ -317,33 +351,39 @@ def removed_share(
 
 
 def relative_deviation(settings: Settings, site: Site, screen: Any) -> tuple[int, int]:
-    """Count the clutter's clusters past amplitude and size.
+    """Return the clutter's clusters past amplitude and size, and past a relative deviation too.
 
-    Also those past a limit on deviation over mean, too.
+    The limit on deviation over mean is the largest of the mines that make the thresholds, as that
+    of the deviation itself.
 
-    The limit is the largest of the mines that make the thresholds, as that of the deviation itself.
+    Parameters
+    ----------
+    settings : Settings
+        The study.
+    site : Site
+        The site, whose subset makes the thresholds.
+    screen : ClusterScreen
+        The prescreeners, trained on them.
     """
-    everywhere = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
-    chosen = site.mines.loc[site.mines["subset"], ["x", "y"]].to_numpy(dtype=np.float64)
+    all_mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
+    subset = site.mines.loc[site.mines["subset"], ["x", "y"]].to_numpy(dtype=np.float64)
     counts = np.zeros(2, dtype=np.int64)
     for channel, (_, limits) in screen.channels(site.view):
         clusters = find_clusters(channel, limits.amplitude, screen.settings.radius)
         spread = (clusters["std"] / clusters["mean"]).to_numpy()
         positions = clusters[["x", "y"]].to_numpy(dtype=np.float64)
-        apart = np.linalg.norm(positions[:, None] - chosen, axis=2)
+        from_subset = np.linalg.norm(positions[:, None] - subset, axis=2)
         # Clusters come from strong to weak: the first within reach is a mine's own.
         neighbours = []
-        for distances in apart.T:
+        for distances in from_subset.T:
             within_reach = np.flatnonzero(distances <= screen.settings.reach)
             if within_reach.size:
                 neighbours.append(int(within_reach[0]))
         limit = float(spread[neighbours].max())
         in_lane = np.logical_or.reduce([lane.contains(*positions.T) for lane in site.lanes])
-        surroundings = (
-            np.linalg.norm(positions[:, None] - everywhere, axis=2).min(axis=1)
-            > settings.prescreen.halo
-        )
-        clutter = in_lane & surroundings & (clusters["size"] >= limits.size).to_numpy()
+        from_mines = np.linalg.norm(positions[:, None] - all_mines, axis=2).min(axis=1)
+        is_large = (clusters["size"] >= limits.size).to_numpy()
+        clutter = in_lane & (from_mines > settings.prescreen.halo) & is_large
         counts += [clutter.sum(), (clutter & (spread <= limit)).sum()]
     return int(counts[0]), int(counts[1])
 
@@ -363,108 +403,149 @@ def other_subsets(settings: Settings, site: Site) -> list[float]:
 
 
 def sparsity_trials(material: Material) -> list[Trial]:
-    """Ask why the RVM keeps fewer vectors than in par. 48.
+    """Return trials of why the RVM keeps fewer vectors than in par. 48.
 
-    The examples are left out one by one, as many as there.
+    The examples are left out one by one, as many as in the paper.
+
+    Parameters
+    ----------
+    material : Material
+        Both sites.
     """
     settings = material.settings
     options = settings.classify
     chosen = pick_examples(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
     few = thin_examples(chosen, options.examples, settings.seed)
-    measure = Measure(open_area(few, settings))
-    sample = f"{len(few[0])} examples, left out one by one"
-    share = "share of relevance vectors"
-    ratio = "RVM sparser by as much"
     wide = "the kernels that the SVM's cross-validation takes are wide"
     strong = "the Laplacian prior's rate of 1, of which the paper says nothing, is a strong one"
-    trial_list = []
-
-    def add(changed: str, machines: tuple[Classifier, Classifier], why: str) -> None:
-        relevance, support = (leave_one_out(*few, one, options.folds) for one in machines)
-        kept_vectors = spread_of_folds(relevance.kept)
-        rule = RELEVANCE if why else None
-        trial_list.append(
-            Trial(
-                share, why, changed, "relevance vectors over examples", kept_vectors, sample, rule
-            )
-        )
-        over = ratio_interval(relevance.kept, support.kept)
-        rule = SPARSER if why else None
-        trial_list.append(
-            Trial(ratio, why, changed, "relevance over support vectors", over, sample, rule)
-        )
-        for label, scores in (("RVM", relevance), ("SVM", support)):
-            found = measure.interval(scores, options.bootstrap)
-            trial_list.append(
-                Trial(share, "", changed, f"mean Pd up to 0.07 per m², {label}", found, sample)
-            )
-
-    add("nothing", (rvm(options), svm(options)), "")
+    cases = [("nothing", rvm(options), svm(options), "")]
     for width in WIDTHS:
         narrow = options.model_copy(update={"widths": (width,)})
         changed = f"kernels of γ = {width:g} over the number of features alone"
-        add(changed, (rvm(narrow), svm(narrow)), wide if width == NARROWEST else "")
+        explanation = wide if width == NARROWEST else ""
+        cases.append((changed, rvm(narrow), svm(narrow), explanation))
     for rate in RATES:
         changed = f"Laplacian prior of rate {rate:g}"
-        add(changed, (rvm(options, rate=rate), svm(options)), strong if rate == min(RATES) else "")
+        explanation = strong if rate == min(RATES) else ""
+        cases.append((changed, rvm(options, rate=rate), svm(options), explanation))
+    trial_list: list[Trial] = []
+    for changed, relevance_machine, support_machine, explanation in cases:
+        relevance = leave_one_out(*few, relevance_machine, options.folds)
+        support = leave_one_out(*few, support_machine, options.folds)
+        trial_list += _vector_trials(settings, few, changed, relevance, support, explanation)
+    return trial_list
+
+
+def _vector_trials(
+    settings: Settings,
+    few: Examples,
+    changed: str,
+    relevance: HeldOut,
+    support: HeldOut,
+    explanation: str,
+) -> list[Trial]:
+    """Return the numbers of vectors of both machines, and how well they find mines."""
+    sample = f"{len(few[0])} examples, left out one by one"
+    share_statement = "share of relevance vectors"
+    trial_list = [
+        Trial(
+            statement=share_statement,
+            explanation=explanation,
+            changed=changed,
+            quantity="relevance vectors over examples",
+            interval=spread_of_folds(relevance.vector_share),
+            sample=sample,
+            predicted=RELEVANCE if explanation else None,
+        ),
+        Trial(
+            statement="RVM sparser by as much",
+            explanation=explanation,
+            changed=changed,
+            quantity="relevance over support vectors",
+            interval=ratio_interval(relevance.vector_share, support.vector_share),
+            sample=sample,
+            predicted=SPARSER if explanation else None,
+        ),
+    ]
+    measure = Measure(open_area(few, settings))
+    for label, scores in (("RVM", relevance), ("SVM", support)):
+        quantity = f"mean Pd up to 0.07 per m², {label}"
+        value = measure.interval(scores, settings.classify.bootstrap)
+        trial_list.append(Trial(share_statement, "", changed, quantity, value, sample))
     return trial_list
 
 
 def between_site_trials(material: Material) -> list[Trial]:
-    """Ask why training at the arid site finds no plastic mines at the temperate one (par. 55)."""
-    settings = material.settings
+    """Return trials of why training at the arid site finds no plastic mines at the temperate one.
+
+    See par. 55.
+
+    Parameters
+    ----------
+    material : Material
+        Both sites.
+    """
+    return [*_between_trials(material, MAIN), *_between_trials(material, COMPLEX)]
+
+
+def _between_trials(material: Material, variant: Variant) -> list[Trial]:
+    """Return the trials between sites with a kind of template."""
+    options = material.settings.classify
     arid, temperate = material.sites
-    statement = "training carries over, arid to temperate, plastic"
     quantity = "mean Pd up to 0.07 per m², buried plastic of the temperate site, one-class RVM"
-    detector = one_class(settings.classify, NOVELTY_RIVALS[0])
-    folds = settings.classify.folds
-    trial_list = []
-
-    def add(changed: str, scores: HeldOut, area: float, why: str, words: str = quantity) -> None:
-        value = clip(Measure(area).interval(scores, settings.classify.bootstrap), SHARE)
-        count = f"{len(np.unique(scores.target))} mines"
-        trial_list.append(
-            Trial(statement, why, changed, words, value, count, CARRIES if why else None)
-        )
-
-    def buried(site: Site, maker: Site, variant: Variant, kind: str = "plastic") -> Examples:
-        templates = make_templates(settings, maker, variant)
-        examples = open_examples(settings, site, templates, variant.magnitude)
-        return pick_examples(examples, (kind,), (SURFACE, 1.0))
-
+    binary_quantity = quantity.replace("one-class", "binary")
+    detector = one_class(options, NOVELTY_RIVALS[0])
+    test = _buried(material, temperate, arid, variant)
+    of_temperate = _buried(material, temperate, temperate, variant)
+    train = _buried(material, arid, arid, variant)
+    metal = _buried(material, arid, arid, variant, "metal")
     unseen = "plastic is all but invisible at the arid site and teaches nothing"
     lost = "magnitudes lose what tells plastic from clutter"
     none = "a detector that sees no clutter does not know what to tell plastic from"
-    for name, variant in ((_name_of(MAIN), MAIN), (_name_of(COMPLEX), COMPLEX)):
-        magnitudes = variant == MAIN
-        test = buried(temperate, arid, variant)
-        pair_of_site = buried(temperate, temperate, variant)
-        train = buried(arid, arid, variant)
-        area = open_area(test, settings)
-        add(
-            f"{name}, trained at the arid site",
-            across(train, test, detector),
-            area,
-            "" if magnitudes else lost,
+    at_arid = "trained at the arid site"
+    at_temperate = "trained at the temperate site"
+    is_main = variant == MAIN
+    # What the scores are of, the explanation, the scores and the number.
+    cases = (
+        (at_arid, "" if is_main else lost, across(train, test, detector), quantity),
+        (
+            at_temperate,
+            unseen if is_main else "",
+            held_out(*of_temperate, detector, options.folds, novelty=True),
+            quantity,
+        ),
+        ("trained on metal of the arid site", "", across(metal, test, detector), quantity),
+        (at_arid, none if is_main else "", across(train, test, rvm(options)), binary_quantity),
+        (
+            at_temperate,
+            "",
+            held_out(*of_temperate, rvm(options), options.folds),
+            binary_quantity,
+        ),
+    )
+    measure = Measure(open_area(test, material.settings))
+    trial_list = []
+    for changed, explanation, scores, number in cases:
+        trial = Trial(
+            statement="training carries over, arid to temperate, plastic",
+            explanation=explanation,
+            changed=f"{_name_of(variant)}, {changed}",
+            quantity=number,
+            interval=clip(measure.interval(scores, options.bootstrap), SHARE),
+            sample=f"{len(np.unique(scores.target))} mines",
+            predicted=CARRIES if explanation else None,
         )
-        own_scores = held_out(pair_of_site[0], pair_of_site[1], detector, folds, novelty=True)
-        add(
-            f"{name}, trained at the temperate site", own_scores, area, unseen if magnitudes else ""
-        )
-        metal = buried(arid, arid, variant, "metal")
-        add(f"{name}, trained on metal of the arid site", across(metal, test, detector), area, "")
-        words = quantity.replace("one-class", "binary")
-        binary_scores = across(train, test, rvm(settings.classify))
-        add(
-            f"{name}, trained at the arid site",
-            binary_scores,
-            area,
-            none if magnitudes else "",
-            words,
-        )
-        binary_scores = held_out(pair_of_site[0], pair_of_site[1], rvm(settings.classify), folds)
-        add(f"{name}, trained at the temperate site", binary_scores, area, "", words)
+        trial_list.append(trial)
     return trial_list
+
+
+def _buried(
+    material: Material, site: Site, template_site: Site, variant: Variant, kind: str = "plastic"
+) -> Examples:
+    """Return the buried mines of a kind at a site, and its clutter, by the templates of a site."""
+    templates = make_templates(material.settings, template_site, variant)
+    examples = open_examples(material.settings, site, templates, variant.magnitude)
+    return pick_examples(examples, (kind,), (SURFACE, 1.0))
 
 
 def _name_of(variant: Variant) -> str:
@@ -479,4 +560,4 @@ EXPERIMENTS: dict[str, Callable[[Material], list[Trial]]] = {
     "sparsity": sparsity_trials,
     "between-sites": between_site_trials,
 }
-"""The experiments by the names of the files in which they are kept."""
+"""The experiments by the names of the files in which they are stored."""

@@ -1,12 +1,15 @@
-"""Reproduce flsar2004.
+"""Reproduce flsar2004: prescreeners, template features, relevance and support vector machines.
 
-Prescreeners, template features, relevance and support vector machines at two sites.
+The study in order: simulate the lane of each of two sites in both directions and image it, join the
+drives and cut examples, run the parts of the experiment, write findings, figures and the page.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +20,11 @@ from flgpr.chain.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
-from flgpr_papers.flsar2004.experiment import JUDGED, PARTS, Material, Results, prepare
+from flgpr_papers.flsar2004.experiment import JUDGED, PARTS
 from flgpr_papers.flsar2004.lanes import drive, load_settings
+from flgpr_papers.flsar2004.material import Material, Results, prepare
 from flgpr_papers.flsar2004.page import page_html
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
@@ -34,46 +38,75 @@ PAGE = "flsar2004.html"
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
-    """Simulate the lanes, run the experiments, and write page, figures and findings.
+    """Simulate the lanes, run the parts of the experiment, and write page, figures and findings.
 
-    Lane images and every part's results are kept in ``output``, so that a run that was stopped goes
-    on where it was.
+    Lane images and the results of every part stay in ``output``, so that an interrupted run
+    resumes.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in.
+    quick : bool
+        Few mines, tones and draws, which only show that everything runs.
+    track : Track
+        Shows progress.
+    world : str
+        World of the lanes, see `flgpr_papers.kit.study_worlds`.
+
+    Returns
+    -------
+    Path
+        The page.
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
     settings = load_settings(quick, world)
-    drives = [drive(settings, site, folder / "images", track) for site in settings.sites]
-    sites = [join(settings, passes) for passes in drives]
-    key = key_of(
-        settings.model_dump(mode="json"),
-        [drive_pass.key for passes in drives for drive_pass in passes],
-        flgpr.__version__,
-    )
+    sites = []
+    image_keys = []
+    for site in settings.sites:
+        passes = drive(settings, site, folder / "images", track)
+        image_keys += [drive_pass.key for drive_pass in passes]
+        sites.append(join(settings, passes))
+    key = key_of(settings.model_dump(mode="json"), image_keys, flgpr.__version__)
     results = _parts(prepare(settings, sites), folder / "parts", key, track)
     write_findings(folder, results.findings, quick, world=world)
-    write_whole(
-        folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n"
-    )
-    drawn = figures.draw(settings, sites, results.curves, results.notes)
-    pictures = {name: draw(figure, quick) for name, figure in track(drawn, "drawing the page", 14)}
+    summary = json.dumps(_as_json(results, curves=False), indent=1)
+    write_whole(folder / "results.json", summary + "\n")
+    pictures = {}
+    drawn = figures.draw(settings, sites, results.curves, results.details)
+    for name, figure in track(drawn, "drawing the page", 14):
+        pictures[name] = draw(figure, quick)
     for name, picture in pictures.items():
         write_whole(folder / f"{name}.png", picture)
-    page = folder / PAGE
-    worlds = study_world("flsar2004", world), other_world(folder, PAGE, world, quick)
-    write_whole(page, page_html(settings, results, pictures, quick, *worlds))
-    return page
+    html = page_html(
+        settings,
+        results,
+        pictures,
+        quick,
+        study_world("flsar2004", world),
+        other_world(folder, PAGE, world, quick),
+    )
+    write_whole(folder / PAGE, html)
+    return folder / PAGE
 
 
 def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
     """Run the parts that are not on disk, and read the others.
 
-    Those on disk are of the same settings, images and version.
+    A part on disk is of the same settings, images and version, which are in its key.
     """
     results = Results()
     for name, part in track(PARTS.items(), "experiments", len(PARTS)):
         path = folder / f"{name.replace(' ', '-')}-{key}.json"
-        results.add(_from_json(kept(path, lambda part=part: _as_json(part(material)))))  # type: ignore[misc]
+        record = read_or_make(path, partial(_run_part, part, material))
+        results.add(_from_json(record))
     return results
+
+
+def _run_part(part: Callable[[Material], Results], material: Material) -> dict[str, Any]:
+    """Run a part and return its results as JSON can hold them."""
+    return _as_json(part(material))
 
 
 def _as_json(results: Results, curves: bool = True) -> dict[str, Any]:
@@ -83,7 +116,7 @@ def _as_json(results: Results, curves: bool = True) -> dict[str, Any]:
         "areas": results.areas,
         "partial": results.partial,
         "chance": results.chance,
-        "notes": results.notes,
+        "notes": results.details,
     }
     if curves:
         record["curves"] = {}
@@ -115,24 +148,30 @@ SITES = {"arid": "low", "temperate": "mironov"}
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements at two sites of a world that differ in their loss."""
+    """Judge the paper's statements at two sites of a world that differ in their loss.
+
+    Parameters
+    ----------
+    world : World
+        Soil, surface and roadside.
+    folder : Path
+        Folder to work in.
+    """
     settings = load_settings(quick=True)
-    scenes = {name: replace(world, loss=loss).site(folder) for name, loss in SITES.items()}
-    content = {
-        "sites": tuple(SITES),
-        "scenes": scenes,
-        "seed": settings.seed + 100 * (world.number + 1),
-    }
-    settings = settings.model_copy(update=content)
-    material = prepare(
-        settings, [join(settings, drive(settings, site, folder)) for site in settings.sites]
-    )
+    scenes = {}
+    for site, loss in SITES.items():
+        scenes[site] = replace(world, loss=loss).site(folder)
+    seed = settings.seed + 100 * (world.number + 1)
+    changes = {"sites": tuple(SITES), "scenes": scenes, "seed": seed}
+    settings = settings.model_copy(update=changes)
+    sites = [join(settings, drive(settings, site, folder)) for site in settings.sites]
+    material = prepare(settings, sites)
     findings: list[Finding] = []
     for part in JUDGED.values():
         try:
             findings += part(material).findings
-        except (
-            ValueError
-        ):  # a fold of so few mines may hold none; the map tells how many worlds each statement has
+        except ValueError:
+            # A fold of so few mines may hold none. The map tells how many worlds each statement
+            # has.
             continue
     return findings

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
 from flgpr.scoring import random_pd
-from flgpr_papers.fuse2018.findings import CONVENTIONS, PAPER_DB, power_db, scored, strongest_boxes
+from flgpr_papers.fuse2018.findings import PAPER_DB
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
+from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
-from flgpr_papers.fuse2018.process import VARIANTS
+from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
 from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.suppression import VARIANTS
 from flgpr_papers.kit.findings import clustered
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -50,38 +52,36 @@ def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool 
 
 
 def geometry_figure(recipe: FuseRecipe) -> Figure:
-    """Draw the imaging geometry, as Fig. 1.
-
-    Antennas of both bands, the imaged ground and the path of Eq. 2.
-    """
+    """Draw the antennas of both bands, the imaged ground and the path of Eq. 2, as Fig. 1."""
     figure = Figure(figsize=(6.4, 4.6), layout="constrained")
     axes = figure.add_subplot(projection="3d")
     for band, colour in (("l", "C0"), ("x", "C1")):
         sensor = band_sensor(recipe, band)
         height = np.array([0.0, 0.0, sensor.height])
         for side, mark in (("tx", "^"), ("rx", "v")):
-            places = np.unique(sensor.pairs()[side == "rx"], axis=0) + height
+            tx, rx = sensor.pairs()
+            positions = np.unique(tx if side == "tx" else rx, axis=0) + height
             antennas = "transmitters" if side == "tx" else "receivers"
-            label = f"{band.upper()} band, {len(places)} {antennas}"
             axes.plot(
-                *places.T,
+                *positions.T,
                 mark,
                 color=colour,
                 ms=4,
                 mfc=colour if side == "tx" else "none",
-                label=label,
+                label=f"{band.upper()} band, {len(positions)} {antennas}",
             )
-    left, right = recipe.image.x
-    near, far = recipe.image.y
-    corners = np.array([[left, near], [right, near], [right, far], [left, far], [left, near]])
-    axes.plot(*corners.T, 0, "k-", lw=1, label="imaged ground")
+    x_min, x_max = recipe.image.x
+    y_min, y_max = recipe.image.y
+    x_corners = [x_min, x_max, x_max, x_min, x_min]
+    y_corners = [y_min, y_min, y_max, y_max, y_min]
+    axes.plot(x_corners, y_corners, 0, "k-", lw=1, label="imaged ground")
     for edge in recipe.image.edges[1:-1]:
-        axes.plot([left, right], [edge, edge], 0, "k:", lw=0.8)
+        axes.plot([x_min, x_max], [edge, edge], 0, "k:", lw=0.8)
+    # The path of the X band's first transmitter and last receiver.
+    all_tx, all_rx = sensor.pairs()
+    tx = all_tx[0] + height
+    rx = all_rx[-1] + height
     pixel = np.array([3.0, 9.0, 0.0])
-    tx, rx = (
-        side[index] + np.array([0, 0, sensor.height])
-        for side, index in zip(sensor.pairs(), (0, -1), strict=True)
-    )
     axes.plot(*np.array([tx, pixel, rx]).T, "C3-", lw=1.2, label="path L of Eq. 2")
     axes.plot(*pixel, "C3s", ms=5)
     axes.set(
@@ -98,10 +98,7 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
 
 
 def procedure_figure(example: Arrays) -> Figure:
-    """Draw how the masks are made of one another on the example frame, as Fig. 2.
-
-    (a) fundamental, (b) extended.
-    """
+    """Draw how the fundamental and the extended mask are made, as Fig. 2."""
     figure = Figure(figsize=(9.0, 4.4), layout="constrained")
     vv = example["mask vv"]
     vh = example["mask vh"]
@@ -142,10 +139,7 @@ def mixed_figure(example: Arrays) -> Figure:
 
 
 def regions_figure(example: Arrays) -> Figure:
-    """Draw the fundamental part by pixel and by connected region.
-
-    These are the two readings of "the intersection".
-    """
+    """Draw the fundamental part by the two readings of "the intersection": pixel and region."""
     titles = {
         "fundamental": "intersected pixel by pixel",
         "fundamental by region": "by connected region",
@@ -153,10 +147,11 @@ def regions_figure(example: Arrays) -> Figure:
     return _masks(example, titles)
 
 
-def _masks(example: Arrays, parts: Mapping[str, str]) -> Figure:
+def _masks(example: Arrays, titles: Mapping[str, str]) -> Figure:
     """Draw two masks side by side."""
     figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    for axes, (name, title) in zip(figure.subplots(1, 2, sharey=True), parts.items(), strict=True):
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, (name, title) in zip(panels, titles.items(), strict=True):
         _mask(axes, example, example[name], title)
         _dress(axes, example)
     return figure
@@ -164,20 +159,19 @@ def _masks(example: Arrays, parts: Mapping[str, str]) -> Figure:
 
 def stages_figure(example: Arrays) -> Figure:
     """Draw the averages #1, #3, #4 and #6 of the example frame, as Fig. 7."""
-    chosen = {
-        f"stage #{c}": f"({letter}) #{c}" for letter, c in zip("abcd", (1, 3, 4, 6), strict=True)
-    }
+    chosen = {}
+    for letter, combination in zip("abcd", (1, 3, 4, 6), strict=True):
+        chosen[f"stage #{combination}"] = f"({letter}) #{combination}"
     return _many(example, chosen, (8.6, 5.2), 2)
 
 
 def variants_figure(example: Arrays) -> Figure:
     """Draw the example frame as every variant leaves it."""
-    return _many(
-        example,
-        {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example},
-        (9.5, 8.6),
-        3,
-    )
+    chosen = {}
+    for name in VARIANTS:
+        if f"variant {name}" in example:
+            chosen[f"variant {name}"] = name
+    return _many(example, chosen, (9.5, 8.6), 3)
 
 
 def _many(
@@ -186,15 +180,15 @@ def _many(
     """Draw chosen images of an example in columns, on one scale."""
     figure = Figure(figsize=size, layout="constrained")
     rows = -(-len(chosen) // columns)
-    places = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     top = float(example["vv"].max())
-    for axes, (name, title) in zip(places, chosen.items(), strict=False):
+    for axes, (name, title) in zip(panels, chosen.items(), strict=False):
         shown = _image(axes, example, example[name], top)
         axes.set_title(title, fontsize=10)
         _dress(axes, example, True)
-    for axes in places[len(chosen) :]:
+    for axes in panels[len(chosen) :]:
         axes.set_visible(False)
-    figure.colorbar(shown, ax=places.tolist(), label="dB under the original's peak")
+    figure.colorbar(shown, ax=panels.tolist(), label="dB under the original's peak")
     return figure
 
 
@@ -210,30 +204,22 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
         ("(a) without averaging", "iteration", singles),
         ("(b) with averaging", "combination # (Table II)", averages),
     )
-    for axes, (title, label, stages) in zip(
-        figure.subplots(1, 2, sharey=True), panels, strict=True
-    ):
+    all_axes = figure.subplots(1, 2, sharey=True)
+    for axes, (title, label, stages) in zip(all_axes, panels, strict=True):
+        numbers = list(stages)
         for row in named_boxes.to_dict("records"):
-            row_table = pd.DataFrame([row])
-            axes.plot(
-                list(stages),
-                [power_db(row_table, s)[0] for s in stages.values()],
-                "o-",
-                label=f"box, {row['side']}",
-            )
-        spread = np.array(
-            [clustered(power_db(boxes, s), boxes["cluster"], 500) for s in stages.values()]
-        )
-        axes.plot(
-            list(stages),
-            spread[:, 0],
-            "k-",
-            lw=2,
-            label=f"mean of {len(boxes)} boxes, lanes A and B",
-        )
-        axes.fill_between(list(stages), spread[:, 1], spread[:, 2], color="0.6", alpha=0.4)
+            box = pd.DataFrame([row])
+            levels = [power_db(box, stage)[0] for stage in stages.values()]
+            axes.plot(numbers, levels, "o-", label=f"box, {row['side']}")
+        intervals = []
+        for stage in stages.values():
+            intervals.append(clustered(power_db(boxes, stage), boxes["cluster"], 500))
+        mean, low, high = np.array(intervals).T
+        mean_label = f"mean of {len(boxes)} boxes, lanes A and B"
+        axes.plot(numbers, mean, "k-", lw=2, label=mean_label)
+        axes.fill_between(numbers, low, high, color="0.6", alpha=0.4)
         axes.axhline(-PAPER_DB, color="C3", ls=":", label=f"paper, #6: {-PAPER_DB:g} dB")
-        axes.set(title=title, xlabel=label, xticks=list(stages))
+        axes.set(title=title, xlabel=label, xticks=numbers)
         axes.grid(alpha=0.3)
     left = figure.axes[0]
     left.set_ylabel("clutter power, dB re original")
@@ -248,11 +234,10 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """
     figure = Figure(figsize=(8.6, 3.5), layout="constrained")
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
-    for axes, letter, lane in zip(
-        figure.subplots(1, len(lanes), sharey=True), "ab", lanes, strict=True
-    ):
+    panels = figure.subplots(1, len(lanes), sharey=True)
+    for axes, letter, lane in zip(panels, "ab", lanes, strict=True):
         for name, (dash, label) in styles.items():
-            curve = scored(lane, name, recipe, "frames")[1]
+            _, curve, _ = scored(lane, name, recipe, "frames")
             axes.step(curve["far"], curve["pd"], "k", where="post", ls=dash, lw=1.6, label=label)
         _chance(axes, recipe)
         axes.set(title=f"({letter}) lane {lane.name}", xlabel="false alarms per m² of all frames")
@@ -264,11 +249,11 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """Draw the ROC curves of all variants on both lanes by both conventions."""
     figure = Figure(figsize=(8.6, 6.4), layout="constrained")
-    places = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
-    for row, (convention, title) in zip(places, CONVENTIONS.items(), strict=True):
+    panels = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
+    for row, (convention, title) in zip(panels, CONVENTIONS.items(), strict=True):
         for axes, lane in zip(row, lanes, strict=True):
             for name, (colour, dash) in COMPARED.items():
-                curve = scored(lane, name, recipe, convention)[1]
+                _, curve, _ = scored(lane, name, recipe, convention)
                 width = 2.2 if name in ("original", "iteration") else 1.2
                 axes.step(
                     curve["far"],
@@ -281,20 +266,19 @@ def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figu
                 )
             _chance(axes, recipe)
             axes.set_title(f"lane {lane.name}, {title}", fontsize=9)
-    for axes in places[-1]:
+    for axes in panels[-1]:
         axes.set_xlabel("false alarms per m²")
-    for axes in places[:, 0]:
+    for axes in panels[:, 0]:
         axes.set_ylabel("Pd")
-    places[0, 0].legend(fontsize=8, loc="lower right")
+    panels[0, 0].legend(fontsize=8, loc="lower right")
     return figure
 
 
 def _chance(axes: Axes, recipe: FuseRecipe) -> None:
-    """Draw what alarms strewn at random would find."""
+    """Draw Pd of alarms strewn at random."""
     rates = np.linspace(0, 0.3, 101)
-    axes.plot(
-        rates, random_pd(rates, recipe.score.halo / 2), color="0.5", ls=":", lw=1, label="chance"
-    )
+    by_chance = random_pd(rates, recipe.score.halo / 2)
+    axes.plot(rates, by_chance, color="0.5", ls=":", lw=1, label="chance")
     axes.set(xlim=(0, 0.3), ylim=(0, 1.02))
     axes.grid(alpha=0.3)
 
@@ -346,12 +330,12 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
     """Draw the full-wave lane before and after, with its masks."""
     figure = Figure(figsize=(9.5, 5.8), layout="constrained")
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
-    places = figure.subplots(len(rules), 4, sharex=True, sharey=True)
+    panels = figure.subplots(len(rules), 4, sharex=True, sharey=True)
     top = study.images["VV"].max()
     x = study.images["x"]
     y = study.images["y"]
     extent = (x[0], x[-1], y[0], y[-1])
-    for row, rule in zip(places, rules, strict=True):
+    for row, rule in zip(panels, rules, strict=True):
         row[0].imshow(
             study.images[f"{rule}/mask"], origin="lower", extent=extent, cmap="gray", aspect="equal"
         )
@@ -370,13 +354,12 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
             axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
         for axes in row:
             for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
-                axes.plot(
-                    px, py, mark, mfc="none", mec="C2" if mark == "^" else "C3", color="C3", ms=9
-                )
+                edge = "C2" if mark == "^" else "C3"
+                axes.plot(px, py, mark, mfc="none", mec=edge, color="C3", ms=9)
         row[0].set_ylabel("y (m)")
-    for axes in places[-1]:
+    for axes in panels[-1]:
         axes.set_xlabel("x (m)")
-    figure.colorbar(shown, ax=places.ravel().tolist(), label="dB under the VV peak")
+    figure.colorbar(shown, ax=panels.ravel().tolist(), label="dB under the VV peak")
     return figure
 
 
@@ -414,18 +397,14 @@ def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
-            axes.plot(
-                x, y, "^", mfc="none", mec="black", ms=8, mew=3.0
-            )  # to be seen on bright ground, too
+            # A black rim, to be seen on bright ground, too.
+            axes.plot(x, y, "^", mfc="none", mec="black", ms=8, mew=3.0)
             axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.5)
     if boxes:
         side = float(example["box side"])
         for x, y in example["boxes"]:
-            axes.add_patch(
-                Rectangle(
-                    (x - side / 2, y - side / 2), side, side, fill=False, ec="#9dff57", lw=1.4
-                )
-            )
+            corner = x - side / 2, y - side / 2
+            axes.add_patch(Rectangle(corner, side, side, fill=False, ec="#9dff57", lw=1.4))
     axes.set(
         xlim=(x_min, x_max),
         ylim=(y_min, y_max),

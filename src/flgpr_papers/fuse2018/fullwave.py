@@ -1,9 +1,9 @@
-"""The suppression on the packaged full-wave lane.
+"""The suppression on the packaged full-wave lane: one band, three frames.
 
-One band, three frames, thresholds from simulated lanes of its kind. The full-wave data have a scale
-of their own, so thresholds are learnt and used in units of each image's median magnitude in each
-sub-region. Nothing else passes from one to the other, and the full-wave lane's truth is used only
-to tell what became of each object.
+The thresholds come from simulated lanes of its kind. The full-wave data have a scale of their own,
+so thresholds are learnt and used in units of each image's median magnitude in each sub-region.
+Nothing else passes from one to the other, and the full-wave lane's truth is used only to measure
+what becomes of each object.
 """
 
 from __future__ import annotations
@@ -37,29 +37,31 @@ from flgpr.simulate import Scene, Simulator
 from flgpr.store import open_run, read_table, sample_lane
 
 HALF_WIDTH = 1.4
-"""Of the imaged ground, m."""
+"""Half width of the imaged ground, m."""
 ROADSIDES = {
     "scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH),
     "beside the lane": (1.0, HALF_WIDTH),
 }
-"""The lane of this run is 1 m to either side of the middle.
+"""Rules of where the roadside lies: nearest and farthest distance from the middle, m.
 
-The paper's roadside begins at 4 of 10 m.
+The lane of this run is 1 m to either side of the middle. The paper's roadside begins at 4 of 10 m.
 """
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
-_GRID = Grid.spanning(
-    (-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025
-)  # 1.2 m ahead of the last frame's array and on
+# from 1.2 m ahead of the last frame's array on
+_GRID = Grid.spanning((-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025)
 _EDGES = np.linspace(2.56, 6.2, 5)
 # m, as for this lane elsewhere
 _HALO = 0.5
 _RADIUS = 0.375
+_REACH = 0.4  # m about a body within which its response is measured
 _METHODS = ("none", "iteration", "per frame", "least squares")
+Body = tuple[str, float, float]
+"""Name of a mine or object, and its position x and y, m."""
 
 
 @dataclass(frozen=True)
 class FullwaveStudy:
-    """What became of the lane."""
+    """What becomes of the lane."""
 
     #: one row per roadside rule, method and object: change of the peak in HH and VV (dB), share of
     #: the response masked, rank among the alarms in VV and false alarms above
@@ -71,9 +73,15 @@ class FullwaveStudy:
 
 
 def fullwave_study(quick: bool = False) -> FullwaveStudy:
-    """Learn thresholds on simulated lanes with the same array and soil.
+    """Clean the packaged full-wave lane by every method and roadside rule.
 
-    The same kinds of bodies lie at other positions.
+    The thresholds come from simulated lanes with the same array and soil, in which the same kinds
+    of bodies lie at other positions.
+
+    Parameters
+    ----------
+    quick : bool
+        Few calibration lanes.
     """
     folder = sample_lane()
     run = open_run(folder / "run.zarr")
@@ -81,47 +89,44 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
     limits = _calibrate(run, worlds)
     frames = _Frames(run, ("VV", "HH", "VH"))
     truth = read_table(folder / "truth.csv", "truth")
-    objects = read_table(folder / "objects.csv", "objects")
-    places = [
-        (f"{kind} mine, {100 * depth:g} cm", x, y)
-        for kind, depth, x, y in truth[["kind", "depth", "x", "y"]].values
-    ]
-    places += [(kind, x, y) for kind, x, y in objects[["kind", "x", "y"]].to_numpy()]
-    rows = []
-    alarms = []
-    images = {}
+    bodies = _bodies(truth, read_table(folder / "objects.csv", "objects"))
+    rows: list[dict[str, Any]] = []
+    false_rows: list[dict[str, Any]] = []
+    images: dict[str, NDArray[Any]] = {}
     for rule, side in ROADSIDES.items():
         mask = frames.mask(limits[rule], side)
         cleaned, residual = frames.clean(mask)
         for method, image in cleaned.items():
-            alarm_table = _alarms(image[0], truth)
-            alarms.append(
-                {
-                    "roadside": rule,
-                    "method": method,
-                    "false alarms": int((alarm_table["label"] == 0).sum()),
-                }
-                | {"residual": residual[method], "masked": float(mask.mean())}
-            )
-            rows += [
-                {"roadside": rule, "method": method}
-                | _fate(target, frames.images, image, mask, alarm_table)
-                for target in places
-            ]
+            about = {"roadside": rule, "method": method}
+            alarms = _alarms(image[0], truth)
+            false_alarms = {
+                "false alarms": int((alarms["label"] == 0).sum()),
+                "residual": residual[method],
+                "masked": float(mask.mean()),
+            }
+            false_rows.append(about | false_alarms)
+            for body in bodies:
+                rows.append(about | _fate(body, frames.images, image, mask, alarms))
             images[f"{rule}/{method}"] = np.abs(image[0])
         images[f"{rule}/mask"] = mask
-    images |= {
-        "VV": np.abs(frames.images[0]),
-        "HH": np.abs(frames.images[1]),
-        "VH": np.abs(frames.images[2]),
-    }
-    images |= {
-        "x": _GRID.x,
-        "y": _GRID.y,
-        "places": np.array([target[1:] for target in places], dtype=np.float64),
-    }
+    for number, polarization in enumerate(("VV", "HH", "VH")):
+        images[polarization] = np.abs(frames.images[number])
+    images["x"] = _GRID.x
+    images["y"] = _GRID.y
+    images["places"] = np.array([(x, y) for _, x, y in bodies], dtype=np.float64)
     first = next(iter(ROADSIDES))
-    return FullwaveStudy(pd.DataFrame(rows), pd.DataFrame(alarms), images, limits[first], worlds)
+    table = pd.DataFrame(rows)
+    return FullwaveStudy(table, pd.DataFrame(false_rows), images, limits[first], worlds)
+
+
+def _bodies(truth: pd.DataFrame, objects: pd.DataFrame) -> list[Body]:
+    """Return the mines and objects of the lane."""
+    bodies: list[Body] = []
+    for kind, depth, x, y in truth[["kind", "depth", "x", "y"]].values:
+        bodies.append((f"{kind} mine, {100 * depth:g} cm", x, y))
+    for kind, x, y in objects[["kind", "x", "y"]].to_numpy():
+        bodies.append((kind, x, y))
+    return bodies
 
 
 class _Frames:
@@ -142,10 +147,18 @@ class _Frames:
 
     def _stack(self, points: NDArray[np.float64]) -> FrameStack:
         """Return the frames' operators on points as one."""
-        return FrameStack([make(points) for make in self.operators])
+        return FrameStack([operator_on(points) for operator_on in self.operators])
 
     def mask(self, limits: Thresholds, side: tuple[float, float]) -> NDArray[np.bool_]:
-        """Mixed mask of VV and VH, thresholds in medians."""
+        """Return the mixed mask (y, x) of VV and VH by thresholds in units of the medians.
+
+        Parameters
+        ----------
+        limits : Thresholds
+            The thresholds.
+        side : tuple of float
+            Nearest and farthest distance of the roadside from the middle, m.
+        """
         vv = self.images[0] / self.level[0]
         vh = self.images[2] / self.level[2]
         return mixed_mask(vv, vh, limits, self.region, self.pixels[..., 0], roadside=side)
@@ -153,25 +166,40 @@ class _Frames:
     def clean(
         self, mask: NDArray[np.bool_]
     ) -> tuple[dict[str, NDArray[np.complex64]], dict[str, float]]:
-        """Clean VV and HH under a mask by every method."""
+        """Clean VV and HH under a mask by every method.
+
+        Parameters
+        ----------
+        mask : (y, x) ndarray of bool
+            The mask.
+
+        Returns
+        -------
+        images : dict of ndarray
+            Images (polarization, y, x) by method.
+        residual : dict of float
+            Norm of the cleaned data over that of the data, by method.
+        """
         data = self.data[:, :2]
-        points = self.pixels[mask]
         shared = iterate_suppression(data, self._stack, self.pixels, mask, self.region)
         iterated = iterate_frames(data, self.operators, self.pixels, mask, self.region)
-        cleaned_images = {
+        fitted = data
+        if mask.any():
+            fitted = suppress_by_model(data, self._stack(self.pixels[mask]), 20).data
+        cleaned = {
             "none": data,
             "iteration": averaged(shared, 6),
             "per frame": averaged_frames(iterated, 6),
-            "least squares": suppress_by_model(data, self._stack(points), 20).data
-            if mask.any()
-            else data,
+            "least squares": fitted,
         }
         stack = self._stack(self.pixels)
         norm = float(np.linalg.norm(data))
-        images = {name: stack.adjoint(cleaned_images[name])[:, 0] for name in _METHODS}
-        return images, {
-            name: float(np.linalg.norm(cleaned_images[name])) / norm for name in _METHODS
-        }
+        images = {}
+        residual = {}
+        for method in _METHODS:
+            images[method] = stack.adjoint(cleaned[method])[:, 0]
+            residual[method] = float(np.linalg.norm(cleaned[method])) / norm
+        return images, residual
 
 
 def _operator_on(
@@ -181,36 +209,42 @@ def _operator_on(
     pose: NDArray[np.float64],
 ) -> Callable[[NDArray[np.float64]], ImagingOperator]:
     """Return the imaging operator of a run's antennas, for given points."""
-    tx, rx = (vehicle_to_lane(run[name].values, pose) for name in ("tx_position", "rx_position"))
-    return lambda points: ImagingOperator(frequency, tx, rx, points, window=taper)
+    tx = vehicle_to_lane(run["tx_position"].values, pose)
+    rx = vehicle_to_lane(run["rx_position"].values, pose)
+
+    def operator_on(points: NDArray[np.float64]) -> ImagingOperator:
+        return ImagingOperator(frequency, tx, rx, points, window=taper)
+
+    return operator_on
 
 
 def _medians(image: NDArray[np.complex64], region: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Median magnitude of every pixel's sub-region."""
-    middle = np.array([np.median(np.abs(image[region == r])) for r in range(region.max() + 1)])
-    return np.asarray(middle[region])
+    """Return the median magnitude of every pixel's sub-region."""
+    medians = []
+    for number in range(region.max() + 1):
+        medians.append(np.median(np.abs(image[region == number])))
+    return np.asarray(np.array(medians)[region])
 
 
 def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
-    """Learn thresholds on simulated lanes with the same array and soil.
-
-    The same kinds of bodies lie at other positions.
-    """
-    learnt = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
+    """Learn the thresholds of every roadside rule on simulated lanes."""
+    calibrations = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
     sensor = _sensor(run)
-    reach = 0.4
     across = np.abs(_GRID.points()[..., 0])
     for seed in range(worlds):
         simulator = Simulator(_scene(run, seed), sensor, seed)
         frames = _Frames(simulator.run(), ("VV", "HH", "VH"))
         x = frames.pixels[..., 0]
         y = frames.pixels[..., 1]
-        halos = [np.hypot(x - t.x, y - t.y) <= reach for t in simulator.world.targets]
+        halos = []
+        for target in simulator.world.targets:
+            halos.append(np.hypot(x - target.x, y - target.y) <= _REACH)
         vv = frames.images[0] / frames.level[0]
         vh = frames.images[2] / frames.level[2]
-        for name, (near, far) in ROADSIDES.items():
-            learnt[name].add(vv, vh, frames.region, halos, (across >= near) & (across <= far))
-    return {name: sum_.result() for name, sum_ in learnt.items()}
+        for name, (nearest, farthest) in ROADSIDES.items():
+            is_roadside = (across >= nearest) & (across <= farthest)
+            calibrations[name].add(vv, vh, frames.region, halos, is_roadside)
+    return {name: calibration.result() for name, calibration in calibrations.items()}
 
 
 def _sensor(run: xr.Dataset) -> Sensor:
@@ -236,31 +270,36 @@ def _sensor(run: xr.Dataset) -> Sensor:
 def _scene(run: xr.Dataset, seed: int) -> Scene:
     """Draw a calibration lane.
 
-    Two metal and two plastic mines along it, a rock in it and a post beside it.
+    It has two metal and two plastic mines along it, a rock in it and a post beside it.
     """
     rng = np.random.default_rng([2018, seed])
     soil = run.attrs["soil"]
     order = rng.permutation(["metal", "metal", "plastic", "plastic"]).tolist()
-    targets = [
-        {
-            "kind": kind,
-            "x": rng.uniform(-0.6, 0.6),
-            "y": y + rng.uniform(-0.2, 0.2),
-            "depth": rng.uniform(0.015, 0.06),
-        }
-        | {"radius": 0.165, "height": 0.12}
-        for kind, y in zip(order, (3.0, 3.9, 4.8, 5.7), strict=True)
-    ]
-    bodies = [
-        {"kind": "rock", "x": rng.uniform(-0.8, 0.8), "y": rng.uniform(2.6, 6.0), "radius": 0.06},
-        {
-            "kind": "post",
-            "x": rng.choice([-1.2, 1.2]),
-            "y": rng.uniform(2.8, 6.0),
-            "radius": 0.03,
-            "height": 0.4,
-        },
-    ]
+    targets = []
+    for kind, y in zip(order, (3.0, 3.9, 4.8, 5.7), strict=True):
+        targets.append(
+            {
+                "kind": kind,
+                "x": rng.uniform(-0.6, 0.6),
+                "y": y + rng.uniform(-0.2, 0.2),
+                "depth": rng.uniform(0.015, 0.06),
+                "radius": 0.165,
+                "height": 0.12,
+            }
+        )
+    rock = {
+        "kind": "rock",
+        "x": rng.uniform(-0.8, 0.8),
+        "y": rng.uniform(2.6, 6.0),
+        "radius": 0.06,
+    }
+    post = {
+        "kind": "post",
+        "x": rng.choice([-1.2, 1.2]),
+        "y": rng.uniform(2.8, 6.0),
+        "radius": 0.03,
+        "height": 0.4,
+    }
     return Scene.model_validate(
         {
             "name": f"calibration {seed}",
@@ -277,7 +316,7 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
                 "texture_shape": None,
             },
             "targets": targets,
-            "objects": bodies,
+            "objects": [rock, post],
             "track": {"positions": tuple(run["pose"].values[:, 1].tolist())},
         }
     )
@@ -286,40 +325,48 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
 def _alarms(image: NDArray[np.complex64], truth: pd.DataFrame) -> pd.DataFrame:
     """Return the alarms of a VV image in the lane, strongest first.
 
-    Each has the mine that it hits, 0 for none.
+    ``label`` is the number of the mine that an alarm hits, from 1, or 0 for none.
     """
     view = xr.DataArray(
         np.abs(image).astype(np.float64), dims=("y", "x"), coords={"y": _GRID.y, "x": _GRID.x}
     )
     alarms = prescreen(view, LANE, _RADIUS)
     alarms = alarms[LANE.contains(alarms["x"], alarms["y"])].reset_index(drop=True)
-    near = np.hypot(*(alarms[[axis]].to_numpy() - truth[axis].to_numpy() for axis in ("x", "y")))
-    return alarms.assign(label=np.where(near.min(axis=1) <= _HALO, near.argmin(axis=1) + 1, 0))
+    across = alarms[["x"]].to_numpy() - truth["x"].to_numpy()
+    along = alarms[["y"]].to_numpy() - truth["y"].to_numpy()
+    distance = np.hypot(across, along)
+    is_hit = distance.min(axis=1) <= _HALO
+    return alarms.assign(label=np.where(is_hit, distance.argmin(axis=1) + 1, 0))
 
 
 def _fate(
-    target: tuple[str, float, float],
+    body: Body,
     before: NDArray[np.complex64],
     after: NDArray[np.complex64],
     mask: NDArray[np.bool_],
     alarms: pd.DataFrame,
 ) -> dict[str, Any]:
-    """Return what becomes of a target's peak, and the share of it that is masked."""
-    name, x, y = target
-    near = np.hypot(_GRID.points()[..., 0] - x, _GRID.points()[..., 1] - y) <= 0.4
-    peaks = {
-        p: 20 * np.log10(np.abs(after[i][near]).max() / np.abs(before[i][near]).max())
-        for p, i in (("VV", 0), ("HH", 1))
-    }
-    strong = np.where(near, np.abs(before[0]), 0)
-    response = strong >= strong.max() / 2
-    hit = np.flatnonzero(np.hypot(alarms["x"] - x, alarms["y"] - y) <= _HALO)
-    rank = int(hit[0]) + 1 if hit.size and "mine" in name else 0
-    above = int((alarms["label"].to_numpy()[: rank - 1] == 0).sum()) if rank else -1
+    """Return what becomes of a body's peak, and the share of its response that is masked."""
+    name, x, y = body
+    points = _GRID.points()
+    is_near = np.hypot(points[..., 0] - x, points[..., 1] - y) <= _REACH
+    changes = {}
+    for number, polarization in enumerate(("VV", "HH")):
+        peak_after = np.abs(after[number][is_near]).max()
+        peak_before = np.abs(before[number][is_near]).max()
+        changes[polarization] = 20 * np.log10(peak_after / peak_before)
+    magnitude = np.where(is_near, np.abs(before[0]), 0)
+    response = magnitude >= magnitude.max() / 2
+    hits = np.flatnonzero(np.hypot(alarms["x"] - x, alarms["y"] - y) <= _HALO)
+    rank = 0
+    false_above = -1
+    if hits.size and "mine" in name:
+        rank = int(hits[0]) + 1
+        false_above = int((alarms["label"].to_numpy()[: rank - 1] == 0).sum())
     return {
         "object": name,
-        **peaks,
+        **changes,
         "masked": float(mask[response].mean()),
         "rank": rank,
-        "above": above,
+        "above": false_above,
     }

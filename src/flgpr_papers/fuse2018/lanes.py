@@ -1,6 +1,6 @@
 """The settings of the study of Fuse et al. 2018, its lanes, and their frames.
 
-Two runs with shared poses.
+A lane is two runs, of the L and of the X band, that share their poses.
 """
 
 from __future__ import annotations
@@ -39,16 +39,13 @@ FloatArray = NDArray[np.float64]
 
 
 class Radar(Table):
-    """Errors of the navigation (m, rad) and simulated ground (m).
+    """Errors of the navigation, simulated ground and density of its scatterers."""
 
-    Also the surface scatterers per m², in X alone and in both bands.
-    """
-
-    position: NotNegative
-    heading: NotNegative
-    footprint: tuple[float, float, float, float]
-    scatterers_x: Positive
-    scatterers: Positive | None = None
+    position: NotNegative  #: deviation of the reported position, m
+    heading: NotNegative  #: deviation of the reported heading, rad
+    footprint: tuple[float, float, float, float]  #: simulated ground in the scan frame, m
+    scatterers_x: Positive  #: surface scatterers of the X band per m²
+    scatterers: Positive | None = None  #: the same of both bands, where it is given
 
 
 class Lanes(Table):
@@ -69,16 +66,13 @@ class Lanes(Table):
 
 
 class Image(Table):
-    """Images ahead of the latest frame (m), and frames summed.
+    """Images ahead of the latest frame."""
 
-    Also the borders of the sub-regions in range (m).
-    """
-
-    x: Span
-    y: Span
-    spacing: Positive
-    frames: Annotated[int, Field(ge=2)]
-    edges: tuple[float, ...]
+    x: Span  #: cross-track, m
+    y: Span  #: ahead, m
+    spacing: Positive  #: of the pixels, m
+    frames: Annotated[int, Field(ge=2)]  #: number of frames summed (Eq. 4)
+    edges: tuple[float, ...]  #: borders of the sub-regions in range, m
 
 
 class Mask(Table):
@@ -97,17 +91,14 @@ class Suppress(Table):
 
 
 class Score(Table):
-    """Detection area of a frame, halo's diameter and alarms' radius (m).
+    """Detection area of a frame, and how its alarms are scored."""
 
-    Also the false alarm rates (per m²).
-    """
-
-    x: Span
-    y: Span
-    halo: Positive
-    radius: Positive
-    far_max: Positive
-    far: Positive
+    x: Span  #: cross-track, m
+    y: Span  #: ahead, m
+    halo: Positive  #: diameter of a mine's halo, m
+    radius: Positive  #: within which an alarm is the largest, m
+    far_max: Positive  #: false alarms per m² up to which Pd is averaged
+    far: Positive  #: false alarms per m² at which variants are compared
 
 
 class Boxes(Table):
@@ -119,15 +110,12 @@ class Boxes(Table):
 
 
 class Study(Table):
-    """Place of the example frame (m); steps from aperture to aperture.
+    """Which apertures are cleaned, and the looser navigation that is tried."""
 
-    The looser navigation that is tried (m rms).
-    """
-
-    example: float
-    every: Annotated[int, Field(ge=1)]
-    loose_every: Annotated[int, Field(ge=1)]
-    loose_position: Positive
+    example: float  #: position along the lane of the frame that the figures show, m
+    every: Annotated[int, Field(ge=1)]  #: frames from aperture to aperture
+    loose_every: Annotated[int, Field(ge=1)]  #: the same with the looser navigation
+    loose_position: Positive  #: deviation of its position, m
 
 
 class FuseRecipe(Table):
@@ -158,12 +146,12 @@ class FuseRecipe(Table):
     def map_grid(self) -> Grid:
         """Pixels of a lane's map, in the lane frame.
 
-        More than is scored, so that peaks at the border are whole.
+        The map is larger than what is scored, so that peaks at its border are complete.
         """
         return Grid.spanning(self.image.x, (0.0, self.lanes.length + 2.0), self.image.spacing)
 
     def chain(self) -> Recipe:
-        """Load the recipe that detection is run with, and give it the study's images and masks."""
+        """Return the recipe of the detection chain with the study's images and masks."""
         tables = tomllib.loads(recipe_text("fuse2018"))
         image = self.image.model_dump()
         masks = {
@@ -173,14 +161,23 @@ class FuseRecipe(Table):
             **dict(self.suppress),
         }
         tables["image"] |= image
-        tables["clutter"] = [
-            stage | masks if stage["stage"] == "masks" else stage for stage in tables["clutter"]
-        ]
+        stages = []
+        for stage in tables["clutter"]:
+            stages.append(stage | masks if stage["stage"] == "masks" else stage)
+        tables["clutter"] = stages
         return Recipe.model_validate(tables)
 
 
 def fuse_recipe(quick: bool = False, world: str = OWN) -> FuseRecipe:
-    """Load the packaged recipe of the study, on the lanes of a world."""
+    """Load the packaged recipe of the study, on the lanes of a world.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether it is a quick run.
+    world : str
+        World of the lanes, see `flgpr_papers.kit.study_worlds`.
+    """
     site = study_world("fuse2018", world).sites["lane"]
     return packaged("fuse2018", FuseRecipe, quick, {"lanes": {"site": site}})
 
@@ -188,28 +185,50 @@ def fuse_recipe(quick: bool = False, world: str = OWN) -> FuseRecipe:
 def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
     """Load a band's preset with the study's navigation and footprint.
 
-    Tones that let echoes from before the images appear in them are a ValueError; the earliest frame
-    of a coherent sum sees the ground from farther back.
+    Parameters
+    ----------
+    recipe : FuseRecipe
+        The study.
+    band : str
+        "l" or "x".
+
+    Raises
+    ------
+    ValueError
+        If echoes from before the images appear in them with these tones.
     """
     preset = load_sensor(f"dual-band-{band}")
-    errors = preset.errors.model_copy(
-        update={"position": recipe.radar.position, "heading": recipe.radar.heading}
-    )
+    navigation = {"position": recipe.radar.position, "heading": recipe.radar.heading}
+    errors = preset.errors.model_copy(update=navigation)
     sensor = preset.model_copy(update={"errors": errors, "footprint": recipe.radar.footprint})
-    near, far = recipe.image.y
+    y_min, y_max = recipe.image.y
+    # The earliest frame of a coherent sum sees the ground from farther back.
     behind = (recipe.image.frames - 1) * recipe.lanes.step[1]
-    check_tones(sensor, recipe.image.x, (near, far + behind))
+    check_tones(sensor, recipe.image.x, (y_min, y_max + behind))
     return sensor
 
 
 def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
-    """Describe a lane as a band sees it.
+    """Return the scene of a lane as a band sees it.
 
     The bands differ in the density of surface scatterers alone.
+
+    Parameters
+    ----------
+    recipe : FuseRecipe
+        The study.
+    name : str
+        Name of the lane.
+    band : str
+        "l" or "x".
     """
     lanes = recipe.lanes
-    radar = recipe.radar
-    density = radar.scatterers or (radar.scatterers_x if band == "x" else None)
+    density = recipe.radar.scatterers
+    if density is None and band == "x":
+        density = recipe.radar.scatterers_x
+    draws = []
+    for depth in lanes.depths:
+        draws.append({"kind": "metal", "depth": depth, "count": lanes.mines})
     return Scene.model_validate(
         {
             "name": f"{name}-{band}",
@@ -219,9 +238,7 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
             "length": lanes.length,
             "surface": {"density": density},
             "clutter": {"bushes": lanes.bushes, "posts": lanes.posts, "roadside": lanes.roadside},
-            "draws": [
-                {"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths
-            ],
+            "draws": draws,
             "track": {"start": lanes.start, "step": lanes.step, "wander": lanes.wander},
         }
     )
@@ -232,14 +249,12 @@ class Frames:
     """A lane's frames, as the stage that forms masks and suppresses has them."""
 
     name: str
-    #: of the L band, with the X band as the second, not trained; what it needs to know of the runs
-    #: is known
+    #: stage of the L band, with the X band as the second, not trained; its passes were run
     stage: MaskedSuppression
-    #: truth, objects: what is in and beside the lane; for calibration and scoring
-    truth: pd.DataFrame
-    objects: pd.DataFrame
+    truth: pd.DataFrame  #: targets in the lane, for calibration and scoring
+    objects: pd.DataFrame  #: objects in and beside the lane, for calibration and scoring
     #: (frame, 1, pair, frequency) what the mines alone add to VV of the L band, without errors of
-    #: the radar; to tell what becomes of it
+    #: the radar, to follow what becomes of it
     mines: ComplexArray | None = None
 
     def __len__(self) -> int:
@@ -251,9 +266,16 @@ class Frames:
 
 
 def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSuppression:
-    """Return the suppressing stage of the detection chain of a lane's runs.
+    """Return the suppressing stage of the detection chain for a lane's runs.
 
-    The passes that it needs are done beforehand.
+    The passes whose results it needs are run here.
+
+    Parameters
+    ----------
+    runs : mapping of str to Dataset
+        Run of each band, "l" and "x".
+    recipe : FuseRecipe
+        The study.
     """
     known: dict[str, Any] = {}
     other_runs = {band: run for band, run in runs.items() if band != "l"}
@@ -263,49 +285,83 @@ def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSup
 
 
 def trained(stage: MaskedSuppression, learnt: Arrays, **changes: Any) -> MaskedSuppression:
-    """Return a stage with what was learnt, and other settings."""
+    """Return a copy of a stage with what was learnt, and with other settings.
+
+    Parameters
+    ----------
+    stage : MaskedSuppression
+        The stage of a lane.
+    learnt : dict
+        Thresholds, as the stage's ``fit`` returns them.
+    **changes
+        Entries of its settings that are replaced.
+    """
     stage_copy = MaskedSuppression(stage.settings.model_copy(update=changes), stage.setup, learnt)
     stage_copy.before = stage.before
     return stage_copy
 
 
 def local(table: pd.DataFrame, pose: FloatArray) -> FloatArray:
-    """Places (n, 2) of a table in the scan frame of a pose, m."""
+    """Return the positions (n, 2) of a table in the scan frame of a pose, m."""
     return lane_to_scan(ground_points(table), pose)[:, :2]
 
 
 def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> Frames:
-    """Simulate both bands of a lane into run stores, unless they are there, and read them."""
+    """Simulate both bands of a lane into run stores, unless they are on disk, and read them.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run stores.
+    recipe : FuseRecipe
+        The study.
+    name : str
+        Name of the lane: "calibration", "A" or "B".
+    track : Track
+        Shows progress.
+    """
     seed = recipe.lanes.seeds[name]
     runs = {}
     for band in BANDS:
-        store, _, _ = store_lane(
-            folder, lane_scene(recipe, name, band), seed, band_sensor(recipe, band), track
-        )
+        scene = lane_scene(recipe, name, band)
+        store, _, _ = store_lane(folder, scene, seed, band_sensor(recipe, band), track)
         runs[band] = open_run(store)
-    world = draw_world(lane_scene(recipe, name, "l"), seed)
-    mines = mines_alone(folder, recipe, name, track) if name != "calibration" else None
-    return Frames(name, masks_stage(runs, recipe), world.truth(), world.objects_table(), mines)
+    drawn = draw_world(lane_scene(recipe, name, "l"), seed)
+    mines = None
+    if name != "calibration":
+        mines = mines_alone(folder, recipe, name, track)
+    return Frames(name, masks_stage(runs, recipe), drawn.truth(), drawn.objects_table(), mines)
 
 
 def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> ComplexArray:
-    """Simulate what the mines add to VV of every scan.
+    """Simulate what the mines add to VV of every scan, or read it if it is on disk.
 
-    The lane less its twin that has everything but the mines. The echoes of the surface and of what
-    is strewn through the soil, the same in both, are left out.
+    It is the signal of the lane less that of its twin without mines. The echoes of the surface and
+    of what is strewn through the soil, the same in both, are left out.
+
+    Parameters
+    ----------
+    folder, recipe, name, track
+        As of :func:`simulate_lane`.
+
+    Returns
+    -------
+    (scan, 1, pair, frequency) ndarray
+        The signal, without errors of the radar.
     """
     sensor = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)})
     seed = recipe.lanes.seeds[name]
-    scene = lane_scene(recipe, name, "l")
-    lane = world_description(scene, seed)
+    lane = world_description(lane_scene(recipe, name, "l"), seed)
     lane |= {"surface": {**lane["surface"], "echo": False}, **EVEN}
-    twins = [Scene.model_validate(tables) for tables in (lane, lane | {"targets": []})]
-    key = key_of(
-        [twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed
-    )
+    with_mines = Scene.model_validate(lane)
+    without_mines = Scene.model_validate(lane | {"targets": []})
+    twins = [with_mines.model_dump(mode="json"), without_mines.model_dump(mode="json")]
+    key = key_of(twins, sensor.model_dump(mode="json"), seed)
     path = folder / f"{name}-mines-{key}.bundle"
     if not path.is_file():
-        full, empty = (Simulator(twin, sensor, seed, errors=False) for twin in twins)
+        full = Simulator(with_mines, sensor, seed, errors=False)
+        empty = Simulator(without_mines, sensor, seed, errors=False)
         scans = track(range(len(full)), f"mines of lane {name}", len(full))
-        write_arrays(path, {"signal": np.stack([full.scan(k) - empty.scan(k) for k in scans])})
+        differences = [full.scan(scan) - empty.scan(scan) for scan in scans]
+        write_arrays(path, {"signal": np.stack(differences)})
     return read_arrays(path)["signal"]

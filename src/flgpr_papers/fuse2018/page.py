@@ -1,4 +1,4 @@
-"""The page of the reproduction: findings, figures and tables of the paper beside ours."""
+"""The page of the reproduction: findings, figures and tables of the paper, and ours."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
 from flgpr.store import write_whole
-from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
+from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
-from flgpr_papers.fuse2018.process import VARIANTS, Calibration
 from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
 from flgpr_papers.fuse2018.twins import Drawing, Shown, own_drawings, paper_drawings
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html
@@ -41,12 +41,37 @@ def page_html(
     study_world: StudyWorld,
     other: OtherWorld,
 ) -> str:
-    """Write the page, which needs nothing beside it.
+    """Return the page, which needs no other file, and write its figures into a folder as PNG.
 
-    Its figures are left in the folder as PNG too.
+    Parameters
+    ----------
+    recipe : FuseRecipe
+        The study.
+    lanes : sequence of LaneResult
+        Results of lanes A and B.
+    loose : LaneResult
+        Result of a lane with the presets' looser navigation.
+    calibration : Calibration
+        What the calibration lane teaches.
+    example : mapping of str to ndarray
+        What the figures show of one aperture.
+    poses : PoseStudy
+        Loss of the coherent sum by wrong poses.
+    fullwave : FullwaveStudy
+        The packaged full-wave lane.
+    found : sequence of Finding
+        The findings.
+    quick : bool
+        Whether the study is a quick run.
+    folder : Path
+        Folder of the study.
+    study_world : StudyWorld
+        World of the lanes.
+    other : OtherWorld
+        Findings of the same study on roads as found.
     """
-    shown = {**example, "box side": np.asarray(recipe.boxes.side)}
-    drawn_from = Shown(recipe, lanes, loose, shown, poses, fullwave, found)
+    example_arrays = {**example, "box side": np.asarray(recipe.boxes.side)}
+    drawn_from = Shown(recipe, lanes, loose, example_arrays, poses, fullwave, found)
     twins = [_twin(drawing, folder, quick) for drawing in paper_drawings(drawn_from)]
     own_twins = [_twin(drawing, folder, quick) for drawing in own_drawings(drawn_from)]
     write_whole(folder / "fullwave.csv", fullwave.table.to_csv(index=False))
@@ -69,10 +94,7 @@ def page_html(
         losses=_loss_rows(poses),
         fullwave=fullwave,
         peaks=_peak_rows(fullwave.table),
-        false_alarms=[
-            (r["roadside"], r["method"], r["false alarms"], f"{100 * r['masked']:.0f} %")
-            for r in fullwave.false.to_dict("records")
-        ],
+        false_alarms=_false_alarm_rows(fullwave.false),
         system=_system_rows(recipe),
         combinations=[(f"#{k}", _iterations(iterations)) for k, iterations in TABLE_II.items()],
         twins=twins,
@@ -81,7 +103,7 @@ def page_html(
 
 
 def _twin(drawing: Drawing, folder: Path, quick: bool) -> Twin:
-    """Draw a figure, leave it in the folder and give what the page shows of it."""
+    """Write a figure into the folder and return what the page shows of it."""
     picture = draw(drawing.figure, quick, 60 if quick else 110)
     write_whole(folder / f"{drawing.name}.png", picture)
     return Twin(drawing.number, drawing.title, picture, drawing.caption, drawing.numbers)
@@ -89,11 +111,9 @@ def _twin(drawing: Drawing, folder: Path, quick: bool) -> Twin:
 
 def _iterations(iterations: Sequence[int]) -> str:
     """Name the output images of a combination as Table II does."""
-    return (
-        f"Iterations {' and '.join(map(str, iterations))} times"
-        if any(iterations)
-        else "Original SAR image"
-    )
+    if not any(iterations):
+        return "Original SAR image"
+    return f"Iterations {' and '.join(map(str, iterations))} times"
 
 
 def _system_rows(recipe: FuseRecipe) -> list[Row]:
@@ -119,22 +139,21 @@ def _system_rows(recipe: FuseRecipe) -> list[Row]:
 
 
 def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
-    """Pd at operating points, before and after, by both conventions of FAR."""
+    """Yield Pd at operating points, before and after, by both conventions of FAR."""
     for lane in lanes:
         for convention in CONVENTIONS:
             for variant in ("original", "iteration"):
                 matched, _, options = scored(lane, variant, recipe, convention)
                 area = {name: options[name] for name in ("area", "frame_area") if name in options}
-                inside = {
-                    f"lane {lane.name}, {convention}": matched.truth["inside"].to_numpy(dtype=bool)
-                }
-                yield from point_rows({variant: matched}, inside, shared="count", **area)
+                inside = matched.truth["inside"].to_numpy(dtype=bool)
+                subsets = {f"lane {lane.name}, {convention}": inside}
+                yield from point_rows({variant: matched}, subsets, shared="count", **area)
 
 
 def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:
     """Return the row of a lane: its length, mines, frames and objects."""
-    count = ((lane.objects["kind"] == kind).sum() for kind in ("bush", "post", "rock"))
-    return lane.name, f"{recipe.lanes.length:g} m", len(lane.truth), lane.frames, *count
+    counts = [(lane.objects["kind"] == kind).sum() for kind in ("bush", "post", "rock")]
+    return lane.name, f"{recipe.lanes.length:g} m", len(lane.truth), lane.frames, *counts
 
 
 def _threshold_rows(calibration: Calibration) -> list[Row]:
@@ -157,18 +176,16 @@ def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
         rows_of_variant = table[table["variant"] == name]
         if rows_of_variant.empty or name == "original":
             continue
-        rose, worse, fallen = ("no iterations",) * 3
+        counts = ["no iterations"] * 3
         if "least" not in name:
-            rose, worse, fallen = (
-                f"{(rows_of_variant[what] > 0).sum()} of {len(rows_of_variant)}"
-                for what in ("rises", "diverged", "fallen")
-            )
-        means = (
-            f"{100 * rows_of_variant['masked'].mean():.1f}",
-            f"{rows_of_variant['residual'].mean():.3f}",
-            f"{rows_of_variant['cpu'].median():.2f}",
-        )
-        rows.append((title, *means, rose, worse, fallen))
+            counts = []
+            for column in ("rises", "diverged", "fallen"):
+                count = (rows_of_variant[column] > 0).sum()
+                counts.append(f"{count} of {len(rows_of_variant)}")
+        masked = f"{100 * rows_of_variant['masked'].mean():.1f}"
+        residual = f"{rows_of_variant['residual'].mean():.3f}"
+        seconds = f"{rows_of_variant['cpu'].median():.2f}"
+        rows.append((title, masked, residual, seconds, *counts))
     return rows
 
 
@@ -182,17 +199,34 @@ def _loss_rows(study: PoseStudy) -> list[Row]:
     return rows
 
 
+def _false_alarm_rows(table: pd.DataFrame) -> list[Row]:
+    """Tabulate the false alarms of the full-wave run by method."""
+    rows: list[Row] = []
+    for row in table.to_dict("records"):
+        masked = f"{100 * row['masked']:.0f} %"
+        rows.append((row["roadside"], row["method"], row["false alarms"], masked))
+    return rows
+
+
 def _peak_rows(table: pd.DataFrame) -> list[Row]:
     """Tabulate the peaks of the full-wave run by method."""
-    return [
-        (
-            r["roadside"],
-            r["method"],
-            r["object"],
-            f"{r['VV']:+.1f}",
-            f"{r['HH']:+.1f}",
-            f"{100 * r['masked']:.0f} %",
-            *((r["rank"], r["above"]) if r["rank"] else ("", "")),
+    rows: list[Row] = []
+    for row in table[table["method"] != "none"].to_dict("records"):
+        rank = ""
+        false_above = ""
+        if row["rank"]:
+            rank = row["rank"]
+            false_above = row["above"]
+        rows.append(
+            (
+                row["roadside"],
+                row["method"],
+                row["object"],
+                f"{row['VV']:+.1f}",
+                f"{row['HH']:+.1f}",
+                f"{100 * row['masked']:.0f} %",
+                rank,
+                false_above,
+            )
         )
-        for r in table[table["method"] != "none"].to_dict("records")
-    ]
+    return rows

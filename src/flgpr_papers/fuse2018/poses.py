@@ -1,7 +1,4 @@
-"""How accurate poses must be for the coherent sum over frames.
-
-The formula, and simulated reflectors to check it.
-"""
+"""How accurate poses must be for the coherent sum over frames, by formula and by reflectors."""
 
 from __future__ import annotations
 

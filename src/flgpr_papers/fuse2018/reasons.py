@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,20 +22,20 @@ import flgpr
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.imaging import ImagingOperator
-from flgpr_papers.fuse2018.findings import KEPT, own_changes
+from flgpr_papers.fuse2018.findings import KEPT
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, simulate_lane
-from flgpr_papers.fuse2018.process import (
-    Calibration,
-    Cleaned,
-    calibrate,
-    halo_of,
-    stage_forms,
-    suppressed_alone,
-    targets_in_area,
-)
+from flgpr_papers.fuse2018.powers import own_changes
+from flgpr_papers.fuse2018.process import calibrate
+from flgpr_papers.fuse2018.records import halo_of, targets_in_area
 from flgpr_papers.fuse2018.results import result_key, stored_calibration
 from flgpr_papers.fuse2018.study import LANES, lane_result
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.fuse2018.suppression import (
+    Calibration,
+    Cleaned,
+    stage_forms,
+    suppressed_alone,
+)
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, clustered
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
 from flgpr_papers.kit.study_worlds import OWN
@@ -57,7 +58,7 @@ Change = Callable[[Aperture, BoolArray, MaskedSuppression], tuple[Aperture, Bool
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``.
+    """Run the experiments, or read those that are on disk in ``folder/reasons``.
 
     Lanes and results are the study's.
 
@@ -80,19 +81,24 @@ def trials(
     recipe = fuse_recipe(quick, world)
     stores = folder / "lanes"
     key = result_key(recipe, quick)
-    calibration = stored_calibration(
-        folder / "results" / f"calibration-{key}.json",
-        lambda: calibrate(simulate_lane(stores, recipe, "calibration", track), recipe, track),
-    )
+
+    def make_calibration() -> Calibration:
+        frames = simulate_lane(stores, recipe, "calibration", track)
+        return calibrate(frames, recipe, track)
+
+    calibration_file = folder / "results" / f"calibration-{key}.json"
+    calibration = stored_calibration(calibration_file, make_calibration)
+
+    def make_losses(name: str) -> list[dict[str, Any]]:
+        frames = simulate_lane(stores, recipe, name, track)
+        return lane_losses(frames, calibration, recipe, track)
+
+    losses_key = key_of(key, EVERY, FARTHER, flgpr.__version__)
     rows: list[dict[str, Any]] = []
     for name in LANES:
-        path = folder / "reasons" / f"{name}-{key_of(key, EVERY, FARTHER, flgpr.__version__)}.json"
-
-        def make(name: str = name) -> list[dict[str, Any]]:
-            frames = simulate_lane(stores, recipe, name, track)
-            return lane_losses(frames, calibration, recipe, track)
-
-        rows += [{**row, "lane": name} for row in kept(path, make)]
+        path = folder / "reasons" / f"{name}-{losses_key}.json"
+        for row in read_or_make(path, partial(make_losses, name)):
+            rows.append({**row, "lane": name})
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     spared = clustered(*own_changes(lanes, "least squares spared"), recipe.boxes.draws)
     return loss_trials(pd.DataFrame(rows), spared, recipe)
@@ -160,7 +166,11 @@ def half_the_array(
 
 def _of_some_pairs(make: OperatorOn, factor: NDArray[np.float32]) -> OperatorOn:
     """Return operators in which pairs have a factor."""
-    return lambda points: cast("ImagingOperator", SomePairs(make(points), factor))
+
+    def operator_on(points: NDArray[np.float64]) -> ImagingOperator:
+        return cast("ImagingOperator", SomePairs(make(points), factor))
+
+    return operator_on
 
 
 CHANGES: dict[str, Change] = {
@@ -199,10 +209,8 @@ def lane_losses(
             if chosen.any():
                 courses = stage.courses(aperture, chosen)
                 cleaned = Cleaned(index, forms, aperture, {"pixel": chosen}, courses, {}, {}, [])
-                rows += [
-                    {"frame": index, "changed": name, **row}
-                    for row in _losses(cleaned, frames, targets, recipe)
-                ]
+                for row in _losses(cleaned, frames, targets, recipe):
+                    rows.append({"frame": index, "changed": name, **row})
     return rows
 
 
@@ -218,19 +226,19 @@ def _losses(
     before = np.abs(stack.adjoint(alone)[0, 0])
     after = np.abs(stack.adjoint(suppressed_alone(cleaned, alone))[0, 0])
     rows = []
-    for row, position in targets:
+    for target, position in targets:
         halo = halo_of(stage.grid, position, recipe.score.halo / 2)
-        at = np.unravel_index(int(np.where(halo, before, -1).argmax()), halo.shape)
-        change = 20 * np.log10(after[at] / before[at])
-        masked = bool(cleaned.masks["pixel"][at])
-        rows.append({"target": row.target_id, "change_db": float(change), "masked": masked})
+        pixel = np.unravel_index(int(np.where(halo, before, -1).argmax()), halo.shape)
+        change = 20 * np.log10(after[pixel] / before[pixel])
+        is_masked = bool(cleaned.masks["pixel"][pixel])
+        rows.append({"target": target.target_id, "change_db": float(change), "masked": is_masked})
     return rows
 
 
 def loss_trials(rows: pd.DataFrame, spared: Interval, recipe: FuseRecipe) -> list[Trial]:
-    """Ask what takes 2 dB of a mine's own peak.
+    """Return trials of what takes 2 dB of a mine's own peak.
 
-    The mask on it, or the mask beside it through the array.
+    It is the mask on the mine, or the mask away from it, through the sidelobes of the array.
 
     Parameters
     ----------

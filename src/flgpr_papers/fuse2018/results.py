@@ -1,4 +1,4 @@
-"""A lane's results on disk, so that a study that was stopped goes on where it was, lane by lane."""
+"""Results of a lane on disk, by which an interrupted study resumes lane by lane."""
 
 from __future__ import annotations
 
@@ -16,16 +16,14 @@ from flgpr.chain.recipe import recipe_text
 from flgpr.clutter import above, extended_mask, fundamental_mask, roadside_level
 from flgpr.store import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
-from flgpr_papers.fuse2018.process import (
-    VARIANTS,
-    Calibration,
-    Cleaned,
+from flgpr_papers.fuse2018.records import (
     LaneRecords,
     box_of,
     roadside_objects,
     stage_images,
 )
-from flgpr_papers.kit.cache import Arrays, kept, key_of, read_arrays, write_arrays
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
+from flgpr_papers.kit.cache import Arrays, key_of, read_arrays, read_or_make, write_arrays
 
 FloatArray = NDArray[np.float64]
 TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")
@@ -33,17 +31,15 @@ TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")
 
 @dataclass(frozen=True)
 class LaneResult:
-    """A lane's results."""
+    """Results of a lane; the tables are those of `flgpr_papers.fuse2018.records.LaneRecords`."""
 
     name: str
-    #: truth, objects: what is in and beside it
-    truth: pd.DataFrame
-    objects: pd.DataFrame
+    truth: pd.DataFrame  #: targets in the lane
+    objects: pd.DataFrame  #: objects in and beside it
     frames: int  #: number of apertures
-    #: (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without
-    # one
+    #: (frame, 6) pose of each aperture's latest frame, by number of the frame; NaN for frames
+    #: without one
     poses: FloatArray
-    #: alarms, boxes, mines, courses, coherence, own, bands: as :class:`LaneRecords` describes them
     alarms: pd.DataFrame
     boxes: pd.DataFrame
     mines: pd.DataFrame
@@ -56,107 +52,153 @@ class LaneResult:
 
 
 def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None = None) -> str:
-    """Compute the key under which results are kept.
+    """Return the key under which results are stored.
 
-    Another recipe or other thresholds have another one.
+    Parameters
+    ----------
+    recipe : FuseRecipe
+        The study.
+    quick : bool
+        Whether it is a quick run.
+    calibration : Calibration, optional
+        Thresholds that the results depend on.
     """
-    settings = recipe.model_dump(mode="json")
-    content: dict[str, Any] = {"recipe": settings, "chain": recipe_text("fuse2018"), "quick": quick}
-    content["variants"] = list(VARIANTS)
+    content: dict[str, Any] = {
+        "recipe": recipe.model_dump(mode="json"),
+        "chain": recipe_text("fuse2018"),
+        "quick": quick,
+        "variants": list(VARIANTS),
+    }
     if calibration is not None:
         content["calibration"] = calibration_record(calibration)
     return key_of(content)
 
 
 def calibration_record(calibration: Calibration) -> dict[str, Any]:
-    """Turn a calibration into plain lists."""
+    """Return a calibration as lists of numbers, as JSON can hold it."""
     arrays = {**calibration.learnt, "background": calibration.background}
     return {name: value.tolist() for name, value in arrays.items()}
 
 
 def stored_calibration(path: Path, make: Callable[[], Calibration]) -> Calibration:
-    """Read a calibration, or make and write it."""
-    arrays = {
-        name: np.asarray(value)
-        for name, value in kept(path, lambda: calibration_record(make())).items()
-    }
+    """Read a calibration from a file, or make it and write the file."""
+    record = read_or_make(path, lambda: calibration_record(make()))
+    arrays = {name: np.asarray(value) for name, value in record.items()}
     background = arrays.pop("background")
     return Calibration(arrays, background)
 
 
 def write_records(path: Path, frames: Frames, records: LaneRecords) -> None:
-    """Write a lane's records: tables as JSON, maps beside it."""
+    """Write a lane's records: tables as JSON, maps into a bundle of the same name.
+
+    Parameters
+    ----------
+    path : Path
+        The JSON file.
+    frames : Frames
+        The lane's frames.
+    records : LaneRecords
+        What they yield.
+    """
     write_arrays(path.with_suffix(".bundle"), records.maps)
     poses = {row["frame"]: frames.pose(row["frame"]).tolist() for row in records.courses}
-    tables = {name: pd.DataFrame(getattr(records, name)).to_dict("list") for name in TABLES}
+    tables = {}
+    for name in TABLES:
+        tables[name] = pd.DataFrame(getattr(records, name)).to_dict("list")
     write_whole(path, json.dumps({"poses": poses, "tables": tables}))
 
 
 def read_records(path: Path, frames: Frames) -> LaneResult:
-    """Read what :func:`write_records` wrote."""
+    """Read the records that :func:`write_records` wrote, with what is known of the lane."""
     content = json.loads(path.read_text("utf-8"))
     tables = {name: pd.DataFrame(content["tables"][name]) for name in TABLES}
     poses = np.full((len(frames), 6), np.nan)
-    for k, pose in content["poses"].items():
-        poses[int(k)] = pose
-    maps = read_arrays(path.with_suffix(".bundle"))
+    for frame, pose in content["poses"].items():
+        poses[int(frame)] = pose
     return LaneResult(
-        frames.name, frames.truth, frames.objects, len(content["poses"]), poses, **tables, maps=maps
+        name=frames.name,
+        truth=frames.truth,
+        objects=frames.objects,
+        frames=len(content["poses"]),
+        poses=poses,
+        **tables,
+        maps=read_arrays(path.with_suffix(".bundle")),
     )
 
 
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
-    """Gather what the figures show of one aperture, in its scan frame.
+    """Return what the figures show of one aperture: magnitudes, masks, axes and positions.
 
-    Magnitudes, masks, axes, places.
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture, cleaned by every variant.
+    frames : Frames
+        The lane's frames.
+    recipe : FuseRecipe
+        The study.
+
+    Returns
+    -------
+    dict
+        Arrays in the scan frame of the aperture's latest frame; magnitudes are in single precision.
     """
     aperture = cleaned.aperture
-    stage = cleaned.stage
-    limits = stage.limits_for(aperture)
-    region = stage.region
-    grid = stage.grid
+    grid = cleaned.stage.grid
     arrays: Arrays = {
         "x_axis": grid.x,
         "y_axis": grid.y,
         "frame": np.array(cleaned.index),
         "vv": np.abs(aperture.vv),
         "vh": np.abs(aperture.vh),
+        **_example_masks(cleaned, recipe),
+        "mines": local(frames.truth, cleaned.pose),
+        "residual": np.stack([course.residual for course in cleaned.courses]),
+    }
+    limits = cleaned.stage.limits_for(aperture)
+    if aperture.second is not None and limits.second is not None:
+        arrays["x"] = aperture.second
+        arrays["mask x"] = above(aperture.second, limits.second, cleaned.stage.region)
+    everywhere = np.ones(grid.shape, dtype=bool)
+    for name, image in stage_images(cleaned, everywhere).items():
+        if name.startswith("#"):
+            arrays[f"stage {name}"] = np.abs(image).reshape(grid.shape)
+    for name, image in cleaned.images.items():
+        arrays[f"variant {name}"] = np.abs(image)
+    arrays["boxes"] = _strongest_objects(cleaned, frames, recipe)
+    for name, array in arrays.items():
+        if array.shape == grid.shape and array.dtype == np.float64:
+            arrays[name] = array.astype(np.float32)
+    return arrays
+
+
+def _example_masks(cleaned: Cleaned, recipe: FuseRecipe) -> Arrays:
+    """Return the masks of an aperture: of single polarizations, fundamental and extended."""
+    aperture = cleaned.aperture
+    stage = cleaned.stage
+    region = stage.region
+    limits = stage.limits_for(aperture)
+    low_vv = roadside_level(aperture.vv, region, stage.is_roadside, len(limits.vv))
+    return {
         "mask vv": above(aperture.vv, limits.vv, region),
         "mask vh": above(aperture.vh, limits.vh, region),
-        "mask vv low": above(
-            aperture.vv,
-            roadside_level(aperture.vv, region, stage.is_roadside, len(limits.vv)),
-            region,
-        ),
+        "mask vv low": above(aperture.vv, low_vv, region),
         "mask vh low": above(aperture.vh, limits.low_vh, region),
         "fundamental": fundamental_mask(aperture.vv, aperture.vh, limits, region, aperture.second),
         "fundamental by region": fundamental_mask(
             aperture.vv, aperture.vh, limits, region, aperture.second, "region"
         ),
         "extended": extended_mask(aperture.vh, limits, region, stage.across, recipe.mask.roadside),
-        "mines": local(frames.truth, cleaned.pose),
-        "residual": np.stack([course.residual for course in cleaned.courses]),
     }
-    if aperture.second is not None and limits.second is not None:
-        arrays |= {"x": aperture.second, "mask x": above(aperture.second, limits.second, region)}
-    everywhere = np.ones(grid.shape, dtype=bool)
-    for name, image in stage_images(cleaned, everywhere).items():
-        if name.startswith("#"):
-            arrays[f"stage {name}"] = np.abs(image).reshape(grid.shape)
-    arrays |= {f"variant {name}": np.abs(image) for name, image in cleaned.images.items()}
+
+
+def _strongest_objects(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> FloatArray:
+    """Return the positions (object, 2) of the strongest roadside object on either side, m."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
-    inside = [box_of(grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
-    objects = objects.assign(
-        power=[float(np.mean(np.abs(aperture.vv[box]) ** 2)) for box in inside],
-        left=objects["x"] < 0,
-    )
-    boxes = objects.sort_values("power").groupby("left").tail(1)[["x", "y"]]
-    arrays["boxes"] = boxes.to_numpy(dtype=np.float64)
-    large = {
-        name
-        for name, value in arrays.items()
-        if value.shape == grid.shape and value.dtype == np.float64
-    }
-    return {
-        name: value.astype(np.float32) if name in large else value for name, value in arrays.items()
-    }
+    powers = []
+    for x, y in objects[["x", "y"]].to_numpy():
+        box = box_of(cleaned.stage.grid, x, y, recipe.boxes.side)
+        powers.append(float(np.mean(np.abs(cleaned.aperture.vv[box]) ** 2)))
+    objects = objects.assign(power=powers, left=objects["x"] < 0)
+    strongest = objects.sort_values("power").groupby("left").tail(1)
+    return strongest[["x", "y"]].to_numpy(dtype=np.float64)

@@ -1,6 +1,8 @@
-"""Reproduce Fuse et al. 2018.
+"""Reproduce Fuse et al. 2018: dual-band model-based clutter suppression on two simulated lanes.
 
-Dual-band model-based clutter suppression on two simulated arid lanes.
+The study in order: simulate the calibration lane and learn the thresholds of the masks, simulate
+lanes A and B, clean every aperture by every variant of the suppression, judge the paper's
+statements, write the page.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import VARIANTS, Calibration, Cleaned, calibrate, process_lane
+from flgpr_papers.fuse2018.process import calibrate, process_lane
 from flgpr_papers.fuse2018.results import (
     LaneResult,
     example_arrays,
@@ -26,6 +28,7 @@ from flgpr_papers.fuse2018.results import (
     stored_calibration,
     write_records,
 )
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
@@ -40,24 +43,40 @@ LANES = ("A", "B")
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
-    """Simulate and clean the calibration lane and lanes A and B, and write the results.
+    """Simulate and clean the calibration lane and lanes A and B, and write page, findings, tables.
 
-    These are the page, the findings and the tables.
+    What is on disk (a simulated lane, the thresholds, a lane's results) is used if it was made by
+    the same recipe, so that an interrupted run resumes.
 
-    What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is
-    if it was made by the same recipe, so that a run that was stopped goes on where it was.
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in.
+    quick : bool
+        Short lanes that only show that everything runs.
+    track : Track
+        Shows progress.
+    world : str
+        World of the lanes, see `flgpr_papers.kit.study_worlds`.
+
+    Returns
+    -------
+    Path
+        The page.
     """
     folder = Path(output)
     recipe = fuse_recipe(quick, world)
     stores = folder / "lanes"
     results = folder / "results"
-    for subfolder in (stores, results):
-        subfolder.mkdir(parents=True, exist_ok=True)
-    key = result_key(recipe, quick)
-    calibration = stored_calibration(
-        results / f"calibration-{key}.json",
-        lambda: calibrate(simulate_lane(stores, recipe, "calibration", track), recipe, track),
-    )
+    stores.mkdir(parents=True, exist_ok=True)
+    results.mkdir(parents=True, exist_ok=True)
+
+    def make_calibration() -> Calibration:
+        frames = simulate_lane(stores, recipe, "calibration", track)
+        return calibrate(frames, recipe, track)
+
+    calibration_file = results / f"calibration-{result_key(recipe, quick)}.json"
+    calibration = stored_calibration(calibration_file, make_calibration)
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     loose = loose_result(folder, recipe, LANES[0], quick, calibration, track)
     poses = pose_study(recipe, draws=8 if quick else 60)
@@ -65,8 +84,6 @@ def reproduce(
     fullwave = fullwave_study(quick)
     findings = all_findings(lanes, loose, recipe)
     write_findings(folder, findings, quick, world=world)
-    page = folder / PAGE
-    worlds = study_world("fuse2018", world), other_world(folder, PAGE, world, quick)
     html = page_html(
         recipe,
         lanes,
@@ -78,28 +95,45 @@ def reproduce(
         findings,
         quick,
         folder,
-        *worlds,
+        study_world("fuse2018", world),
+        other_world(folder, PAGE, world, quick),
     )
-    write_whole(page, html)
-    return page
+    write_whole(folder / PAGE, html)
+    return folder / PAGE
 
 
 def lane_result(
     folder: Path, recipe: FuseRecipe, name: str, quick: bool, calibration: Calibration, track: Track
 ) -> LaneResult:
-    """Simulate and clean a lane, or take what is there."""
+    """Simulate and clean a lane, or read its results if they are on disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    recipe : FuseRecipe
+        The study.
+    name : str
+        Name of the lane, "A" or "B". Lane A has the aperture that the figures show.
+    quick : bool
+        Whether the study is a quick run.
+    calibration : Calibration
+        What the calibration lane teaches.
+    track : Track
+        Shows progress.
+    """
     key = result_key(recipe, quick, calibration)
     path = folder / "results" / f"{name}-{key}.json"
-    shown = folder / "results" / f"example-{key}.bundle"
+    example_file = folder / "results" / f"example-{key}.bundle"
     frames = simulate_lane(folder / "lanes", recipe, name, track)
 
-    def keep(cleaned: Cleaned) -> None:
+    def save_example(cleaned: Cleaned) -> None:
         if name == LANES[0]:
-            write_arrays(shown, example_arrays(cleaned, frames, recipe))
+            write_arrays(example_file, example_arrays(cleaned, frames, recipe))
 
     if not path.is_file():
         records = process_lane(
-            frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, keep
+            frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, save_example
         )
         write_records(path, frames, records)
     return read_records(path, frames)
@@ -108,53 +142,66 @@ def lane_result(
 def loose_result(
     folder: Path, recipe: FuseRecipe, name: str, quick: bool, calibration: Calibration, track: Track
 ) -> LaneResult:
-    """Clean some apertures of a lane with the presets' looser navigation."""
+    """Clean some apertures of a lane with the presets' looser navigation, or read the results.
+
+    The parameters are those of :func:`lane_result`.
+    """
     path = folder / "results" / f"{name}-loose-{result_key(recipe, quick, calibration)}.json"
     frames = simulate_lane(folder / "lanes", recipe, name, track)
     if not path.is_file():
         variants = ("original", "iteration", "shared")
-        wrong = loosened(frames, recipe)
+        loose_frames = loosened(frames, recipe)
         records = process_lane(
-            wrong, calibration, recipe, track, variants, recipe.study.loose_every
+            loose_frames, calibration, recipe, track, variants, recipe.study.loose_every
         )
-        write_records(path, wrong, records)
+        write_records(path, loose_frames, records)
     return read_records(path, frames)
 
 
 def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
-    """Add errors to a lane's reported poses, up to the looser navigation.
+    """Return a lane's frames with larger errors of the reported poses, the same in both bands.
 
-    They are the same in both bands.
+    Together with the errors that are there they have the deviation of the looser navigation.
+
+    Parameters
+    ----------
+    frames : Frames
+        The lane's frames.
+    recipe : FuseRecipe
+        The study.
     """
-    more = np.sqrt(max(recipe.study.loose_position**2 - recipe.radar.position**2, 0.0))
-    run = frames.stage.setup.run
-    other_runs = frames.stage.setup.others
-    shift = np.zeros(run["pose"].shape)
-    shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(shift), 3))
-    runs = {
-        band: run_of_band.assign(pose=run_of_band["pose"] + shift)
-        for band, run_of_band in {"l": run, **other_runs}.items()
-    }
+    variance = recipe.study.loose_position**2 - recipe.radar.position**2
+    deviation = np.sqrt(max(variance, 0.0))
+    l_band_run = frames.stage.setup.run
+    shift = np.zeros(l_band_run["pose"].shape)
+    shift[:, :3] = np.random.default_rng(1).normal(0, deviation, (len(shift), 3))
+    runs = {}
+    for band, run in {"l": l_band_run, **frames.stage.setup.others}.items():
+        runs[band] = run.assign(pose=run["pose"] + shift)
     return replace(frames, stage=masks_stage(runs, recipe))
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements on lane A.
+    """Judge the paper's statements on lane A of a world, with that world's calibration lane.
 
-    The thresholds are of the calibration lane of the same world.
+    Parameters
+    ----------
+    world : World
+        Soil, surface and roadside.
+    folder : Path
+        Folder to work in.
     """
     recipe = fuse_recipe(quick=True)
-    seeds = {name: 1000 * (world.number + 1) + k for k, name in enumerate(("calibration", "A"))}
-    content = {"site": world.site(folder), "seeds": seeds, **world.roadside_density}
-    recipe = recipe.model_copy(
-        update={
-            "lanes": recipe.lanes.model_copy(update=content),
-            "radar": recipe.radar.model_copy(update={"scatterers": 25.0}),  # per m²
-        }
-    )
-    calibration = calibrate(simulate_lane(folder, recipe, "calibration", silent), recipe, silent)
+    first_seed = 1000 * (world.number + 1)
+    seeds = {"calibration": first_seed, "A": first_seed + 1}
+    changes = {"site": world.site(folder), "seeds": seeds, **world.roadside_density}
+    lanes = recipe.lanes.model_copy(update=changes)
+    radar = recipe.radar.model_copy(update={"scatterers": 25.0})  # per m²
+    recipe = recipe.model_copy(update={"lanes": lanes, "radar": radar})
+    calibration_frames = simulate_lane(folder, recipe, "calibration", silent)
+    calibration = calibrate(calibration_frames, recipe, silent)
     frames = simulate_lane(folder, recipe, "A", silent)
-    path = folder / "A.json"
     records = process_lane(frames, calibration, recipe, silent, ("original", "iteration"))
+    path = folder / "A.json"
     write_records(path, frames, records)
     return paper_findings([read_records(path, frames)], recipe)

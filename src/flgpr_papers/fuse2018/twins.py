@@ -19,10 +19,10 @@ from flgpr_papers.fuse2018.findings import (
     KEPT,
     PAPER_DB,
     PAPER_MEAN_DB,
-    scored,
 )
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe
+from flgpr_papers.fuse2018.matches import scored
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.kit.findings import Finding

@@ -1,1 +1,1 @@
-"""What the studies share: findings and verdicts, what is kept on disk, figures and pages."""
+"""What the studies share: findings and verdicts, finished steps on disk, figures and pages."""

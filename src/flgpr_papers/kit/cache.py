@@ -1,4 +1,4 @@
-"""Finished steps of a study on disk, under a key of their inputs: a stopped study resumes."""
+"""Finished steps of a study on disk, under a key of their inputs: an interrupted study resumes."""
 
 from __future__ import annotations
 
@@ -21,26 +21,41 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def key_of(*content: Any) -> str:
-    """Compute twelve digits that stand for all that a result was made from."""
+    """Return a key of twelve hexadecimal digits for everything that a result was made from.
+
+    Parameters
+    ----------
+    *content
+        Anything that JSON can hold. Equal content has the same key on every machine.
+    """
     return sha256(canonical_json(content))[:12]
 
 
-def kept(path: Path, make: Callable[[], Any]) -> Any:
-    """Read a record (JSON), or make and write it."""
+def read_or_make(path: Path, make: Callable[[], Any]) -> Any:
+    """Read a record (JSON) from a file, or make it and write the file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its name holds the key of what the record is made from, see :func:`key_of`.
+    make : callable
+        Makes the record if there is no file.
+    """
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, json.dumps(make()))
+    # A new record is read back, too: a resumed study works on the same values, bit by bit.
     return json.loads(path.read_text("utf-8"))
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
-    """Write arrays into one file, whole or not at all."""
+    """Write arrays into one file, which is complete or not there at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bundle(path, arrays)
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Read arrays from one file."""
+    """Read the arrays that :func:`write_arrays` wrote."""
     return dict(Bundle(path))
 
 
@@ -49,21 +64,48 @@ def store_lane(
 ) -> tuple[Path, pd.DataFrame, Lane]:
     """Simulate a lane into a run store, unless exactly this lane is there already.
 
-    Store, its targets and the lane.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the stores; the lane's store and digest are named after the scene.
+    scene : Scene
+        The lane.
+    seed : int
+        Seed of everything that the scene leaves to chance.
+    sensor : Sensor
+        The radar.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    store : Path
+        The run store.
+    truth : DataFrame
+        The lane's targets.
+    lane : Lane
+        Its borders.
     """
-    path = folder / f"{scene.name}.zarr"
-    note = folder / f"{scene.name}.digest"
+    store = folder / f"{scene.name}.zarr"
+    digest_file = folder / f"{scene.name}.digest"
     content = {
         "scene": scene.model_dump(mode="json"),
         "seed": seed,
         "sensor": sensor.model_dump(mode="json"),
     }
     digest = sha256(canonical_json(content))
-    if path.is_dir() and note.is_file() and note.read_text(encoding="utf-8").strip() == digest:
-        read_manifest(path)
+    if store.is_dir() and _has_digest(digest_file, digest):
+        read_manifest(store)  # raises an error for a store that is not committed
     else:
-        note.unlink(missing_ok=True)
-        shutil.rmtree(path, ignore_errors=True)
-        simulate_to_store(scene, sensor, seed, path, track=track)
-        write_whole(note, digest + "\n")
-    return path, draw_world(scene, seed).truth(), scene.lane
+        # The digest goes first: an interrupted simulation must not pass for a finished one.
+        digest_file.unlink(missing_ok=True)
+        shutil.rmtree(store, ignore_errors=True)
+        simulate_to_store(scene, sensor, seed, store, track=track)
+        write_whole(digest_file, digest + "\n")
+    truth = draw_world(scene, seed).truth()
+    return store, truth, scene.lane
+
+
+def _has_digest(path: Path, digest: str) -> bool:
+    """Return whether a file holds a digest."""
+    return path.is_file() and path.read_text(encoding="utf-8").strip() == digest

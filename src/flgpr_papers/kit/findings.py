@@ -1,19 +1,18 @@
-"""A statement of a paper beside what the simulated lanes show, and the rules by which it is judged.
+"""Findings: statements of a paper, what the simulated lanes show, and the rules of the verdicts.
 
-No verdict "agrees" or "disagrees" without an interval; those are of 95 %, with all that belongs to
-one mine drawn together. The rules, fixed before the lanes they judge are made:
+No verdict "agrees" or "disagrees" without an interval. All intervals are of 95 %, with everything
+that belongs to one mine drawn together. The rules were fixed before the lanes that they judge were
+made:
 
 - *larger*: a claim that something is larger agrees if the interval of the difference lies above
-  zero, disagrees if it
-  lies below.
-- *within*: a number with a rule agrees if its interval lies within the rule, disagrees if it lies
-  outside.
+  zero, and disagrees if it lies below.
+- *within*: a number with a rule agrees if its interval lies within the rule, and disagrees if it
+  lies outside.
 - *alike*: a figure of the paper is a sample too. The interval of ours less the paper's has the
-  errors of both. If it
-  does not hold zero, the two disagree; if it does and reaches no further than a margin, they agree.
-- *all of*: a claim of several parts agrees if every part does, disagrees if one does. The parts'
-  intervals are then
-  wide enough to hold all together (Bonferroni).
+  errors of both. If it does not hold zero, the two disagree. If it does and reaches no further than
+  a margin, they agree.
+- *all of*: a claim of several parts agrees if every part does, and disagrees if one does. The
+  intervals of the parts are then wide enough to hold all together (Bonferroni).
 
 What an interval does not decide cannot be said. A quick run decides nothing: its lanes are short
 and hold a few mines, so that its findings have numbers and no verdicts.
@@ -42,9 +41,9 @@ DISAGREES = "disagrees"
 UNDECIDED = "cannot say"
 OPEN = "open"
 VERDICTS = (AGREES, DISAGREES, UNDECIDED)
-"""What is said of a statement; ``OPEN`` is said of a question that the paper does not answer."""
+"""Verdicts on a statement; ``OPEN`` stands for a question that the paper does not answer."""
 NO_VERDICT = "no verdict: a quick run is too small"
-"""What is said of a statement in a quick run."""
+"""What stands in place of a verdict in a quick run."""
 Interval = tuple[float, float, float]
 """A value and the ends of its 95 % interval."""
 Bounds = tuple[float, float]
@@ -55,15 +54,14 @@ SHARE_DIFFERENCE: Bounds = (-1.0, 1.0)
 """Bounds of the difference of two shares."""
 MARGIN = 0.15
 """How far a share may lie from the paper's and still be called alike."""
-# of a number on a page
-_MOST_DECIMALS = 4
-_MOST_DIGITS = 3
-_Z = 1.959964
+_MOST_DECIMALS = 4  # of a number on a page
+_MOST_DIGITS = 3  # significant digits of a number on a page
+_Z = 1.959964  # 97.5 % point of the normal distribution: an interval of 95 % has two sides
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement of a paper beside ours.
+    """One statement of a paper, what our lanes show, and the verdict.
 
     Raises
     ------
@@ -72,134 +70,155 @@ class Finding:
         interval leaves ``bounds``.
     """
 
-    #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours)
-    #: and ours with its interval
-    claim: str
-    paper: str
-    ours: str
+    claim: str  #: what the paper says
+    paper: str  #: the paper's figure; "not tried" where the question is ours
+    ours: str  #: our figure with its interval
     verdict: str  #: by the module's rules, or by those that the paper's own module adds
-    note: str = ""  #: what stands behind it, and why it may differ
-    quantity: str = ""  #: the number that stands for the claim, where it is one
+    note: str = ""  #: what the number rests on, and why it may differ from the paper's
+    quantity: str = ""  #: name of the number that stands for the claim, where it is one
     interval: Interval | None = None  #: that number and its 95 % interval
     rule: tuple[float, float] | None = None  #: the claim agrees where the number lies between these
-    group: str = ""  #: on which lanes, where the same was asked of several
-    #: "larger" or "alike", with the limit or the margin and the standard error of the paper's
-    #: figure, where no rule is
+    group: str = ""  #: the lanes, where the same was asked on several groups of lanes
+    #: where there is no rule: "larger" or "alike", with the limit or the margin, and the standard
+    #: error of the paper's figure
     asks: tuple[str, float, float] | None = None
-    parts: tuple[float, ...] = ()  #: the number of every part of a claim of several
+    parts: tuple[float, ...] = ()  #: the number of every part of a claim of several parts
     unit: str = ""  #: of the number, the rule and the margin
-    #: between which the number must lie, whatever is measured; None: anything is possible
+    #: least and largest possible value of the number; None: anything is possible
     bounds: Bounds | None = None
 
     def __post_init__(self) -> None:
-        if self.verdict in (AGREES, DISAGREES) and (
-            self.interval is None or np.isnan(self.interval).any()
-        ):
+        is_decided = self.verdict in (AGREES, DISAGREES)
+        if is_decided and (self.interval is None or np.isnan(self.interval).any()):
             raise ValueError(
                 f"interval of {self.claim!r} must be known if it {self.verdict}, got "
                 f"{self.interval}"
             )
         if self.bounds is not None and self.interval is not None:
             low, high = self.bounds
-            if any(math.isfinite(end) and not low <= end <= high for end in self.interval):
-                raise ValueError(
-                    f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got "
-                    f"{self.interval}"
-                )
+            for number in self.interval:
+                if math.isfinite(number) and not low <= number <= high:
+                    raise ValueError(
+                        f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got "
+                        f"{self.interval}"
+                    )
         by_rule = self._verdict_by_rule()
-        if self.verdict in (AGREES, DISAGREES) and by_rule not in (None, self.verdict):
+        if is_decided and by_rule not in (None, self.verdict):
             raise ValueError(
                 f"verdict on {self.claim!r} must be {by_rule!r} by its rule ({self.criterion}), "
                 f"got {self.verdict!r}"
             )
 
     def _verdict_by_rule(self) -> str | None:
-        """Judge the number as stated.
+        """Return the verdict on the number by its rule.
 
-        None without a rule, and for several parts, whose numbers are not all held.
+        None without a rule, and for several parts: the intervals of the parts are not stored.
         """
         if self.interval is None or self.parts:
             return None
-        low, high = self.interval[1:]
+        _, low, high = self.interval
         if self.rule is not None:
             return judge(low, high, self.rule)
         if self.asks is None:
             return None
         kind, limit, _ = self.asks
-        return larger(low, high, limit) if kind == "larger" else alike(low, high, limit)
+        if kind == "larger":
+            return larger(low, high, limit)
+        return alike(low, high, limit)
 
     @property
     def criterion(self) -> str:
-        """The rule or the margin in words; empty if the statement is judged in another way."""
+        """The rule or the margin in words; empty if there is neither."""
         unit = f" {self.unit}" if self.unit else ""
         if self.rule is not None:
             return f"{self.rule[0]:g} to {self.rule[1]:g}{unit}"
         if self.asks is None:
             return ""
         kind, limit, _ = self.asks
-        return (
-            f"above {limit:g}{unit}"
-            if kind == "larger"
-            else f"within {limit:g}{unit} of the paper's"
-        )
+        if kind == "larger":
+            return f"above {limit:g}{unit}"
+        return f"within {limit:g}{unit} of the paper's"
 
 
 def clip(interval: Interval, bounds: Bounds) -> Interval:
-    """Cut an interval at what is possible; a side without an end (one sample) keeps none."""
-    low, high = bounds
-    value, *ends = interval
-    lower, upper = (float(np.clip(end, low, high)) if math.isfinite(end) else end for end in ends)
-    return float(np.clip(value, low, high)), lower, upper
+    """Return an interval cut at the bounds of its value; an infinite end (one sample) stays."""
+    lowest, highest = bounds
+    value, low, high = interval
+    if math.isfinite(low):
+        low = float(np.clip(low, lowest, highest))
+    if math.isfinite(high):
+        high = float(np.clip(high, lowest, highest))
+    return float(np.clip(value, lowest, highest)), low, high
 
 
 def for_run(findings: Sequence[Finding], quick: bool) -> list[Finding]:
-    """Take the verdicts of a quick run away; numbers, intervals and open questions stay."""
+    """Return findings as a run writes them: a quick run has numbers, but no verdicts."""
     if not quick:
         return list(findings)
-    return [
-        finding if finding.verdict == OPEN else replace(finding, verdict=NO_VERDICT)
-        for finding in findings
-    ]
+    without_verdicts = []
+    for finding in findings:
+        if finding.verdict == OPEN:
+            without_verdicts.append(finding)
+        else:
+            without_verdicts.append(replace(finding, verdict=NO_VERDICT))
+    return without_verdicts
 
 
 def without_paper(findings: Sequence[Finding]) -> list[str]:
-    """List the claims that do not say what the paper has: its figure, or where it states them."""
+    """Return the claims that do not say what the paper has: its figure, or where it states them."""
     return [finding.claim for finding in findings if not finding.paper.strip()]
 
 
 def judge(low: float, high: float, rule: tuple[float, float]) -> str:
-    """Judge an interval by the rule that it has to lie in."""
-    if rule[0] <= low and high <= rule[1]:
+    """Return the verdict on an interval that has to lie within a rule."""
+    least, most = rule
+    if least <= low and high <= most:
         return AGREES
-    return DISAGREES if high < rule[0] or low > rule[1] else UNDECIDED
+    if high < least or low > most:
+        return DISAGREES
+    return UNDECIDED
 
 
 def larger(low: float, high: float, limit: float = 0.0) -> str:
-    """Judge a claim that something lies above a limit by the interval of it."""
-    return AGREES if low > limit else DISAGREES if high < limit else UNDECIDED
+    """Return the verdict on a claim that a number lies above a limit, by its interval."""
+    if low > limit:
+        return AGREES
+    if high < limit:
+        return DISAGREES
+    return UNDECIDED
 
 
 def all_of(verdicts: Sequence[str]) -> str:
-    """Judge a claim that holds only if all its parts do."""
+    """Return the verdict on a claim that holds only if all its parts do."""
     if DISAGREES in verdicts:
         return DISAGREES
-    return AGREES if all(verdict == AGREES for verdict in verdicts) else UNDECIDED
+    if all(verdict == AGREES for verdict in verdicts):
+        return AGREES
+    return UNDECIDED
 
 
 def alike(low: float, high: float, margin: float = MARGIN) -> str:
-    """Judge a figure of the paper by the interval of ours less it.
+    """Return the verdict on a figure of the paper, by the interval of ours less the paper's.
 
-    It holds the errors of both samples.
+    The interval has the errors of both samples.
     """
     if low > 0 or high < 0:
         return DISAGREES
-    return AGREES if -margin <= low and high <= margin else UNDECIDED
+    if -margin <= low and high <= margin:
+        return AGREES
+    return UNDECIDED
 
 
 def judge_again(finding: Finding, value: float, low: float, high: float) -> str:
-    """Judge another interval by what a finding's claim asks.
+    """Return the verdict on another number by what the claim of a finding asks.
 
-    That of a paper's figure gets the figure's error.
+    Parameters
+    ----------
+    finding : Finding
+        A statement, judged on some lanes.
+    value, low, high : float
+        The same number on other lanes, with the ends of its interval. Where a figure of the paper
+        is asked for, it is ours less the paper's, and the interval gets the figure's error here.
     """
     if finding.rule is not None:
         return judge(low, high, finding.rule)
@@ -208,47 +227,65 @@ def judge_again(finding: Finding, value: float, low: float, high: float) -> str:
     kind, limit, error = finding.asks
     if kind == "larger":
         return larger(low, high, limit)
-    return alike(*less_figure((value, low, high), 0.0, error)[1:], limit)
+    _, low, high = less_figure((value, low, high), 0.0, error)
+    return alike(low, high, limit)
 
 
-def difference_of_shares(a: tuple[int, int], b: tuple[int, int]) -> Interval:
-    """Return the difference of two independent proportions, (successes, trials).
+def difference_of_shares(first: tuple[int, int], second: tuple[int, int]) -> Interval:
+    """Return the difference of two independent shares, with Newcombe's interval.
 
-    The interval is Newcombe's (1998, method 10).
+    Newcombe 1998, method 10, from the Wilson intervals of both.
+
+    Parameters
+    ----------
+    first, second : tuple of int
+        Successes and trials of each.
     """
+    p, p_low, p_high = _wilson(*first)
+    q, q_low, q_high = _wilson(*second)
+    low = p - q - math.hypot(p - p_low, q_high - q)
+    high = p - q + math.hypot(p_high - p, q - q_low)
+    return p - q, low, high
 
-    def wilson(k: int, n: int) -> Interval:
-        p = k / n
-        centre = (p + _Z**2 / (2 * n)) / (1 + _Z**2 / n)
-        half = _Z * math.sqrt(p * (1 - p) / n + _Z**2 / (4 * n * n)) / (1 + _Z**2 / n)
-        return p, centre - half, centre + half
 
-    p, pl, ph = wilson(*a)
-    q, ql, qh = wilson(*b)
-    return p - q, p - q - math.hypot(p - pl, qh - q), p - q + math.hypot(ph - p, q - ql)
+def _wilson(successes: int, trials: int) -> Interval:
+    """Return a share with its Wilson interval (Wilson 1927)."""
+    p = successes / trials
+    centre = (p + _Z**2 / (2 * trials)) / (1 + _Z**2 / trials)
+    half = (
+        _Z * math.sqrt(p * (1 - p) / trials + _Z**2 / (4 * trials * trials)) / (1 + _Z**2 / trials)
+    )
+    return p, centre - half, centre + half
 
 
 def less_figure(
     ours: Interval, figure: float, error: float, bounds: Bounds | None = None
 ) -> Interval:
-    """Return ours less a figure of the paper, whose standard error is known or bounded.
+    """Return our number less a figure of the paper, with the errors of both.
 
-    The gap is cut at bounds.
+    Parameters
+    ----------
+    ours : Interval
+        Our number and its interval.
+    figure : float
+        The paper's.
+    error : float
+        Standard error of the paper's figure, known or bounded.
+    bounds : Bounds, optional
+        Bounds of the difference, at which the interval is cut.
     """
     value, low, high = ours
     gap = value - figure
-    interval = (
-        gap,
-        gap - math.hypot(value - low, _Z * error),
-        gap + math.hypot(high - value, _Z * error),
-    )
+    lower = gap - math.hypot(value - low, _Z * error)
+    upper = gap + math.hypot(high - value, _Z * error)
+    interval = gap, lower, upper
     return interval if bounds is None else clip(interval, bounds)
 
 
 def share_error(share: float, count: int) -> float:
-    """Bound the standard error of a mean of ``count`` numbers from 0 to 1.
+    """Return a bound of the standard error of a mean of ``count`` numbers from 0 to 1.
 
-    Such is PD_mean over mines.
+    PD_mean over mines is such a mean.
     """
     p = min(max(share, 0.5 / count), 1 - 0.5 / count)
     return math.sqrt(p * (1 - p) / count)
@@ -257,9 +294,25 @@ def share_error(share: float, count: int) -> float:
 def clustered(
     values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level: float = 0.95
 ) -> Interval:
-    """Mean of values and its bootstrap interval by percentiles, whole clusters drawn together.
+    """Return the mean of values with its bootstrap interval, whole clusters drawn together.
 
-    NaN without values.
+    Parameters
+    ----------
+    values : (n,) array_like
+        Values that may depend on each other within a cluster, as looks at one mine do.
+    cluster : (n,) array_like
+        Cluster of each value.
+    draws : int
+        Number of bootstrap draws.
+    seed : int
+        Seed of the draws.
+    level : float
+        Probability of the interval, by percentiles.
+
+    Returns
+    -------
+    Interval
+        NaN without values.
     """
     data = np.asarray(values, dtype=np.float64)
     if data.size == 0:
@@ -276,23 +329,36 @@ def clustered(
 def difference_of_means(first: Interval, second: Interval) -> Interval:
     """Return the difference of two independent means by their intervals.
 
-    These need not be symmetric (Zou & Donner 2008).
+    The intervals need not be symmetric (Zou & Donner 2008).
     """
     a, a_low, a_high = first
     b, b_low, b_high = second
     gap = a - b
-    return gap, gap - math.hypot(a - a_low, b_high - b), gap + math.hypot(a_high - a, b - b_low)
+    low = gap - math.hypot(a - a_low, b_high - b)
+    high = gap + math.hypot(a_high - a, b - b_low)
+    return gap, low, high
 
 
 def by_chance(findings: Sequence[Finding]) -> tuple[int, float, int]:
-    """Return how many statements are judged, and how many of them would disagree by chance.
+    """Return how many statements are judged, and how many would disagree by chance.
 
-    If all statements held, each would be said to disagree with a probability of 5 % at the most
-    (2.5 % where a claim is one-sided). Gives the number judged, the mean number of false ones, and
-    what they exceed with 5 % at the most if statements were independent.
+    If all statements held, each would disagree with a probability of 5 % at the most (2.5 % where a
+    claim is one-sided).
+
+    Returns
+    -------
+    judged : int
+        Number of statements judged.
+    mean : float
+        Mean number that disagree by chance, at the most.
+    most : int
+        Number that is exceeded with a probability of 5 % at the most, if the statements are
+        independent.
     """
     judged = sum(finding.verdict != OPEN for finding in findings)
-    return judged, 0.05 * judged, math.ceil(bdtrik(0.95, judged, 0.05)) if judged else 0
+    if judged == 0:
+        return 0, 0.0, 0
+    return judged, 0.05 * judged, math.ceil(bdtrik(0.95, judged, 0.05))
 
 
 def measured(
@@ -306,20 +372,30 @@ def measured(
     unit: str = "",
     bounds: Bounds | None = None,
 ) -> Finding:
-    """Make the finding of a number, cut at its bounds and judged by its rule if there is one."""
+    """Return the finding of a number, judged by its rule if it has one.
+
+    Parameters
+    ----------
+    claim, paper, quantity, rule, asks, unit
+        As the fields of :class:`Finding`.
+    interval : Interval
+        The number and its interval.
+    verdict : str
+        Verdict of a number without a rule.
+    bounds : Bounds, optional
+        Bounds of the number, at which the interval is cut.
+    """
     if bounds is not None:
         interval = clip(interval, bounds)
-    judged = verdict if rule is None else judge(*interval[1:], rule)
-    ours = in_words(*interval, unit)
+    value, low, high = interval
     return Finding(
-        claim,
-        paper,
-        ours,
-        judged,
-        "",
-        quantity,
-        interval,
-        rule,
+        claim=claim,
+        paper=paper,
+        ours=in_words(value, low, high, unit),
+        verdict=verdict if rule is None else judge(low, high, rule),
+        quantity=quantity,
+        interval=interval,
+        rule=rule,
         asks=asks,
         unit=unit,
         bounds=bounds,
@@ -327,88 +403,120 @@ def measured(
 
 
 def in_words(value: float, low: float, high: float, unit: str = "") -> str:
-    """Write a value with its interval, in as many digits as the interval's width has meaning for.
+    """Format a value with its interval, with as many digits as the width of the interval supports.
 
-    There are at most three significant digits of the largest of the three, and at most four
+    There are at most three significant digits of the largest of the three numbers, and at most four
     decimals.
     """
     if math.isnan(value):
         return "nothing to measure"
-    after = f" {unit}" if unit else ""
+    unit_after = f" {unit}" if unit else ""
     if not math.isfinite(high - low):
-        return f"{value:.3g}{after} (one sample, no interval)"
+        return f"{value:.3g}{unit_after} (one sample, no interval)"
     digits = decimals((value, low, high), high - low)
-    return f"{value:z.{digits}f}{after} ({low:z.{digits}f} to {high:z.{digits}f})"
+    return f"{value:z.{digits}f}{unit_after} ({low:z.{digits}f} to {high:z.{digits}f})"
 
 
 def decimals(values: Sequence[float], width: float) -> int:
-    """Count the decimals that numbers deserve which are known to a width.
+    """Return the number of decimals for numbers that are known to a width.
 
-    Its two leading digits, and not too many.
+    The width's two leading digits are shown, and never more decimals than the module's limits.
     """
     largest = max(abs(value) for value in values)
-    by_width = 1 - math.floor(math.log10(width)) if width > 0 else _MOST_DIGITS
-    by_size = _MOST_DIGITS - 1 - math.floor(math.log10(largest)) if largest > 0 else _MOST_DIGITS
+    by_width = _MOST_DIGITS
+    if width > 0:
+        by_width = 1 - math.floor(math.log10(width))
+    by_size = _MOST_DIGITS
+    if largest > 0:
+        by_size = _MOST_DIGITS - 1 - math.floor(math.log10(largest))
     return max(0, min(by_width, by_size, _MOST_DECIMALS))
 
 
 def parts_larger(
     claim: str,
     paper: str,
-    parts: Mapping[str, Interval],
+    intervals: Mapping[str, Interval],
     limit: float = 0.0,
     note: str = "",
     group: str = "",
     bounds: Bounds | None = None,
 ) -> Finding:
-    """Make the finding of a claim that several numbers lie above a limit.
+    """Return the finding of a claim that several numbers lie above a limit.
 
-    Its number is the least of them. The parts' intervals, cut at the bounds, are to hold all
-    together, see :func:`together`.
+    The number of the finding is that of the part with the lowest interval.
+
+    Parameters
+    ----------
+    claim, paper, note, group
+        As the fields of :class:`Finding`.
+    intervals : mapping of str to Interval
+        Number and interval of every part by its name. The intervals are to hold all together, see
+        :func:`together`.
+    limit : float
+        Every number is to lie above it.
+    bounds : Bounds, optional
+        Bounds of the numbers, at which the intervals are cut.
     """
-    cut = {
-        name: interval if bounds is None else clip(interval, bounds)
-        for name, interval in parts.items()
-    }
-    least = min(cut.values(), key=lambda interval: interval[1])
-    ours = "; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items())
-    verdict = all_of([larger(low, high, limit) for _, low, high in cut.values()])
-    values = tuple(value for value, _, _ in cut.values())
-    asks = ("larger", limit, 0.0)
+    cut = dict(intervals)
+    if bounds is not None:
+        cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
+    texts = []
+    verdicts = []
+    for name, interval in cut.items():
+        _, low, high = interval
+        texts.append(f"{name} {_signed(interval)}")
+        verdicts.append(larger(low, high, limit))
     return Finding(
-        claim,
-        paper,
-        ours,
-        verdict,
-        note,
-        interval=least,
+        claim=claim,
+        paper=paper,
+        ours="; ".join(texts),
+        verdict=all_of(verdicts),
+        note=note,
+        interval=min(cut.values(), key=_lower_end),
         group=group,
-        asks=asks,
-        parts=values,
+        asks=("larger", limit, 0.0),
+        parts=tuple(value for value, _, _ in cut.values()),
         bounds=bounds,
     )
 
 
+def _lower_end(interval: Interval) -> float:
+    """Return the lower end of an interval."""
+    return interval[1]
+
+
 def _signed(interval: Interval) -> str:
-    """Write a difference with its interval, signs shown."""
-    digits = decimals(interval, interval[2] - interval[1]) if np.isfinite(interval).all() else 2
+    """Format a difference with its interval, all with their signs."""
+    digits = 2
+    if np.isfinite(interval).all():
+        digits = decimals(interval, interval[2] - interval[1])
     value, low, high = (f"{number:+z.{digits}f}" for number in interval)
     return f"{value} ({low} to {high})"
 
 
 def together(parts: int) -> float:
-    """Level of intervals of which so many hold all together in 95 %, at the least (Bonferroni)."""
+    """Return the level of ``parts`` intervals that all hold with 95 % at least (Bonferroni)."""
     return 1 - 0.05 / parts
 
 
 def spread(
     value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds | None = None
 ) -> Interval:
-    """Return Student's interval of a value by the deviation of its bootstrap draws.
+    """Return Student's interval of a value by the standard deviation of its bootstrap draws.
 
-    A few draws suffice.
+    A few draws suffice, other than for percentiles. The interval may reach beyond what a share can
+    be.
 
-    It reaches beyond what a share can be; ``bounds`` cut it there.
+    Parameters
+    ----------
+    value : float
+        The value of the sample itself.
+    draws : (n,) array_like
+        The same of bootstrap samples.
+    level : float
+        Probability of the interval.
+    bounds : Bounds, optional
+        Bounds of the value, at which the interval is cut.
     """
     half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
     interval = value, value - half, value + half
@@ -416,40 +524,49 @@ def spread(
 
 
 def write_findings(folder: Path, findings: Sequence[Finding], quick: bool, **more: Any) -> None:
-    """Write ``findings.json`` and what else belongs to the run.
+    """Write ``findings.json`` into the folder of a study.
 
-    A number that is not finite is null.
+    The findings of a quick run have no verdicts. A number that is not finite is null.
 
-    The findings of a quick run have no verdicts. What else is told holds the ``world`` of the
-    lanes, which :func:`flgpr_papers.overview.run_study` asks for.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    findings : sequence of Finding
+        The findings, in the order of the page.
+    quick : bool
+        Whether the study is a quick run.
+    **more
+        What else belongs to the run; among it ``world``, which
+        :func:`flgpr_papers.overview.run_study` reads.
     """
-    content = {
-        "quick": quick,
-        **more,
-        "findings": [row_of(finding) for finding in for_run(findings, quick)],
-    }
+    rows = [row_of(finding) for finding in for_run(findings, quick)]
+    content = {"quick": quick, **more, "findings": rows}
     write_whole(folder / "findings.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
 def row_of(finding: Finding) -> dict[str, Any]:
-    """Return a finding as JSON can hold it."""
+    """Return a finding as JSON can hold it; a number that is not finite becomes None."""
+    return {name: _json_value(value) for name, value in asdict(finding).items()}
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return [plain(entry) for entry in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    return {name: plain(value) for name, value in asdict(finding).items()}
+def _json_value(value: Any) -> Any:
+    """Return a field of a finding as JSON can hold it."""
+    if isinstance(value, tuple):
+        return [_json_value(entry) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def read_findings(folder: Path) -> list[Finding]:
-    """Read what :func:`write_findings` wrote; NaN stands for a number that was not finite."""
+    """Read the findings of a study; a number that was not finite is NaN."""
     rows = json.loads((folder / "findings.json").read_text("utf-8"))["findings"]
     return [finding_of(row) for row in rows]
 
 
 def finding_of(row: dict[str, Any]) -> Finding:
-    """Make a finding of what JSON holds of it."""
+    """Return the finding of a row that :func:`row_of` made."""
     entries = dict(row)
     for name in ("interval", "rule", "asks", "parts", "bounds"):
         numbers = row.get(name)

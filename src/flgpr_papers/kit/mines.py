@@ -1,7 +1,4 @@
-"""Mixes of mines.
-
-Which bodies, in which shares, stand for the metal, plastic and simulant mines of a lane.
-"""
+"""Mixes of mines: the bodies, with their shares, of the metal, plastic and simulant mines."""
 
 from __future__ import annotations
 
@@ -40,9 +37,12 @@ class Mix:
 
 
 def find_mix(name: str) -> Mix:
-    """Return the declared mix of that name.
+    """Return the declared mix of a name.
 
-    Another name is a ValueError that lists those there are.
+    Raises
+    ------
+    ValueError
+        If there is no such mix; the message lists those there are.
     """
     if name not in MIXES:
         raise ValueError(f"mix must be one of {', '.join(MIXES)}, got {name!r}")
@@ -50,12 +50,17 @@ def find_mix(name: str) -> Mix:
 
 
 def mix_counts(mix: str, count: int) -> dict[str, int]:
-    """Return how many of ``count`` mines have each body of a mix.
-
-    It is the method of the largest remainder.
+    """Return how many of ``count`` mines have each body of a mix, by the largest remainders.
 
     Equal remainders go to the body that is declared first. Bodies of which there is none are left
     out.
+
+    Parameters
+    ----------
+    mix : str
+        Name of a declared mix.
+    count : int
+        Number of mines in all.
 
     Raises
     ------
@@ -73,9 +78,7 @@ def mix_counts(mix: str, count: int) -> dict[str, int]:
 
 
 def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[str, Any]]:
-    """Return the draws of a scene that put ``count`` mines of a mix into the lane.
-
-    There is a draw per body.
+    """Return the draws of a scene that put mines of a mix into the lane, a draw per body.
 
     Parameters
     ----------
@@ -105,11 +108,9 @@ def mix_draws_at_depths(
 ) -> list[dict[str, Any]]:
     """Return the draws of a scene that put mines of a mix at several depths.
 
-    There is a draw per depth and body.
-
-    The whole lane's mines are counted by :func:`mix_counts`, brought into an order in which every
-    stretch is near the mix, and dealt to the depths in the order given: depths with few mines do
-    not all get the body declared first.
+    There is a draw per depth and body. All mines of the lane are counted by :func:`mix_counts`,
+    brought into an order in which every stretch is near the mix, and dealt to the depths in the
+    order given: depths with few mines do not all get the body declared first.
 
     Parameters
     ----------

@@ -1,7 +1,4 @@
-"""What the pages of the studies share.
-
-Templates, figures that say if a run was quick, Pd at operating points.
-"""
+"""What the pages of the studies share: templates, figures, and Pd at operating points."""
 
 from __future__ import annotations
 
@@ -22,12 +19,12 @@ from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS
 
 @dataclass(frozen=True)
 class Twin:
-    """A figure of the paper drawn from our lanes: same axes, panels, order and polarization."""
+    """A figure of the paper, drawn from our lanes with the same axes, panels and polarization."""
 
     number: str  #: of the paper's figure, "Fig. 8"; empty for a figure that the paper does not have
     title: str
     picture: bytes  #: PNG
-    caption: str  #: what the panels show, and what is drawn otherwise than in the paper
+    caption: str  #: what the panels show, and how they differ from the paper's
     #: what the paper's figure or text says in numbers beside ours: quantity, paper, here
     numbers: Sequence[tuple[str, str, str]] = ()
 
@@ -38,9 +35,9 @@ class Twin:
 
 
 def study_html(template: str, **values: Any) -> str:
-    """Fill in one of ``flgpr_papers/templates``; the page needs nothing beside it.
+    """Render a template of ``flgpr_papers/templates`` as a page that needs no other file.
 
-    The page of a paper extends ``paper.html``, which has the order that all share.
+    The page of a paper extends ``paper.html``, which has the order of sections that all share.
     """
     return render(
         template,
@@ -53,8 +50,8 @@ def study_html(template: str, **values: Any) -> str:
 
 
 @contextmanager
-def telling_if_same(path: Path) -> Iterator[None]:
-    """Tell that a page or table is there already, if what is done within leaves its bytes as they are."""
+def log_if_unchanged(path: Path) -> Iterator[None]:
+    """Log that a page or table is finished already, if the block leaves its bytes unchanged."""
     before = path.read_bytes() if path.is_file() else None
     yield
     if path.read_bytes() == before:
@@ -79,26 +76,37 @@ def draw(figure: Figure, quick: bool, dpi: float = 110) -> bytes:
 
 
 FAR = (0.01, 0.02, 0.05, 0.1)
-"""Operating points that every page tells, per m²."""
+"""Operating points that every page shows, false alarms per m²."""
 HEADER = ["alarms by", "targets", *(f"Pd at {far:g} per m², 95 %, chance" for far in FAR)]
 
 
 def detections_at(matched: Match, subset: Any, far: float, **area: Any) -> tuple[int, int, float]:
-    """Count the targets found at an allowed FAR (per m²), and all.
+    """Return the number of targets found at an allowed FAR, of all targets, and Pd by chance.
 
-    With the chance level of Pd there.
+    Parameters
+    ----------
+    matched : Match
+        Alarms matched to targets.
+    subset : object
+        Targets that count, as `flgpr.scoring.roc_of` takes them.
+    far : float
+        Allowed false alarms per m².
+    **area
+        Rules of the area, as `flgpr.scoring.roc_of` takes them.
     """
-    return _read(chance(matched).add_chance_column(roc_of(matched, subset, **area), subset), far)
+    curve = roc_of(matched, subset, **area)
+    curve = chance(matched).add_chance_column(curve, subset)
+    return _detections_on(curve, far)
 
 
-def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
-    """Return targets found, all targets and chance at an allowed FAR."""
+def _detections_on(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
+    """Return targets found, all targets and Pd by chance at an allowed FAR of a curve."""
     row = curve.iloc[int(operating_row(curve, far))]
     return int(row["n_detected"]), int(row["n_targets"]), float(row["chance"])
 
 
 def pd_in_words(n_found: int, targets: int, by_chance: float) -> str:
-    """Write a Pd with its counts, exact interval and chance level."""
+    """Format a Pd with its counts, exact interval and chance level."""
     low, high = clopper_pearson(n_found, targets)
     share = n_found / max(targets, 1)
     interval = f"{share:.0%} ({low:.0%} to {high:.0%})"
@@ -108,11 +116,27 @@ def pd_in_words(n_found: int, targets: int, by_chance: float) -> str:
 def point_rows(
     matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any
 ) -> list[tuple[str, ...]]:
-    """Tabulate detectors and subsets of the targets by operating points."""
+    """Tabulate Pd at the operating points: a row per detector and subset of the targets.
+
+    Parameters
+    ----------
+    matches : mapping of str to Match
+        Matched alarms by the name of the detector.
+    subsets : mapping of str to object
+        Subsets of the targets by name, as `flgpr.scoring.roc_of` takes them.
+    **area
+        Rules of the area, as `flgpr.scoring.roc_of` takes them.
+
+    Returns
+    -------
+    list of tuple
+        Cells under ``HEADER``.
+    """
     rows = []
-    for name, match in matches.items():
+    for detector, match in matches.items():
         level = chance(match)
         for kind, subset in subsets.items():
             curve = level.add_chance_column(roc_of(match, subset, **area), subset)
-            rows.append((name, kind, *(pd_in_words(*_read(curve, far)) for far in FAR)))
+            cells = [pd_in_words(*_detections_on(curve, far)) for far in FAR]
+            rows.append((detector, kind, *cells))
     return rows

@@ -1,10 +1,10 @@
 """Experiments on why a statement of a paper does not hold on simulated lanes.
 
-An experiment adds or takes away one cause, in the simulated world or in the processing, beside the
-study: its lanes, settings and rules stay as they are. The explanation says beforehand between which
-values a number has to lie. It *holds* if the number's interval of 95 % lies within them, is
-*refuted* if it lies outside, and else *cannot say*. A number without a prediction stands for
-comparison.
+An experiment adds or takes away one cause, in the simulated world or in the processing. The lanes,
+settings and rules of the study itself stay as they are. The explanation predicts between which
+values a number has to lie. The explanation *holds* if the 95 % interval of the number lies within
+them, is *refuted* if it lies outside, and otherwise the experiment *cannot say*. A number without a
+prediction is shown for comparison.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flgpr_papers.kit.findings import (
 HOLDS = "holds"
 REFUTED = "refuted"
 OUTCOMES = {AGREES: HOLDS, DISAGREES: REFUTED, UNDECIDED: UNDECIDED}
-"""What is said of an explanation, by the verdict on its prediction."""
+"""Outcome of an explanation by the verdict on its prediction."""
 ABOVE_ZERO: Bounds = (0.0, math.inf)
 """Prediction of a difference that is larger than zero."""
 BELOW_ZERO: Bounds = (-math.inf, 0.0)
@@ -54,28 +54,27 @@ class Trial:
     """A number of an experiment, and what an explanation predicts of it."""
 
     statement: str  #: claim of the study that does not hold here
-    explanation: str  #: what is said to be why; empty for a number that stands for comparison
-    changed: str  #: what was added, taken away or done otherwise; "nothing" for the study as it is
+    explanation: str  #: the cause that is tried; empty for a number shown for comparison
+    changed: str  #: what was added, removed or done in another way; "nothing" for the study itself
     quantity: str  #: what was measured
     interval: Interval  #: the number and its 95 % interval
-    sample: str  #: what the interval is over: so many seeds, mines or stretches of lane
-    predicted: Bounds | None = None  #: between which values the explanation wants the number
+    sample: str  #: sample of the interval: number of seeds, mines or stretches of lane
+    predicted: Bounds | None = None  #: least and largest value that the explanation predicts
     unit: str = ""  #: of the number
-    #: verdict of the study's own rule on the number, where that and not ``predicted`` decides
+    #: verdict of the study's own rule on the number, where that rule decides and not ``predicted``
     verdict: str = ""
 
     def __post_init__(self) -> None:
-        asked = self.predicted is not None or bool(self.verdict)
-        if asked != bool(self.explanation):
+        has_prediction = self.predicted is not None or bool(self.verdict)
+        if has_prediction != bool(self.explanation):
             raise ValueError(
                 f"predicted must be given with an explanation and only with one, got "
-                f"{self.predicted} and"
-                f" {self.explanation!r} for {self.changed!r}"
+                f"{self.predicted} and {self.explanation!r} for {self.changed!r}"
             )
 
     @property
     def outcome(self) -> str:
-        """What the number says of the explanation; empty where none was asked."""
+        """Outcome of the explanation; empty for a number shown for comparison."""
         if self.verdict:
             return OUTCOMES[self.verdict]
         if self.predicted is None:
@@ -99,7 +98,7 @@ class Trial:
 
     @property
     def prediction(self) -> str:
-        """What was predicted, in words."""
+        """The prediction in words; empty for a number shown for comparison."""
         if self.verdict:
             return "agrees by the study's rule"
         if self.predicted is None:
@@ -119,47 +118,52 @@ class Trial:
         return (*texts, self.ours, self.prediction, self.outcome, self.sample)
 
 
-def road_trials(found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:
-    """Ask whether the road is why statements disagree on roads as found: the same study on prepared lanes.
+def road_trials(as_found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:
+    """Return trials of the road as the reason why statements disagree on roads as found.
+
+    The trial is the same study on prepared lanes. The road is the reason if the statement agrees
+    there, and is not if it disagrees there, too.
 
     Parameters
     ----------
-    found, prepared : sequence of Finding
-        What the study found on roads as found and on prepared lanes.
+    as_found, prepared : sequence of Finding
+        Findings of the study on roads as found and on prepared lanes.
 
     Returns
     -------
     list of Trial
-        One for every statement that disagrees on roads as found: the road is the cause if it agrees on prepared lanes,
-        and is not if it disagrees there, too.
+        One for every statement that disagrees on roads as found and that is judged by an interval
+        on prepared lanes.
     """
-    by_statement = {(one.claim, one.group): one for one in prepared}
-    made = []
-    for one in found:
-        if one.verdict != DISAGREES:
+    by_statement = {(finding.claim, finding.group): finding for finding in prepared}
+    trials = []
+    for finding in as_found:
+        if finding.verdict != DISAGREES:
             continue
-        other = by_statement.get((one.claim, one.group))
+        other = by_statement.get((finding.claim, finding.group))
         if other is None or other.verdict not in OUTCOMES or other.interval is None:
             continue
-        made.append(
-            Trial(
-                statement=one.claim,
-                explanation="the road as found",
-                changed="prepared lanes in place of roads as found",
-                quantity=other.quantity or "number of the statement",
-                interval=other.interval,
-                sample="the study's own",
-                unit=other.unit,
-                verdict=other.verdict,
-            )
+        trial = Trial(
+            statement=finding.claim,
+            explanation="the road as found",
+            changed="prepared lanes in place of roads as found",
+            quantity=other.quantity or "number of the statement",
+            interval=other.interval,
+            sample="the study's own",
+            unit=other.unit,
+            verdict=other.verdict,
         )
-    return made
+        trials.append(trial)
+    return trials
 
 
 def trials_csv(trials: Sequence[Trial]) -> str:
-    """Tabulate experiments: ``COLUMNS``, a row each."""
+    """Format experiments as CSV: the columns ``COLUMNS``, a row for each."""
     stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows([COLUMNS, *(trial.row for trial in trials)])
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for trial in trials:
+        writer.writerow(trial.row)
     return stream.getvalue()
 
 

@@ -1,7 +1,4 @@
-"""The papers, and the settings of a study.
-
-One TOML file beside its modules, nothing unknown allowed.
-"""
+"""The papers, and the settings of a study: one TOML file beside its modules."""
 
 from __future__ import annotations
 
@@ -27,14 +24,15 @@ PAPERS = {
 
 
 class Table(BaseModel):
-    """A table of a study's settings."""
+    """A table of a study's settings; an unknown entry is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def packaged_text(paper: str, name: str = "study") -> str:
     """Read the packaged settings of a paper's study, or another TOML file beside them."""
-    return (resources.files(f"flgpr_papers.{paper}") / f"{name}.toml").read_text(encoding="utf-8")
+    file = resources.files(f"flgpr_papers.{paper}") / f"{name}.toml"
+    return file.read_text(encoding="utf-8")
 
 
 def packaged(
@@ -42,9 +40,19 @@ def packaged(
 ) -> T:
     """Load the packaged settings of a paper's study.
 
-    For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested
-    tables, in any case.
+    Parameters
+    ----------
+    paper : str
+        Name of the paper.
+    kind : type
+        Model of the settings, which checks them.
+    quick : bool
+        Whether the entries of the table ``quick`` replace those of the other tables.
+    more : mapping, optional
+        Entries of nested tables that replace the packaged ones, as for the lanes of a world.
     """
     tables = merge_tables(tomllib.loads(packaged_text(paper)), more or {})
-    small = tables.pop("quick", {})
-    return kind.model_validate(merge_tables(tables, small) if quick else tables)
+    quick_tables = tables.pop("quick", {})
+    if quick:
+        tables = merge_tables(tables, quick_tables)
+    return kind.model_validate(tables)

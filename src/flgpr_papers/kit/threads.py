@@ -1,4 +1,4 @@
-"""One thread of the linear algebra for a study, whose matrices are small."""
+"""A decorator that lets the linear algebra of a study run in one thread."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar, cast
 
-import scipy.linalg  # noqa: F401  # so that the library it brings is there to be limited
+import scipy.linalg  # noqa: F401  # loads the BLAS of SciPy, which can be limited only once loaded
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 Run = TypeVar("Run", bound=Callable[..., Any])
 
 
 def one_blas_thread(run: Run) -> Run:
-    """Let a function run with one thread of the linear algebra, however many the process was given.
+    """Return a function that runs with one thread of the linear algebra.
 
-    The matrices of the studies are small: threads mostly wait for each other. Beside other work on two cores flsar2004
-    takes four times as long with two of them.
+    The matrices of the studies are small, so that several threads mostly wait for each other. When
+    other work runs on the same two cores, flsar2004 takes four times as long with two threads.
     """
 
     @wraps(run)

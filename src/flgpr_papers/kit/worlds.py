@@ -1,6 +1,7 @@
-"""Worlds in which the papers' statements are asked again: a prepared lane with six things varied.
+"""Worlds in which the papers' statements are judged again: a prepared lane with six axes varied.
 
-Lanes seen again.
+Here are, too, the changes of a scene that the studies share: turned by half a turn, and with some
+entries replaced.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ _ON_SOIL = ("rocks", "patches")
 
 @dataclass(frozen=True)
 class World:
-    """A place in the space of soil, surface, roadside and mines."""
+    """A point in the space of soil, surface, roadside and mines.
+
+    The names of the fields are part of the keys of records on disk.
+    """
 
     number: int  #: of the world; its lanes are drawn from seeds of their own
     roughness: float  #: rms height of the surface, mm
@@ -54,18 +58,21 @@ class World:
 
     @property
     def roadside_density(self) -> dict[str, float]:
-        """Bushes and posts per metre of lane."""
-        return {
-            kind: float(DECLARED["roadside"][kind]) * (kind == self.roadside)
-            for kind in ("bushes", "posts")
-        }
+        """Bushes and posts per metre of lane; 0 for what does not stand at the roadside."""
+        densities = {}
+        for kind in ("bushes", "posts"):
+            density = float(DECLARED["roadside"][kind])
+            densities[kind] = density if kind == self.roadside else 0.0
+        return densities
 
     def moisture(self) -> float:
-        """Volumetric moisture at which the soil model has the permittivity."""
+        """Return the volumetric moisture at which the soil model has the permittivity."""
         clay = DECLARED["soil"]["clay"]
-        return float(
-            brentq(lambda m: soil.mironov([1e9], clay, m)[0].real - self.permittivity, 0.0, 0.5)
-        )
+
+        def excess(moisture: float) -> float:
+            return float(soil.mironov([1e9], clay, moisture)[0].real - self.permittivity)
+
+        return float(brentq(excess, 0.0, 0.5))
 
     def tables(self) -> dict[str, Any]:
         """Return the world as the tables of a site."""
@@ -79,20 +86,19 @@ class World:
             tables["soil"]["loss_tangent"] = DECLARED["soil"]["low_loss"]
         tables["surface"] = tables.get("surface", {}) | {"rms_height": self.roughness / 1000}
         tables |= in_soil_of(self.contents, self.permittivity)
-        tables["clutter"] = (
-            tables.get("clutter", {}) | on_soil_of(self.contents) | self.roadside_density
-        )
+        clutter = tables.get("clutter", {})
+        tables["clutter"] = clutter | on_soil_of(self.contents) | self.roadside_density
         return tables
 
     def site(self, folder: Path) -> str:
-        """Write the world as a site of scenes; gives the file's path."""
+        """Write the world as a site of scenes and return the path of the file."""
         path = folder / f"{self.name}.toml"
         write_site(path, self.tables())
         return str(path)
 
 
 def worlds() -> list[World]:
-    """All worlds of the designed fraction, those that come a second time left out."""
+    """Return all worlds of the designed fraction, those that come a second time left out."""
     return [world for world in design_worlds() if world.replicate == 0]
 
 
@@ -104,7 +110,7 @@ def _design_rows() -> list[dict[str, str]]:
 
 
 def design_worlds() -> list[World]:
-    """All rows of the designed fraction as worlds, repeats too, in the order of their numbers."""
+    """Return all rows of the designed fraction as worlds, repeats too, in their order."""
     designed = []
     for number, row in enumerate(_design_rows()):
         levels: dict[str, Any] = {}
@@ -119,12 +125,19 @@ def in_soil_of(contents: str, permittivity: float) -> dict[str, dict[str, Any]]:
 
     Fluctuations of the permittivity are those of the site times ``(ε - 1)`` over that of the site's
     own soil, for packing and moisture change what is not air (assumed).
+
+    Parameters
+    ----------
+    contents : str
+        "nothing", "prepared" or "natural".
+    permittivity : float
+        ε' of the world's soil at 1 GHz.
     """
     if contents == "nothing":
         return {name: {"on": False} for name in IN_SOIL}
     tables = site_tables(DECLARED["sites"][contents])
-    own_permittivity = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
-    scale = (permittivity - 1) / (own_permittivity - 1)
+    site_permittivity = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
+    scale = (permittivity - 1) / (site_permittivity - 1)
     tables_in_soil = {name: dict(tables.get(name, {})) for name in IN_SOIL}
     for name, entry in (("heterogeneity", "deviation"), ("lenses", "contrast")):
         if entry in tables_in_soil[name]:
@@ -134,21 +147,20 @@ def in_soil_of(contents: str, permittivity: float) -> dict[str, dict[str, Any]]:
 
 def on_soil_of(contents: str) -> dict[str, float]:
     """Return rocks and wet patches per m²: those of a site, or none for "nothing"."""
-    clutter = (
-        {} if contents == "nothing" else site_tables(DECLARED["sites"][contents]).get("clutter", {})
-    )
+    clutter: dict[str, Any] = {}
+    if contents != "nothing":
+        clutter = site_tables(DECLARED["sites"][contents]).get("clutter", {})
     return {name: float(clutter.get(name, 0.0)) for name in _ON_SOIL}
 
 
 def write_site(path: Path, tables: dict[str, Any]) -> None:
-    """Write tables of a site as a TOML file, whole or not at all."""
+    """Write tables of a site as a TOML file, which is complete or not there at all."""
     lines = []
     for name, table in tables.items():
-        lines += [
-            f"[{name}]",
-            *(f"{entry} = {json.dumps(value)}" for entry, value in table.items()),
-            "",
-        ]
+        lines.append(f"[{name}]")
+        for entry, value in table.items():
+            lines.append(f"{entry} = {json.dumps(value)}")
+        lines.append("")
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, "\n".join(lines))
 
@@ -156,19 +168,39 @@ def write_site(path: Path, tables: dict[str, Any]) -> None:
 def turned(scene: Scene, seed: int) -> Scene:
     """Turn a lane by half a turn with all that the seed put there.
 
-    Targets are in order, as seen from the other end.
+    Targets stay in their order, which seen from the other end is the opposite one.
+
+    Parameters
+    ----------
+    scene : Scene
+        The lane.
+    seed : int
+        Seed of what the scene leaves to chance.
     """
     data = world_description(scene, seed)
     for entry in (*data["targets"], *data["objects"], *data["patches"]):
-        entry["x"], entry["y"] = -entry["x"], scene.length - entry["y"]
+        entry["x"] = -entry["x"]
+        entry["y"] = scene.length - entry["y"]
         if "azimuth" in entry:
             entry["azimuth"] += math.pi
     return Scene.model_validate(data)
 
 
-def changed(scene: Scene, targets: list[Any] | None = None, **parts: dict[str, Any]) -> Scene:
-    """Make a scene anew with some entries of its parts replaced."""
+def changed(scene: Scene, targets: list[Any] | None = None, **tables: dict[str, Any]) -> Scene:
+    """Return a scene with some entries of its tables replaced.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    targets : list, optional
+        Targets in place of its own.
+    **tables
+        Entries to replace, by table.
+    """
     data = scene.model_dump(exclude_unset=True)
-    for table, entries in parts.items():
+    for table, entries in tables.items():
         data[table] = {**data.get(table, {}), **entries}
-    return Scene.model_validate(data if targets is None else data | {"targets": targets})
+    if targets is not None:
+        data["targets"] = targets
+    return Scene.model_validate(data)

@@ -22,9 +22,21 @@ from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import select_targets
 from flgpr.screen import prescreen
 
-MINES = {"kind": lambda kind: kind != "simulant"}
-BURIED_METAL = {"kind": "metal", "depth": lambda depth: depth > 0}
-BURIED_PLASTIC = {"kind": "plastic", "depth": lambda depth: depth > 0}
+
+def _is_no_simulant(kind: Any) -> Any:
+    """Return whether targets are mines."""
+    return kind != "simulant"
+
+
+def _is_buried(depth: Any) -> Any:
+    """Return whether targets lie in the ground."""
+    return depth > 0
+
+
+MINES = {"kind": _is_no_simulant}
+"""Subset of the targets: actual mines."""
+BURIED_METAL = {"kind": "metal", "depth": _is_buried}
+BURIED_PLASTIC = {"kind": "plastic", "depth": _is_buried}
 SIMULANTS = {"kind": "simulant"}
 METHODS = {
     "A": "resubstitution with duplication",
@@ -34,6 +46,7 @@ METHODS = {
 }
 SUBBANDS = ("F1", "F2", "F3", "F4")
 FAR_MAX = 0.1
+"""False alarms per m² up to which Pd is averaged."""
 AREA: AreaRule = "paper"
 """Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r².
 
@@ -44,38 +57,47 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LaneResult:
-    """What was found in a lane, and what is there."""
+    """Result of a lane, and its truth."""
 
     name: str  #: the lane's name
     lane: Lane  #: its borders
     truth: pd.DataFrame  #: its targets
-    #: alarms, features: alarms of the prescreener and their features, row by row
-    alarms: pd.DataFrame
-    features: pd.DataFrame
+    alarms: pd.DataFrame  #: alarms of the prescreener
+    features: pd.DataFrame  #: their features, row by row
     view: xr.DataArray  #: run-view (polarization, subband, y, x)
-    #: run-view (y, x) of the prescreener's channel over the full range of the images, where it was
-    #: asked for
+    #: run-view (y, x) of the prescreener's channel over the full range of the images, if there is
+    #: one
     wide_view: xr.DataArray | None
 
 
 def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
-    """Match alarms of several lanes to their targets with the paper's halo of 1 m."""
-    alarms = [
-        table[["x", "y", "confidence"]].assign(lane=result.name)
-        for result, table in zip(results, tables, strict=True)
-    ]
-    truth = [
-        result.truth.assign(
-            lane=result.name, target_id=result.name + "-" + result.truth["target_id"]
-        )
-        for result in results
-    ]
+    """Match alarms of several lanes to their targets with the paper's halo of 1 m.
+
+    Parameters
+    ----------
+    results : sequence of LaneResult
+        The lanes.
+    tables : sequence of DataFrame
+        Alarms of each lane, with the confidence that counts.
+    """
+    alarms = []
+    truth = []
+    for result, table in zip(results, tables, strict=True):
+        alarms.append(table[["x", "y", "confidence"]].assign(lane=result.name))
+        target_id = result.name + "-" + result.truth["target_id"]
+        truth.append(result.truth.assign(lane=result.name, target_id=target_id))
     lanes = {result.name: result.lane for result in results}
     return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
 
 
 class Pool:
-    """All alarms of the calibration lanes, labelled, for training and testing."""
+    """All alarms of the calibration lanes, labelled, for training and testing.
+
+    Parameters
+    ----------
+    results : sequence of LaneResult
+        The calibration lanes.
+    """
 
     def __init__(self, results: Sequence[LaneResult]) -> None:
         self.results = list(results)
@@ -88,10 +110,19 @@ class Pool:
         self.lanes = [result.name for result in results]
 
     def draws(self, count: int, seed: int = 0, subset: Any = MINES) -> Iterator[Draw]:
-        """Draw lanes, targets and stretches of lane.
+        """Yield bootstrap draws of lanes, targets and stretches of lane.
 
-        A draw holds two lanes at least, so that one can be left out, and a mine and a target of
-        ``subset`` at least.
+        A draw holds two lanes at least, so that one can be left out, and a mine and a target of the
+        subset at least.
+
+        Parameters
+        ----------
+        count : int
+            Number of draws.
+        seed : int
+            Seed of the draws.
+        subset : object
+            Targets of which a draw has to hold one.
         """
         design = make_design(self.reference, area=AREA)
         rng = np.random.default_rng(seed)
@@ -100,11 +131,12 @@ class Pool:
         block = make_scores(self.reference, design).block
         hit = self.labels["target"].to_numpy()
         mines = select_targets(self.reference.truth, MINES)
-        wanted_targets = select_targets(self.reference.truth, subset)
+        of_subset = select_targets(self.reference.truth, subset)
         while count:
             target, weight = design.draw(rng)
-            several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
-            if several and target[mines].any() and target[wanted_targets].any():
+            drawn_lanes = np.unique(design.target_lane[target > 0])
+            can_leave_one_out = len(drawn_lanes) > 1 or len(self.lanes) == 1
+            if can_leave_one_out and target[mines].any() and target[of_subset].any():
                 alarm = np.where(hit >= 0, target[hit], 1.0)
                 alarm[false] = weight[block]
                 count -= 1
@@ -118,9 +150,20 @@ class Pool:
         only: Sequence[str] | None = None,
         draw: Draw | None = None,
     ) -> list[Fold]:
-        """Make the folds of a method.
+        """Return the folds of a method.
 
-        ``only`` leaves other lanes out of training and testing altogether.
+        Parameters
+        ----------
+        columns : sequence of str
+            Columns of the features; alarms that lack one are left out.
+        cross : bool
+            Whether a lane at a time is tested, with training on the others.
+        duplicate : bool
+            Whether examples are duplicated, so that every mine counts alike.
+        only : sequence of str, optional
+            Lanes that are used at all.
+        draw : Draw, optional
+            Weights of the examples.
         """
         known = np.isfinite(self.features[list(columns)].to_numpy(dtype=np.float64)).all(axis=1)
         lane = self.labels["lane"].to_numpy()
@@ -160,23 +203,21 @@ class Pool:
         )
 
     def singles(self, columns: Sequence[str], method: str) -> FloatArray:
-        """PD_mean of every feature on its own by a method A-D."""
-        return single_features(
-            self.folds(columns, *_settings(method)), len(self.labels), self.scorer
-        )
+        """Return PD_mean (feature,) of every feature on its own by a method A-D."""
+        folds = self.folds(columns, *_settings(method))
+        return single_features(folds, len(self.labels), self.scorer)
 
     def search(
         self, columns: Sequence[str], method: str, steps: int | None = None
     ) -> list[SearchStep]:
-        """Forward search by a method A-D."""
-        return forward_search(
-            self.folds(columns, *_settings(method)), len(self.labels), self.scorer, steps
-        )
+        """Search forward for the best features by a method A-D."""
+        folds = self.folds(columns, *_settings(method))
+        return forward_search(folds, len(self.labels), self.scorer, steps)
 
     def confidence(self, columns: Sequence[str], method: str) -> FloatArray:
-        """Confidences of all alarms with a fixed set of features by a method A-D.
+        """Return confidences (alarm,) with a fixed set of features by a method A-D.
 
-        -inf where a feature is missing.
+        They are -inf where a feature is missing.
         """
         folds = self.folds(columns, *_settings(method))
         return _refit(folds, len(self.labels))
@@ -197,21 +238,30 @@ class Pool:
     def searches_in(
         self, columns: Sequence[str], methods: str, draws: int
     ) -> dict[str, FloatArray]:
-        """PD_mean (draw, step) of forward searches by methods A-D, searched anew in every draw."""
+        """Return PD_mean (draw, step) of forward searches, searched anew in every draw.
+
+        Parameters
+        ----------
+        columns : sequence of str
+            Columns of the features.
+        methods : str
+            Methods, "A" to "D".
+        draws : int
+            Number of bootstrap draws.
+        """
         scores: dict[str, list[list[float]]] = {method: [] for method in methods}
         for draw in self.draws(draws):
             scorer = partial(self.scorer, draw=draw)
             for method, rows in scores.items():
                 folds = self.folds(columns, *_settings(method), draw=draw)
-                rows.append(
-                    [step.score for step in forward_search(folds, len(self.labels), scorer)]
-                )
+                search = forward_search(folds, len(self.labels), scorer)
+                rows.append([step.score for step in search])
         return {method: np.array(rows) for method, rows in scores.items()}
 
     def scorer_of(self, subset: Any) -> Rescorer:
-        """Make what gives PD_mean of some of the targets.
+        """Return a function of confidences that computes PD_mean of some of the targets.
 
-        That of mines is at hand as ``scorer``.
+        That of mines is the attribute ``scorer``.
         """
         return Rescorer(self.reference, subset, FAR_MAX, AREA)
 
@@ -233,9 +283,20 @@ class Pool:
     def bands(
         self, columns: Sequence[str], method: str, subset: Any, far: FloatArray, draws: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Return 95 % bands (2, far) of a ROC.
+        """Return the 95 % bands (2, far) of a ROC, and those with training in every draw.
 
-        Of the classifier as it is, and trained anew in every draw.
+        Parameters
+        ----------
+        columns : sequence of str
+            Columns of the features.
+        method : str
+            Method, "A" to "D".
+        subset : object
+            Targets that count.
+        far : (far,) ndarray
+            False alarms per m².
+        draws : int
+            Number of bootstrap draws.
         """
         scorer = Rescorer(self.reference, subset, area=AREA)
         cross, duplicate = _settings(method)
@@ -248,9 +309,16 @@ class Pool:
         return trained, anew
 
     def outranks(self, column: str, draws: int) -> tuple[float, FloatArray]:
-        """Share of pairs in which a hit on a mine has more of a feature than a false alarm has.
+        """Return how often a hit on a mine has more of a feature than a false alarm, and in draws.
 
-        Here and in draws. Draws without such a pair, whose mines raised no alarm, are left out.
+        Draws without such a pair, whose mines raised no alarm, are left out.
+
+        Parameters
+        ----------
+        column : str
+            Column of the feature.
+        draws : int
+            Number of bootstrap draws.
         """
         values = self.features[column].to_numpy(dtype=np.float64)
         labels = self.labels
@@ -268,10 +336,11 @@ class Pool:
         return float(wins.mean()), np.array(shares)
 
     def magnitude(self) -> FloatArray:
-        """Magnitude of all alarms: what the prescreener goes by."""
-        return np.concatenate(
-            [one.alarms["magnitude"].to_numpy(dtype=np.float64) for one in self.results]
-        )
+        """Return the magnitude of all alarms, which is what the prescreener goes by."""
+        magnitudes = []
+        for result in self.results:
+            magnitudes.append(result.alarms["magnitude"].to_numpy(dtype=np.float64))
+        return np.concatenate(magnitudes)
 
     def nested(
         self, columns: Sequence[str], steps: int
@@ -279,34 +348,43 @@ class Pool:
         """Return PD_mean, confidences and features of nested searches.
 
         Each lane is scored with features that a search without it has chosen.
+
+        Parameters
+        ----------
+        columns : sequence of str
+            Columns of the features.
+        steps : int
+            Steps of a search at the most.
         """
         confidence = np.full(len(self.labels), -np.inf)
+        lane = self.labels["lane"].to_numpy()
         chosen = []
         for name in self.lanes:
-            other_lanes = [lane for lane in self.lanes if lane != name]
-            folds = self.folds(columns, len(other_lanes) > 1, True, other_lanes)
-            left = [result for result in self.results if result.name in other_lanes]
-            scorer = Rescorer(
-                matched(left, [result.alarms for result in left]), MINES, FAR_MAX, AREA
-            )
-            rows = np.flatnonzero(np.isin(self.labels["lane"], other_lanes))
-            inner = forward_search(
-                folds,
-                len(self.labels),
-                lambda c, r=rows, s=scorer: s(c[r]),  # type: ignore[misc]
-                steps,
-            )
-            best = int(np.argmax([step.score for step in inner])) + 1
-            names = [columns[step.feature] for step in inner[:best]]
-            known = np.isfinite(self.features[names].to_numpy(float)).all(axis=1)
-            lane = self.labels["lane"].to_numpy()
-            fold = self._fold(names, known & (lane != name), known & (lane == name), True)
+            names = self._search_without(name, columns, steps)
+            is_known = np.isfinite(self.features[names].to_numpy(float)).all(axis=1)
+            fold = self._fold(names, is_known & (lane != name), is_known & (lane == name), True)
             confidence[fold.samples] = _refit([fold], len(self.labels))[fold.samples]
             chosen.append(names)
         return self.scorer(confidence), confidence, chosen
 
+    def _search_without(self, name: str, columns: Sequence[str], steps: int) -> list[str]:
+        """Return the features that a search without a lane scores best with."""
+        other_lanes = [lane for lane in self.lanes if lane != name]
+        folds = self.folds(columns, len(other_lanes) > 1, True, other_lanes)
+        results = [result for result in self.results if result.name in other_lanes]
+        reference = matched(results, [result.alarms for result in results])
+        scorer = Rescorer(reference, MINES, FAR_MAX, AREA)
+        rows = np.flatnonzero(np.isin(self.labels["lane"], other_lanes))
+
+        def score(confidence: FloatArray) -> float:
+            return scorer(confidence[rows])
+
+        search = forward_search(folds, len(self.labels), score, steps)
+        best = int(np.argmax([step.score for step in search])) + 1
+        return [columns[step.feature] for step in search[:best]]
+
     def match_of(self, confidence: FloatArray) -> Match:
-        """Match with other confidences; alarms with -inf are left out."""
+        """Match the alarms with other confidences (alarm,); those with -inf are left out."""
         tables = []
         lane = self.labels["lane"].to_numpy()
         for result in self.results:
@@ -328,15 +406,27 @@ def prescreened(
     """Return the alarms of another channel's run-view by the same prescreener.
 
     Their confidence is the magnitude.
+
+    Parameters
+    ----------
+    results : sequence of LaneResult
+        The lanes.
+    polarization, subband : str
+        The channel; the sub-band "wide" is the prescreener's channel over the full range.
+    recipe : Recipe
+        Recipe of the study.
+
+    Raises
+    ------
+    ValueError
+        If a lane has no run-view over the full range.
     """
     tables = []
     for result in results:
-        wide = subband == "wide"
-        view = (
-            result.wide_view
-            if wide
-            else result.view.sel(polarization=polarization, subband=subband)
-        )
+        if subband == "wide":
+            view = result.wide_view
+        else:
+            view = result.view.sel(polarization=polarization, subband=subband)
         if view is None:
             raise ValueError(f"lane {result.name} must have a run-view over the full range")
         screen = recipe.prescreen
@@ -348,13 +438,19 @@ def prescreened(
 def clutter_levels(
     results: Sequence[LaneResult], clear: float = 1.5, stretch: float = 10.0
 ) -> pd.DataFrame:
-    """Return how far clutter stands out in the run-views, by stretches of lane.
-
-    This is the paper's Fig. 8.
+    """Return how far clutter stands out in the run-views, by stretches of lane (Fig. 8).
 
     Images are in units of their background, so that their mean level tells nothing. The level of a
-    channel is the 99 % quantile of its magnitude over the median, dB, of the pixels farther than
-    ``clear`` (m) from every target.
+    channel is the 99 % quantile of its magnitude over the median, dB, away from every target.
+
+    Parameters
+    ----------
+    results : sequence of LaneResult
+        The lanes.
+    clear : float
+        Least distance of the pixels from a target, m.
+    stretch : float
+        Length of a stretch of lane, m.
 
     Returns
     -------
@@ -364,29 +460,31 @@ def clutter_levels(
     """
     rows = []
     for result in results:
-        x, y = np.meshgrid(result.view["x"].values, result.view["y"].values)
-        distance = np.full(x.shape, np.inf)
-        for target_x, target_y in result.truth[["x", "y"]].to_numpy(dtype=np.float64):
-            distance = np.minimum(distance, np.hypot(x - target_x, y - target_y))
-        number = ((result.view["y"].values - result.lane.y_min) // stretch).astype(int)
+        view = result.view
+        is_clear = _target_distance(result) > clear
+        number = ((view["y"].values - result.lane.y_min) // stretch).astype(int)
         for k in np.unique(number):
-            chosen = (distance > clear) & (number == k)[:, None]
+            chosen = is_clear & (number == k)[:, None]
             row: dict[str, Any] = {"lane": result.name, "stretch": int(k)}
-            for polarization in result.view["polarization"].values:
-                for subband in result.view["subband"].values:
-                    values = result.view.sel(polarization=polarization, subband=subband).values[
-                        chosen
-                    ]
-                    row[f"{polarization} {subband}"] = stands_out(values)
+            for polarization in view["polarization"].values:
+                for subband in view["subband"].values:
+                    channel = view.sel(polarization=polarization, subband=subband).values
+                    row[f"{polarization} {subband}"] = stands_out(channel[chosen])
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def stands_out(magnitude: NDArray[Any]) -> float:
-    """Return the 99 % quantile over the median, dB.
+def _target_distance(result: LaneResult) -> FloatArray:
+    """Return the distance (y, x) of every pixel of a run-view from the nearest target, m."""
+    x, y = np.meshgrid(result.view["x"].values, result.view["y"].values)
+    distance = np.full(x.shape, np.inf)
+    for target_x, target_y in result.truth[["x", "y"]].to_numpy(dtype=np.float64):
+        distance = np.minimum(distance, np.hypot(x - target_x, y - target_y))
+    return distance
 
-    NaN for fewer than 100 pixels that were seen.
-    """
+
+def stands_out(magnitude: NDArray[Any]) -> float:
+    """Return the 99 % quantile of magnitudes over their median, dB; NaN for fewer than 100."""
     finite = magnitude[np.isfinite(magnitude)]
     if finite.size < 100:
         return float("nan")
@@ -395,7 +493,17 @@ def stands_out(magnitude: NDArray[Any]) -> float:
 
 
 def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame:
-    """PD_mean of every feature on its own by the methods A-D."""
+    """Return PD_mean of every feature on its own (column) by the methods A-D (row).
+
+    Parameters
+    ----------
+    pool : Pool
+        Alarms of the calibration lanes.
+    subband : str
+        Sub-band of the features.
+    prefix : str
+        Prefix of the columns, of another reading of the paper.
+    """
     columns = [f"{prefix}{name}_{subband}" for name in FEATURES]
     return pd.DataFrame(
         {method: pool.singles(columns, method) for method in METHODS}, index=list(FEATURES)
@@ -403,13 +511,13 @@ def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame
 
 
 def table_two(pool: Pool) -> dict[str, list[SearchStep]]:
-    """Forward searches over the ten features of the whole band by the methods A-D."""
+    """Search forward in the ten features of sub-band F1 by the methods A-D."""
     columns = [f"{name}_F1" for name in FEATURES]
     return {method: pool.search(columns, method) for method in METHODS}
 
 
 def all_forty() -> list[str]:
-    """Names of the 40 features of the four sub-bands, #1 to #40."""
+    """Return the names of the 40 features of the four sub-bands, #1 to #40."""
     return [f"{name}_{subband}" for subband in SUBBANDS for name in FEATURES]
 
 

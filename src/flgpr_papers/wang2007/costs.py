@@ -1,4 +1,4 @@
-"""What each way in which the recipe wang2007 departs from the paper's letter costs in PD_mean.
+"""What each departure of the recipe wang2007 from the letter of the paper costs in PD_mean.
 
 One difference at a time is changed from ``wang2007-printed``, everywhere: on the lanes that train
 the classifiers and on those that are scored. Both sides of a difference are drawn alike, lanes,
@@ -7,8 +7,8 @@ targets and stretches of lane.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +26,7 @@ from flgpr_papers.wang2007.findings import SETS, blind_scores
 MEDIAN_STEP = 3
 """``background.median_step`` of the recipe wang2007."""
 DETECTORS = {"C_HH": ("C_HH_F1",), **SETS, "all ten": tuple(f"{name}_F1" for name in FEATURES)}
-"""Columns that each detector reads.
-
-They are local contrast alone and untrained, the paper's two classifiers, and all of F1.
-"""
+"""Columns of each detector: local contrast alone, the paper's two classifiers, all of F1."""
 UNTRAINED = "C_HH"
 _GAIN = "shared."
 _PSI = "circular."
@@ -40,10 +37,9 @@ _LINEAR = "linear."
 class Difference:
     """A way in which the recipe wang2007 departs from wang2007-printed."""
 
-    #: entry, printed, changed: entry of the recipe, and what it says in either one
-    entry: str
-    printed: str
-    changed: str
+    entry: str  #: entry of the recipe
+    printed: str  #: its value in wang2007-printed
+    changed: str  #: its value in wang2007
     coarse: bool = False  #: whether the gain background is that of the coarse median
     gain: bool = False  #: whether polarimetric features share one gain
     psi: bool = False  #: whether ψ is averaged as a direction
@@ -51,12 +47,14 @@ class Difference:
 
     def column(self, name: str) -> str:
         """Return the column that stands for one of the printed recipe."""
-        feature = name.rpartition("_")[0]
+        feature, _, _ = name.rpartition("_")
         if feature == "P_psi":
             if self.gain:
                 return f"{_GAIN}{name}" if self.psi else f"{_GAIN}{_LINEAR}{name}"
             return f"{_PSI}{name}" if self.psi else name
-        return f"{_GAIN}{name}" if self.gain and feature in POLARIMETRIC else name
+        if self.gain and feature in POLARIMETRIC:
+            return f"{_GAIN}{name}"
+        return name
 
 
 PRINTED = Difference("", "", "")
@@ -82,11 +80,22 @@ def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
     """Return what each difference costs every detector, on the calibration and on the blind lanes.
 
     On the calibration lanes each lane is scored by classifiers of the others (method C of the
-    paper), on the blind ones by those of all calibration lanes. Columns: ``difference``,
-    ``printed`` and ``changed``, what the entry says; ``detector``, ``lanes``; ``targets``;
-    ``alarms`` and ``alarms_changed``, numbers of them; ``pd_mean`` of actual mines up to 0.1 per m²
-    as printed and ``pd_mean_changed``; ``cost``, the first less the second, with ``low`` and
-    ``high``, its 95 % interval. A positive cost is a loss.
+    paper), on the blind ones by those of all calibration lanes.
+
+    Parameters
+    ----------
+    printed, coarse : Lanes
+        Results with the printed recipe, and with the coarse median.
+    draws : int
+        Number of bootstrap draws.
+
+    Returns
+    -------
+    DataFrame
+        ``difference``, ``printed`` and ``changed``, what the entry says; ``detector``, ``lanes``;
+        ``targets``; ``alarms`` and ``alarms_changed``, numbers of them; ``pd_mean`` of actual mines
+        up to 0.1 per m² as printed and ``pd_mean_changed``; ``cost``, the first less the second,
+        with ``low`` and ``high``, its 95 % interval. A positive cost is a loss.
     """
     before = _matches(printed, PRINTED)
     rows = []
@@ -146,23 +155,22 @@ def paired_cost(
     draws : int
         Number of resamplings.
     """
-    designs = (
-        make_design(first, subset, area=first_area),
-        make_design(second, subset, area=second_area),
-    )
-    scores = make_scores(first, designs[0], subset), make_scores(second, designs[1], subset)
+    first_design = make_design(first, subset, area=first_area)
+    second_design = make_design(second, subset, area=second_area)
+    first_scores = make_scores(first, first_design, subset)
+    second_scores = make_scores(second, second_design, subset)
 
     def difference(target: np.ndarray, block: np.ndarray) -> float:
-        shares = [
-            lane_score.shares(FAR_MAX, block, float((block * design.block_area).sum()))
-            for lane_score, design in zip(scores, designs, strict=True)
-        ]
-        return float((target * (shares[0] - shares[1])).sum() / target.sum())
+        first_ground = float((block * first_design.block_area).sum())
+        second_ground = float((block * second_design.block_area).sum())
+        first_shares = first_scores.shares(FAR_MAX, block, first_ground)
+        second_shares = second_scores.shares(FAR_MAX, block, second_ground)
+        return float((target * (first_shares - second_shares)).sum() / target.sum())
 
-    value = difference(np.ones(len(scores[0].target)), np.ones(len(designs[0].block_lane)))
+    value = difference(np.ones(len(first_scores.target)), np.ones(len(first_design.block_lane)))
     rng = np.random.default_rng(0)
-    drawn = [difference(*designs[0].draw(rng)) for _ in range(draws)]
-    low, high = np.quantile(drawn, tails(0.95, designs[0].clusters))
+    drawn = [difference(*first_design.draw(rng)) for _ in range(draws)]
+    low, high = np.quantile(drawn, tails(0.95, first_design.clusters))
     return clip((value, float(low), float(high)), SHARE_DIFFERENCE)
 
 
@@ -180,34 +188,22 @@ def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Matc
             confidence = pool.confidence(list(columns), "C")
         matches[name, "calibration"] = pool.match_of(confidence)
     trained = {name: columns for name, columns in DETECTORS.items() if name != UNTRAINED}
-    scored = blind_scores(calibration, blind, trained)
-    matches |= {(name, "blind"): result for name, result in scored.items()}
-    tables = [
-        result.alarms.assign(confidence=result.features[DETECTORS[UNTRAINED][0]])
-        for result in blind
-    ]
-    matches[UNTRAINED, "blind"] = matched(
-        blind, [table.dropna(subset=["confidence"]) for table in tables]
-    )
+    for name, match in blind_scores(calibration, blind, trained).items():
+        matches[name, "blind"] = match
+    (contrast,) = DETECTORS[UNTRAINED]
+    tables = []
+    for result in blind:
+        table = result.alarms.assign(confidence=result.features[contrast])
+        tables.append(table.dropna(subset=["confidence"]))
+    matches[UNTRAINED, "blind"] = matched(blind, tables)
     order = [(name, where) for where in ("calibration", "blind") for name in DETECTORS]
     return {key: matches[key] for key in order}
 
 
 def _renamed(result: LaneResult, difference: Difference) -> LaneResult:
-    """Rename the columns that a difference reads to those of the printed ones.
-
-    Others are left out.
-    """
-    read: Mapping[str, str] = {
-        name: difference.column(name) for names in DETECTORS.values() for name in names
-    }
-    features = pd.DataFrame({name: result.features[column] for name, column in read.items()})
-    return LaneResult(
-        result.name,
-        result.lane,
-        result.truth,
-        result.alarms,
-        features,
-        result.view,
-        result.wide_view,
-    )
+    """Return the columns that a difference reads under the names of the printed ones."""
+    columns = {}
+    for names in DETECTORS.values():
+        for name in names:
+            columns[name] = result.features[difference.column(name)]
+    return replace(result, features=pd.DataFrame(columns))

@@ -27,7 +27,7 @@ Examples = Mapping[str, NDArray[Any]]
 
 
 def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
-    """Fig. 1: the radar and the imaged area, from the side and from above."""
+    """Draw Fig. 1: the radar and the imaged area, from the side and from above."""
     figure, (side, plan) = _figure(9, 3.2, 1, 2)
     image = recipe.image
     height = sensor.height
@@ -35,12 +35,8 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
     for y in image.y:
         side.plot([0, y], [height, 0], color="#888888", lw=0.8)
     length = 6.0
-    side.annotate(
-        "",
-        (length * np.cos(sensor.tilt), height - length * np.sin(sensor.tilt)),
-        (0, height),
-        arrowprops={"arrowstyle": "->"},
-    )
+    arrow_end = length * np.cos(sensor.tilt), height - length * np.sin(sensor.tilt)
+    side.annotate("", arrow_end, (0, height), arrowprops={"arrowstyle": "->"})
     side.plot(image.y, [0, 0], lw=4, color="#0072b2")
     side.set(
         xlabel="ahead (m)",
@@ -48,11 +44,9 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
         title=f"tilt {np.degrees(sensor.tilt):.0f}°",
         ylim=(-0.5, height + 1),
     )
-    plan.add_patch(
-        Rectangle(
-            (image.y[0], image.x[0]), np.ptp(image.y), np.ptp(image.x), fc="#cfe3f2", ec="#0072b2"
-        )
-    )
+    corner = image.y[0], image.x[0]
+    imaged = Rectangle(corner, np.ptp(image.y), np.ptp(image.x), fc="#cfe3f2", ec="#0072b2")
+    plan.add_patch(imaged)
     for style, positions in (("v", sensor.tx), ("|", sensor.rx)):
         plan.plot(*np.asarray(positions)[:, [1, 0]].T, style, color="k", ms=7)
     plan.axhline(-1.5, color="#888888", lw=0.8)
@@ -67,22 +61,18 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
 
 
 def polarization_figure(examples: Examples) -> Figure:
-    """Fig. 2: one scan in three polarizations, sub-band F0."""
+    """Draw Fig. 2: one scan in three polarizations, sub-band F0."""
     figure, axes = _figure(7, 3.7, 1, 3)
-    for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
-        _scan(
-            axis,
-            examples["raw_surface"][_at(examples, pol, "F0")],
-            examples,
-            examples["place_surface"],
-            f"{pol}, F0",
-        )
+    position = examples["place_surface"]
+    for axis, polarization in zip(axes, _POLARIZATIONS, strict=True):
+        image = examples["raw_surface"][_at(examples, polarization, "F0")]
+        _scan(axis, image, examples, position, f"{polarization}, F0")
     _scan_axes(figure, axes)
     return figure
 
 
 def subband_figure(examples: Examples) -> Figure:
-    """Fig. 3: one scan in five sub-bands, VV."""
+    """Draw Fig. 3: one scan in five sub-bands, VV."""
     figure, axes = _figure(8, 3.1, 1, 5)
     for axis, band in zip(axes, _BANDS, strict=True):
         image = examples["raw_surface"][_at(examples, "VV", band)]
@@ -92,7 +82,7 @@ def subband_figure(examples: Examples) -> Figure:
 
 
 def series_figure(examples: Examples) -> Figure:
-    """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays.
+    """Draw Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays.
 
     All share one scale. Its top is the largest of the median over the scans, which holds what stays
     in place: on a scale that reaches up to the mines themselves it would hardly be seen.
@@ -100,20 +90,15 @@ def series_figure(examples: Examples) -> Figure:
     figure, axes = _figure(8, 3.1, 1, 5)
     top = float(_decibel(np.median(examples["series"], axis=0)).max())
     for k, axis in enumerate(axes):
-        _scan(
-            axis,
-            examples["series"][k],
-            examples,
-            examples["series_place"][k],
-            f"scan {k + 1}",
-            top=top,
-        )
+        image = examples["series"][k]
+        position = examples["series_place"][k]
+        _scan(axis, image, examples, position, f"scan {k + 1}", top=top)
     _scan_axes(figure, axes, "dB below the largest of what stays")
     return figure
 
 
 def background_figure(examples: Examples) -> Figure:
-    """Fig. 5: background removal and normalisation, HH, F1."""
+    """Draw Fig. 5: background removal and normalisation, HH, F1."""
     figure, axes = _figure(8, 3.1, 1, 5)
     channel = _at(examples, "HH", "F1")
     position = examples["place_surface"]
@@ -132,30 +117,43 @@ def background_figure(examples: Examples) -> Figure:
 
 
 def run_view_figure(result: LaneResult, alarms: bool, length: float = 60.0) -> Figure:
-    """Fig. 6 and 7: 60 m of a calibration lane in pieces of 15 m, with targets or with alarms."""
+    """Draw Fig. 6 or 7: 60 m of a calibration lane in pieces of 15 m, with targets or alarms.
+
+    Parameters
+    ----------
+    result : LaneResult
+        The lane.
+    alarms : bool
+        Whether alarms are marked, or targets.
+    length : float
+        Length of lane that is shown, m.
+    """
     view = result.view.sel(polarization="HH", subband="F1")
+    x_extent = float(view.x[0]), float(view.x[-1])
     start = result.lane.y_min
-    figure, axes = _figure(6.5, 4.2, 1, 4)
     top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
+    marked = result.alarms if alarms else result.truth
+    radius = 0.25 if alarms else 0.6
+    figure, axes = _figure(6.5, 4.2, 1, 4)
     for k, axis in enumerate(axes):
-        low, high = start + k * length / 4, start + (k + 1) * length / 4
+        low = start + k * length / 4
+        high = start + (k + 1) * length / 4
         piece = view.sel(y=slice(low, high))
         if not piece.sizes["y"]:
             axis.set_visible(False)
             continue
-        extent = (float(view.x[0]), float(view.x[-1]), float(piece.y[0]), float(piece.y[-1]))
         axis.imshow(
             _decibel(piece.values) - top,
             origin="lower",
-            extent=extent,
+            extent=(*x_extent, float(piece.y[0]), float(piece.y[-1])),
             vmin=-_DB,
             vmax=0,
             cmap="gray_r",
         )
-        for x in (result.lane.x_min, result.lane.x_max):
-            axis.axvline(x, color="#0072b2", lw=0.8)
-        table, radius = (result.alarms, 0.25) if alarms else (result.truth, 0.6)
-        for x, y in table.loc[table["y"].between(low, high), ["x", "y"]].to_numpy():
+        for border in (result.lane.x_min, result.lane.x_max):
+            axis.axvline(border, color="#0072b2", lw=0.8)
+        in_piece = marked["y"].between(low, high)
+        for x, y in marked.loc[in_piece, ["x", "y"]].to_numpy():
             axis.add_patch(Circle((x, y), radius, fill=False, color="#d55e00", lw=1.2))
         axis.set(xlabel="x (m)", ylabel="y (m)" if k == 0 else "")
     _colour_bar(figure, axes, "dB below the brightest thousandth")
@@ -163,70 +161,67 @@ def run_view_figure(result: LaneResult, alarms: bool, length: float = 60.0) -> F
 
 
 def clean_bands_figure(examples: Examples) -> Figure:
-    """Fig. 8.
-
-    Cleaned scan images in five sub-bands, VV over a metal mine and HH over a plastic one.
-    """
+    """Draw Fig. 8: cleaned scans in five sub-bands, VV of a metal mine and HH of a plastic one."""
     figure, axes = _figure(8, 5.0, 2, 5)
-    for row, (name, pol) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
+    for row, (name, polarization) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
+        position = examples[f"place_{name}"]
         for axis, band in zip(row, _BANDS, strict=True):
-            image = examples[f"clean_{name}"][_at(examples, pol, band)]
-            _scan(
-                axis, image, examples, examples[f"place_{name}"], f"{pol}, {band}", (-3, 3), (8, 16)
-            )
+            image = examples[f"clean_{name}"][_at(examples, polarization, band)]
+            title = f"{polarization}, {band}"
+            _scan(axis, image, examples, position, title, (-3, 3), (8, 16))
     _scan_axes(figure, axes)
     return figure
 
 
 def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> Figure:
-    """Fig. 9: ROC of the prescreener for every polarization and sub-band."""
+    """Draw Fig. 9: ROC of the prescreener for every polarization and sub-band."""
     figure, axes = _figure(9, 3.4, 1, 3)
-    for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
+    for axis, polarization in zip(axes, _POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
-            _step(
-                axis,
-                roc_of(matches[pol, band], mines, area=AREA),
-                band,
-                colour,
-                ":" if band == "F0" else "-",
-            )
-        _roc_axes(axis, pol, 0.3)
+            curve = roc_of(matches[polarization, band], mines, area=AREA)
+            _step(axis, curve, band, colour, ":" if band == "F0" else "-")
+        _roc_axes(axis, polarization, 0.3)
     return figure
 
 
 def patch_figure(examples: Examples) -> Figure:
-    """Fig. 10: incoherent patches of three hits and a false alarm."""
+    """Draw Fig. 10: incoherent patches of three hits and a false alarm."""
     names = ("surface", "shallow", "plastic", "false")
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
+    channels = {}
+    for polarization in _POLARIZATIONS:
+        for band in _BANDS[1:]:
+            channels[f"{polarization} {band}"] = _at(examples, polarization, band)
     figure = Figure(figsize=(9, 6.6), layout="constrained")
     axes = figure.subplots(1, 4, width_ratios=[len(examples[f"patches_{name}"]) for name in names])
     for axis, letter, name in zip(axes, "abcd", names, strict=True):
-        title = f"({letter}) {titles[name]}"
         patches = examples[f"patches_{name}"]
-        order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
-        # As in the scan images, far is up.
-        scaled = []
-        for channel in order:
-            framed = [np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches]
-            row = np.hstack(framed)
-            scaled.append(row / np.nanmax(row))
-        axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
-        size = scaled[0].shape[0]
-        labels = [f"{pol} {band}" for pol in _POLARIZATIONS for band in _BANDS[1:]]
-        axis.set_yticks((np.arange(len(labels)) + 0.5) * size, labels, fontsize=7)
-        axis.set_xticks(
-            (np.arange(len(patches)) + 0.5) * size,
-            [f"{d:.0f}" for d in examples[f"distances_{name}"]],
-            fontsize=7,
-        )
-        axis.set_title(title, fontsize=8)
+        rows = [_patch_row(patches, channel) for channel in channels.values()]
+        axis.imshow(np.vstack(rows), cmap="gray", vmin=0, vmax=1, aspect="equal")
+        size = rows[0].shape[0]
+        row_middles = (np.arange(len(rows)) + 0.5) * size
+        column_middles = (np.arange(len(patches)) + 0.5) * size
+        distances = [f"{distance:.0f}" for distance in examples[f"distances_{name}"]]
+        axis.set_yticks(row_middles, list(channels), fontsize=7)
+        axis.set_xticks(column_middles, distances, fontsize=7)
+        axis.set_title(f"({letter}) {titles[name]}", fontsize=8)
         axis.set_xlabel("distance (m)", fontsize=8)
     _colour_bar(figure, axes, "magnitude over the row's largest")
     return figure
 
 
+def _patch_row(patches: NDArray[Any], channel: tuple[int, int]) -> NDArray[Any]:
+    """Return the framed patches of a channel side by side, over their largest magnitude."""
+    framed = []
+    for patch in patches:
+        # As in the scan images, far is up.
+        framed.append(np.pad(np.nan_to_num(patch[channel][::-1]), 1))
+    row = np.hstack(framed)
+    return np.asarray(row / np.nanmax(row))
+
+
 def region_figure(recipe: Recipe) -> Figure:
-    """Fig. 11: regions of an incoherent patch."""
+    """Draw Fig. 11: regions of an incoherent patch."""
     patch = recipe.contrast.patch()
     codes = np.where(patch.region(patch.guard), 1, 2) - patch.region(patch.inner)
     figure, axis = _figure(3.4, 3.4, 1, 1)
@@ -237,18 +232,25 @@ def region_figure(recipe: Recipe) -> Figure:
 
 
 def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64]) -> Figure:
-    """Fig. 12: histogram of M_HH before and after duplication and after normalisation."""
-    figure, axes = _figure(9, 2.8, 1, 3)
-    normal = (
-        HistogramNormalizer()
-        .fit(values[:, None], sample_weight=weight)
-        .transform(values[:, None])[:, 0]
+    """Draw Fig. 12: histogram of M_HH before and after duplication and after normalisation.
+
+    Parameters
+    ----------
+    values : (alarm,) ndarray
+        M_HH of the alarms.
+    weight : (alarm,) ndarray of int
+        How often each counts.
+    """
+    normalizer = HistogramNormalizer().fit(values[:, None], sample_weight=weight)
+    normal = normalizer.transform(values[:, None])[:, 0]
+    panels = (
+        ("(a) alarms", values, np.ones_like(weight)),
+        ("(b) with duplication", values, weight),
+        ("(c) normalised", normal, weight),
     )
-    titles = ("(a) alarms", "(b) with duplication", "(c) normalised")
-    for axis, data, w, title in zip(
-        axes, (values, values, normal), (np.ones_like(weight), weight, weight), titles, strict=True
-    ):
-        axis.hist(data, bins=40, weights=w, color="#0072b2")
+    figure, axes = _figure(9, 2.8, 1, 3)
+    for axis, (title, data, weights) in zip(axes, panels, strict=True):
+        axis.hist(data, bins=40, weights=weights, color="#0072b2")
         axis.set_title(title, fontsize=9)
         axis.set_xlabel("M_HH", fontsize=8)
     return figure
@@ -264,38 +266,44 @@ def classifier_figure(
     subsets: Mapping[str, Any],
     bands: Mapping[str, Band] | None = None,
 ) -> Figure:
-    """Fig. 13 and 14: ROC of classifiers by data set.
+    """Draw Fig. 13 or 14: ROC of classifiers by data set.
 
-    ``bands`` add those of one as it is and trained anew.
+    Parameters
+    ----------
+    panels : mapping
+        Matched alarms by the title of the panel and the name of the classifier.
+    subsets : mapping
+        Subsets of the targets by name.
+    bands : mapping, optional
+        Bands of the last classifier of the first panel by subset: as it is, and trained anew.
     """
     shown = dict(bands or {})
     columns = len(panels)
     rows = 1 + -(-len(shown) // columns)
     figure, grid = _figure(4.4 * columns, 3.6 * rows, rows, columns)
     axes = np.ravel(grid)
-    last = list(next(iter(panels.values())).items())[-1]
-    for axis, (kind, (trained, anew)), colour in zip(
-        axes[columns:], shown.items(), _COLOURS, strict=False
-    ):
-        axis.fill_between(
-            BAND_FAR,
-            *anew,
-            color=colour,
-            alpha=0.15,
-            lw=0,
-            label="95 %, trained anew in every draw",
-        )
-        axis.fill_between(
-            BAND_FAR, *trained, color=colour, alpha=0.3, lw=0, label="95 %, as trained"
-        )
-        _step(axis, roc_of(last[1], subsets[kind], area=AREA), f"{last[0]}, {kind}", colour, "-")
-        _roc_axes(axis, f"{kind} mines with bands", 0.1)
     for axis, (title, matches) in zip(axes, panels.items(), strict=False):
         for colour, (name, match) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
-                _step(axis, roc_of(match, subset, area=AREA), f"{name}, {kind}", colour, dash)
+                curve = roc_of(match, subset, area=AREA)
+                _step(axis, curve, f"{name}, {kind}", colour, dash)
         _roc_axes(axis, title, 0.1)
+    first_panel = next(iter(panels.values()))
+    last_name, last_match = list(first_panel.items())[-1]
+    for axis, (kind, band), colour in zip(axes[columns:], shown.items(), _COLOURS, strict=False):
+        _fill_bands(axis, band, colour)
+        curve = roc_of(last_match, subsets[kind], area=AREA)
+        _step(axis, curve, f"{last_name}, {kind}", colour, "-")
+        _roc_axes(axis, f"{kind} mines with bands", 0.1)
     return figure
+
+
+def _fill_bands(axis: Axes, band: Band, colour: str) -> None:
+    """Draw the bands of a classifier as it is, and trained anew in every draw."""
+    trained, retrained = band
+    label = "95 %, trained anew in every draw"
+    axis.fill_between(BAND_FAR, *retrained, color=colour, alpha=0.15, lw=0, label=label)
+    axis.fill_between(BAND_FAR, *trained, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
 
 
 def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figure, Any]:
@@ -306,16 +314,15 @@ def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figur
 
 def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
     """Return the indices of a polarization and a sub-band."""
-    return list(examples["polarization"]).index(polarization), list(examples["subband"]).index(
-        subband
-    )
+    polarizations = list(examples["polarization"])
+    subbands = list(examples["subband"])
+    return polarizations.index(polarization), subbands.index(subband)
 
 
 def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
     """Return an image in dB, at least -240."""
-    return np.asarray(
-        20 * np.log10(np.maximum(np.nan_to_num(np.asarray(image, np.float64)), 1e-12))
-    )
+    magnitude = np.nan_to_num(np.asarray(image, np.float64))
+    return np.asarray(20 * np.log10(np.maximum(magnitude, 1e-12)))
 
 
 def _scan(
@@ -329,17 +336,16 @@ def _scan(
     top: float | None = None,
 ) -> None:
     """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
-    values = _decibel(image)
+    level = _decibel(image)
     extent = (examples["x"][0], examples["x"][-1], examples["y"][0], examples["y"][-1])
-    if top is None:
-        top = values.max()
     if x and y:
-        rows, columns = (
-            np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x))
-        )
-        top = values[np.ix_(rows, columns)].max()
+        rows = _is_within(examples["y"], y)
+        columns = _is_within(examples["x"], x)
+        top = level[np.ix_(rows, columns)].max()
+    elif top is None:
+        top = level.max()
     axis.imshow(
-        values - top,
+        level - top,
         origin="lower",
         extent=extent,
         vmin=-_DB,
@@ -347,13 +353,18 @@ def _scan(
         cmap="gray_r",
         aspect="equal",
     )
-    axis.add_patch(
-        Circle((float(position[0]), float(position[1])), 1.0, fill=False, color="#d55e00", lw=1.0)
-    )
+    centre = float(position[0]), float(position[1])
+    axis.add_patch(Circle(centre, 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)
     axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
     axis.set_title(title, fontsize=9)
     axis.tick_params(labelsize=7)
+
+
+def _is_within(axis: NDArray[Any], limits: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return which positions of an axis lie within limits."""
+    middle = sum(limits) / 2
+    return np.asarray(np.abs(axis - middle) <= np.ptp(limits) / 2)
 
 
 def _scan_axes(figure: Figure, axes: Any, label: str = "dB below the image's largest") -> None:

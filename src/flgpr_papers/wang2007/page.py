@@ -1,4 +1,4 @@
-"""The page of the reproduction: findings, tables and figures of the paper beside ours."""
+"""The page of the reproduction: findings, tables and figures of the paper, and ours."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from flgpr_papers.wang2007.analysis import (
     prescreened,
     table_one,
 )
-from flgpr_papers.wang2007.findings import SETS, all_findings, retrainings
+from flgpr_papers.wang2007.comparisons import retrainings
+from flgpr_papers.wang2007.findings import SETS, Tables, all_findings
 from flgpr_papers.wang2007.twins import Shown, drawings
 
 Row = tuple[Any, ...]
@@ -53,111 +54,154 @@ def page_html(
     study_world: StudyWorld,
     other: OtherWorld,
 ) -> tuple[str, list[Finding]]:
-    """Judge the findings and write the page, which needs nothing beside it."""
+    """Judge the findings and write the page, which needs no other file.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    calibration, blind : sequence of LaneResult
+        Results of the lanes.
+    recipe : Recipe
+        Recipe of the study.
+    radar : Sensor
+        The array.
+    quick : bool
+        Whether the study is a quick run.
+    track : Track
+        Shows progress.
+    costs : DataFrame
+        As :func:`~flgpr_papers.wang2007.costs.cost_table` returns it.
+    study_world : StudyWorld
+        World of the lanes.
+    other : OtherWorld
+        Findings of the same study on roads as found.
+
+    Returns
+    -------
+    html : str
+        The page.
+    findings : list of Finding
+        The findings, in its order.
+    """
     draws = 100 if quick else 1000
-    findings, (pool, by_band, searches, sets, blind_matches) = all_findings(
-        calibration, blind, recipe, draws
-    )
-    score, confidence, chosen = pool.nested(all_forty()[:10], 5)
-    lists = {"prescreener, HH F1": prescreened(calibration, "HH", "F1", recipe)}
-    lists |= {
-        f"{name}, calibration": pool.match_of(pool.confidence(list(columns), "C"))
-        for name, columns in SETS.items()
-    }
-    subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
-    points = point_rows(lists, subsets | {"simulants": SIMULANTS}, area=AREA)
-    points += point_rows(
-        {f"{name}, blind": entry for name, entry in blind_matches.items()}, subsets, area=AREA
-    )
-    low, high = pool.interval(confidence, draws)
+    findings, tables = all_findings(calibration, blind, recipe, draws)
+    pool = tables.pool
     examples = read_arrays(folder / "results" / "examples.bundle")
-    shown = Shown(recipe, radar, calibration, pool, examples, blind_matches)
-    twins = [
-        Twin(
-            entry.number, entry.title, draw(entry.figure, quick, 100), entry.caption, entry.numbers
-        )
-        for entry in track(drawings(shown), "drawing the page", 14)
-    ]
+    shown = Shown(recipe, radar, calibration, pool, examples, tables.blind)
     html = study_html(
         "wang2007.html",
         quick=quick,
         study_world=study_world,
         other=other,
         radar=radar,
-        lanes=[_lane_row(entry) for entry in (*calibration, *blind)],
+        lanes=[_lane_row(result) for result in (*calibration, *blind)],
         found=findings,
         chance=by_chance(findings),
         header=HEADER,
-        points=points,
+        points=_point_rows(calibration, recipe, tables),
         retrained=_retrained_rows(pool, draws),
         features=list(FEATURES),
         numbered=[f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
         costs=_cost_rows(costs),
-        singles=_single_rows(by_band["F1"]),
+        singles=_single_rows(tables.by_band["F1"]),
         variants=_variant_rows(pool),
-        bands=[(band, *_two_digits(table.loc["A"])) for band, table in by_band.items()],
-        searches=_search_rows(searches),
-        nested={
-            "score": score,
-            "low": low,
-            "high": high,
-            "chosen": "; ".join(map(", ".join, chosen)),
-        },
-        sets=_set_rows(sets),
+        bands=[(band, *_two_digits(table.loc["A"])) for band, table in tables.by_band.items()],
+        searches=_search_rows(tables.searches),
+        nested=_nested_search(pool, draws),
+        sets=_set_rows(tables.sets),
         all_forty=[
             ("paper", *_steps(*PAPER["forty"]["steps"])),
-            ("here", *_found_steps(sets["all"])),
+            ("here", *_found_steps(tables.sets["all"])),
         ],
-        twins=twins,
+        twins=_twins(shown, quick, track),
     )
     return html, findings
+
+
+def _point_rows(
+    calibration: Sequence[LaneResult], recipe: Recipe, tables: Tables
+) -> list[tuple[str, ...]]:
+    """Tabulate Pd at the operating points, of prescreener and classifiers on all lanes."""
+    pool = tables.pool
+    matches = {"prescreener, HH F1": prescreened(calibration, "HH", "F1", recipe)}
+    for name, columns in SETS.items():
+        matches[f"{name}, calibration"] = pool.match_of(pool.confidence(list(columns), "C"))
+    blind_matches = {f"{name}, blind": match for name, match in tables.blind.items()}
+    subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
+    rows = point_rows(matches, subsets | {"simulants": SIMULANTS}, area=AREA)
+    return rows + point_rows(blind_matches, subsets, area=AREA)
+
+
+def _nested_search(pool: Pool, draws: int) -> dict[str, Any]:
+    """Return PD_mean of nested searches in F1 with its interval, and the features chosen."""
+    score, confidence, chosen = pool.nested(all_forty()[:10], 5)
+    low, high = pool.interval(confidence, draws)
+    sets = [", ".join(names) for names in chosen]
+    return {"score": score, "low": low, "high": high, "chosen": "; ".join(sets)}
+
+
+def _twins(shown: Shown, quick: bool, track: Track) -> list[Twin]:
+    """Draw the figures of the paper from our lanes."""
+    twins = []
+    for drawing in track(drawings(shown), "drawing the page", 14):
+        picture = draw(drawing.figure, quick, 100)
+        twins.append(Twin(drawing.number, drawing.title, picture, drawing.caption, drawing.numbers))
+    return twins
 
 
 def _cost_rows(costs: pd.DataFrame) -> list[Row]:
     """Tabulate what each difference costs.
 
-    A row per difference and kind of lanes, a column per detector.
+    There is a row per difference and kind of lanes, and a column per detector.
     """
     rows: list[Row] = []
-    for (entry, where), rows_of_entry in costs.groupby(["difference", "lanes"], sort=False):
-        first_row = rows_of_entry.iloc[0]
-        cells = [
-            f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})"
-            for _, row in rows_of_entry.iterrows()
-        ]
-        alarms = f"{first_row['alarms']} and {first_row['alarms_changed']}"
-        rows.append(
-            (entry, f"{first_row['printed']} to {first_row['changed']}", where, *cells, alarms)
-        )
+    for (difference, lanes), of_difference in costs.groupby(["difference", "lanes"], sort=False):
+        first = of_difference.iloc[0]
+        change = f"{first['printed']} to {first['changed']}"
+        cells = []
+        for _, row in of_difference.iterrows():
+            cells.append(f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})")
+        alarms = f"{first['alarms']} and {first['alarms_changed']}"
+        rows.append((difference, change, lanes, *cells, alarms))
     return rows
 
 
 def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
-    """Return PD_mean of both classifiers with its intervals.
+    """Tabulate PD_mean of both classifiers with two intervals.
 
-    They are of lanes and targets alone, and with training in every draw.
+    The first is over lanes and targets alone, the second with training in every draw.
     """
     rows = []
     for name, columns in SETS.items():
         for method in "AC":
             confidence = pool.confidence(list(columns), method)
             value = pool.scorer(confidence)
-            narrow = pool.interval(confidence, draws)
-            _, low, high = spread(
-                value, pool.retrained(list(columns), method, retrainings(draws)), bounds=SHARE
+            low, high = pool.interval(confidence, draws)
+            drawn = pool.retrained(list(columns), method, retrainings(draws))
+            _, retrained_low, retrained_high = spread(value, drawn, bounds=SHARE)
+            rows.append(
+                (
+                    name,
+                    METHODS[method],
+                    f"{value:.2f}",
+                    f"{low:.2f} to {high:.2f}",
+                    f"{retrained_low:.2f} to {retrained_high:.2f}",
+                )
             )
-            cells = (f"{a:.2f} to {b:.2f}" for a, b in (narrow, (low, high)))
-            rows.append((name, METHODS[method], f"{value:.2f}", *cells))
     return rows
 
 
 def _lane_row(result: LaneResult) -> Row:
     """Return the row of a lane: its length, mines and alarms."""
     length = result.lane.y_max - result.lane.y_min
-    count = ((result.truth["kind"] == kind).sum() for kind in ("metal", "plastic", "simulant"))
+    kinds = result.truth["kind"].value_counts()
+    counts = [int(kinds.get(kind, 0)) for kind in ("metal", "plastic", "simulant")]
     surface = (result.truth["depth"] < 0).sum()
     alarms = len(result.alarms)
-    return result.name, f"{length:.0f} m", *count, surface, alarms, f"{alarms / 6 / length:.2f}"
+    # Alarms are raised on the run-view, which is 6 m wide.
+    density = alarms / 6 / length
+    return result.name, f"{length:.0f} m", *counts, surface, alarms, f"{density:.2f}"
 
 
 def _two_digits(values: Any) -> list[str]:

@@ -1,4 +1,4 @@
-"""Why statements of Wang et al. 2007 do not hold here.
+"""Experiments on why statements of Wang et al. 2007 do not hold here.
 
 Small twins of its lanes with one thing changed. Twins have the study's site, radar and drive. Those
 of one seed differ in nothing but what is changed. What each explanation predicts was written before
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from flgpr.scoring import assign, clopper_pearson, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
-from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval
 from flgpr_papers.kit.mines import MIXES, mix_draws
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
@@ -117,7 +118,7 @@ _ALL_FOUND: Bounds = (0.85, 1.0)  # its 100 % less that margin
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``.
+    """Run the experiments, or read those that are on disk in ``folder/reasons``.
 
     Parameters
     ----------
@@ -144,13 +145,12 @@ def trials(
         make, scene = _job(kind, name, quick, world)
         key = key_of(scene.model_dump(mode="json"), seed, SCAN_EVERY, flgpr.__version__)
         path = folder / "reasons" / f"{kind}-{key}.json"
-        record = kept(path, lambda make=make, scene=scene, seed=seed: make(scene, seed))  # type: ignore[misc]
+        record = read_or_make(path, partial(make, scene, seed))
         records.setdefault((kind, name), []).append(record)
-    clutter = {name: records["clutter", name] for name in CLUTTER_CHANGES}
-    made_trials = clutter_trials(clutter)
+    trial_list = clutter_trials({name: records["clutter", name] for name in CLUTTER_CHANGES})
     if world == OWN:
-        made_trials += mine_trials({name: records["mines", name] for name in MINE_CHANGES})
-    return made_trials
+        trial_list += mine_trials({name: records["mines", name] for name in MINE_CHANGES})
+    return trial_list
 
 
 def _job(kind: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
@@ -161,9 +161,16 @@ def _job(kind: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
 
 
 def clutter_scene(name: str, quick: bool = False, world: str = OWN) -> Scene:
-    """Describe a lane of the study's site with few targets.
+    """Return a lane of the study's site with few targets and a change of ``CLUTTER_CHANGES``.
 
-    It has a change of ``CLUTTER_CHANGES``.
+    Parameters
+    ----------
+    name : str
+        Name of the change.
+    quick : bool
+        A short lane.
+    world : str
+        World of the study.
     """
     targets, tables = CLUTTER_CHANGES[name]
     mixes = study_world("wang2007", world).mixes
@@ -174,9 +181,14 @@ def clutter_scene(name: str, quick: bool = False, world: str = OWN) -> Scene:
 
 
 def mine_scene(name: str, quick: bool = False) -> Scene:
-    """Describe a prepared lane with the paper's kinds of mines.
+    """Return a prepared lane with the paper's kinds of mines and a change of ``MINE_CHANGES``.
 
-    It has a change of ``MINE_CHANGES``.
+    Parameters
+    ----------
+    name : str
+        Name of the change.
+    quick : bool
+        A short lane.
     """
     plastic, tables = MINE_CHANGES[name]
     draws = []
@@ -186,25 +198,25 @@ def mine_scene(name: str, quick: bool = False) -> Scene:
 
 
 def _draws(kind: str, depth: float, count: int, made_of: str | None) -> list[dict[str, Any]]:
-    """Lay mines of a mix, of a body or of the generic body.
+    """Return the draws of mines of a mix, of a body, or of the generic body (None).
 
-    On the ground they have the depth of their height.
+    A body that lies on the ground has the depth of its own height.
     """
     if made_of is None:
         return [{"kind": kind, "depth": depth, "count": count}]
-    draws: list[dict[str, Any]] = [{"kind": kind, "body": made_of, "depth": depth, "count": count}]
     if made_of in MIXES:
         draws = mix_draws(made_of, depth, count)
-    on_the_ground = depth < 0
-    return [
-        draw | {"depth": -body_size(draw["body"])["height"]} if on_the_ground else draw
-        for draw in draws
-    ]
+    else:
+        draws = [{"kind": kind, "body": made_of, "depth": depth, "count": count}]
+    if depth < 0:
+        for draw in draws:
+            draw["depth"] = -body_size(draw["body"])["height"]
+    return draws
 
 
 def _scene(
     draws: list[dict[str, Any]],
-    parts: Mapping[str, Mapping[str, Any]],
+    tables: Mapping[str, Mapping[str, Any]],
     length: float,
     quick: bool,
     world: str,
@@ -221,12 +233,19 @@ def _scene(
             "surface": {"density": 20.0 if quick else 100.0},
         }
     )
-    entries: dict[str, Any] = {name: dict(values) for name, values in parts.items()}
-    return changed(scene, **entries)
+    changes: dict[str, Any] = {name: dict(entries) for name, entries in tables.items()}
+    return changed(scene, **changes)
 
 
 def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
-    """Simulate a lane in HH and VV and tell how far its clutter stands out in every sub-band.
+    """Simulate a lane in HH and VV and measure how far its clutter stands out in every sub-band.
+
+    Parameters
+    ----------
+    scene : Scene
+        The lane.
+    seed : int
+        Seed of what the scene leaves to chance.
 
     Returns
     -------
@@ -274,18 +293,25 @@ def _scan_row(
     """Return how far clutter stands out in a scan image, on the ground of the paper's Fig. 8."""
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     chosen = (np.abs(x) <= HALF) & (y >= NEAR) & (y <= FAR)
-    places = np.column_stack([truth["x"], truth["y"], np.zeros(len(truth))])
-    for target_x, target_y, _ in lane_to_scan(places, np.asarray(image.attrs["pose"])):
+    targets = np.column_stack([truth["x"], truth["y"], np.zeros(len(truth))])
+    for target_x, target_y, _ in lane_to_scan(targets, np.asarray(image.attrs["pose"])):
         chosen &= np.hypot(x - target_x, y - target_y) > CLEAR
-    return {
-        f"{polarization} {subband}": stands_out(magnitude[p, b][chosen])
-        for p, polarization in enumerate(channels["polarization"])
-        for b, subband in enumerate(channels["subband"])
-    }
+    row = {}
+    for p, polarization in enumerate(channels["polarization"]):
+        for b, subband in enumerate(channels["subband"]):
+            row[f"{polarization} {subband}"] = stands_out(magnitude[p, b][chosen])
+    return row
 
 
 def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
-    """Simulate a lane in F1 and look for its mines with C_HH and with the prescreener.
+    """Simulate a lane in F1 and search it with C_HH and with the prescreener.
+
+    Parameters
+    ----------
+    scene : Scene
+        The lane.
+    seed : int
+        Seed of what the scene leaves to chance.
 
     Returns
     -------
@@ -296,16 +322,16 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
     run, truth = simulate(scene, sensor(F1_BAND), seed)
     recipe = recipe_of_f1()
     alarms = detect(run, recipe, scene.lane).alarms
-    by = {"contrast": alarms, "prescreener": alarms.assign(confidence=alarms["magnitude"])}
+    rankings = {"contrast": alarms, "prescreener": alarms.assign(confidence=alarms["magnitude"])}
     table = truth[["kind", "depth"]].copy()
-    for name, ranked in by.items():
+    for name, ranked in rankings.items():
         far = assign(match(ranked, truth, scene.lane))["far"].to_numpy(dtype=np.float64)
         table[name] = [float(value) if math.isfinite(value) else None for value in far]
     return {"targets": table.to_dict("records")}
 
 
 def recipe_of_f1() -> Recipe:
-    """Take the packaged recipe wang2007 with the sub-band F1 alone."""
+    """Return the packaged recipe wang2007 with the sub-band F1 alone."""
     lines = recipe_text("wang2007").splitlines()
     return parse_recipe("\n".join(line for line in lines if not line.startswith(BANDS_LEFT_OUT)))
 
@@ -315,7 +341,7 @@ BANDS_LEFT_OUT = tuple(f"{band} " for band in BANDS if band != "F1")
 
 
 def clutter_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
-    """Ask what makes clutter in HH stand out less in F2 than in F1 (Fig. 8)."""
+    """Return trials of what makes clutter in HH stand out less in F2 than in F1 (Fig. 8)."""
     statement = "Sub-band F1 has the lowest level of clutter, in VV and HH"
     measure = "99 % quantile over median, HH F2 less HH F1, run-view by stretches of 10 m"
     why = {
@@ -381,51 +407,43 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
-    """Ask why plastic is not found as often as in the paper (Sec. III): mines or road."""
+    """Return trials of why plastic is found less often than in the paper (Sec. III).
+
+    Parameters
+    ----------
+    records : mapping of str to sequence of Record
+        Records of every change, seed by seed, see :func:`mine_record`.
+    """
     plastic = "Of the buried plastic mines C_HH finds 90% at 0.07 per m² (calibration)"
     reached = "HH F1 reaches 100 % at FAR <= 0.15 per m²"
-    why = {
+    explanations = {
         _FUZE: "the mix of mines: what has neither metal nor much air is hardly found",
         _SMOOTH: "the surface, which could be as smooth as 1 mm",
         _BEST: "road and soil, which could be at the best ends of their ranges",
     }
     trial_list = []
     for name in MINE_CHANGES:
+        explanation = explanations.get(name, "")
         targets = pd.concat([pd.DataFrame(record["targets"]) for record in records[name]])
         buried = targets[(targets["kind"] == "plastic") & (targets["depth"] > 0)]
-        explanation = why.get(name, "")
-        for statement, chosen, by, far, rule, words in (
-            (
-                plastic,
-                buried,
-                "contrast",
-                0.07,
-                _FOUND,
-                "buried plastic found by C_HH at 0.07 per m²",
-            ),
-            (
-                plastic,
-                buried,
-                "contrast",
-                0.02,
-                None,
-                "buried plastic found by C_HH at 0.02 per m²",
-            ),
-            (
-                reached,
-                targets,
-                "prescreener",
-                0.15,
-                _ALL_FOUND,
-                "mines found by HH F1 at 0.15 per m²",
-            ),
-        ):
-            cost = chosen[by].to_numpy(dtype=np.float64)  # None becomes NaN, which is not found
-            number = int((cost <= far).sum())
-            low, high = clopper_pearson(number, len(chosen))
-            value = number / len(chosen), float(low), float(high)
-            sample = f"{number} of {len(chosen)} mines"
+        # A number without a rule is shown for comparison: it has no explanation either.
+        for far, rule in ((0.07, _FOUND), (0.02, None)):
+            value, sample = _found_share(buried["contrast"], far)
+            quantity = f"buried plastic found by C_HH at {far:g} per m²"
             asked = explanation if rule else ""
             predicted = rule if asked else None
-            trial_list.append(Trial(statement, asked, name, words, value, sample, predicted))
+            trial_list.append(Trial(plastic, asked, name, quantity, value, sample, predicted))
+        value, sample = _found_share(targets["prescreener"], 0.15)
+        quantity = "mines found by HH F1 at 0.15 per m²"
+        predicted = _ALL_FOUND if explanation else None
+        trial_list.append(Trial(reached, explanation, name, quantity, value, sample, predicted))
     return trial_list
+
+
+def _found_share(far_of_targets: pd.Series, far: float) -> tuple[Interval, str]:
+    """Return the share of targets found at an allowed FAR with its exact interval, and in words."""
+    cost = far_of_targets.to_numpy(dtype=np.float64)  # None becomes NaN, which is not found
+    number = int((cost <= far).sum())
+    low, high = clopper_pearson(number, len(cost))
+    value = number / len(cost), float(low), float(high)
+    return value, f"{number} of {len(cost)} mines"

@@ -196,9 +196,12 @@ def _series(shown: Shown) -> Drawing:
 
 
 def likeness(series: NDArray[Any]) -> float:
-    """Return the mean correlation of neighbouring images (image, y, x) of a series.
+    """Return the mean correlation of neighbouring images of a series, of their levels in dB.
 
-    It is of their levels in dB.
+    Parameters
+    ----------
+    series : (image, y, x) ndarray
+        Magnitudes.
     """
     levels = np.log(np.maximum(series.reshape(len(series), -1).astype(np.float64), 1e-30))
     pairs = [np.corrcoef(first, second)[0, 1] for first, second in pairwise(levels)]

@@ -1,7 +1,4 @@
-"""The map of worlds.
-
-What a lane must be like for mines to be found and for the papers' statements to hold.
-"""
+"""The map of worlds: on which lanes mines are found and the papers' statements hold."""
 
 from flgpr_papers.worlds.parts import PARTS, map_worlds
 

@@ -1,6 +1,6 @@
-"""What of stones, uneven soil, holes, waviness and the rest costs how much.
+"""What each part of a road costs, one at a time on the same mines: stones, holes, waves and more.
 
-One thing at a time, on the same mines. The smooth road is the prepared site with nothing in its
+The smooth road is the prepared site with nothing in its
 soil, no growth and nothing beside it. Each part of the natural site is added to it, and taken from
 the natural road. All roads have the soil of the prepared site.
 """
@@ -20,7 +20,7 @@ from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr_papers.kit.worlds import DECLARED, in_soil_of, on_soil_of
 from flgpr_papers.worlds.effects import block_differences
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 PARTS: dict[str, list[str]] = DECLARED["ablation"]["parts"]
 """Entries of a scene that belong to each part."""
@@ -64,9 +64,9 @@ def replaced(road: Tables, other: Tables, parts: Iterable[str]) -> Tables:
 
 
 def jobs(quick: bool = False) -> list[LaneJob]:
-    """List the lanes.
+    """List the lanes: both roads as they are and with every part changed, in every replicate.
 
-    Both roads as they are and with every part changed, the same mines in every replicate.
+    All lanes of a replicate have the same mines.
     """
     declared = DECLARED["ablation"]
     changes = [NOTHING, *PARTS]
@@ -80,11 +80,9 @@ def jobs(quick: bool = False) -> list[LaneJob]:
         for road in ROADS:
             tables_of_road, other = (smooth, natural) if road == "smooth" else (natural, smooth)
             for change in changes:
-                tables = (
-                    tables_of_road
-                    if change == NOTHING
-                    else replaced(tables_of_road, other, [change])
-                )
+                tables = tables_of_road
+                if change != NOTHING:
+                    tables = replaced(tables_of_road, other, [change])
                 name = f"{road}-{change.replace(' ', '-')}-{replicate}"
                 about = {"road": road, "change": change, "replicate": replicate}
                 seed = declared["seed"] + replicate
@@ -108,15 +106,22 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*lanes[0].about, "lane"])
-    write_table(folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"]))
-    write_table(folder / "ablation.csv", table)
-    write_table(folder / "ablation-costs.csv", costs(table))
+    write_rounded_table(
+        folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"])
+    )
+    write_rounded_table(folder / "ablation.csv", table)
+    write_rounded_table(folder / "ablation-costs.csv", costs(table))
 
 
 def responses(table: pd.DataFrame) -> dict[str, pd.Series]:
-    """Return what is compared between lanes, by name.
+    """Return what is compared between lanes, by name: Pd of each kind at each FAR, and its echo.
 
-    Pd of each kind at each FAR, and mean signal to clutter, dB.
+    The echo is the mean signal to clutter, dB.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``ablation.csv``: a row per lane.
     """
     columns: dict[str, pd.Series] = {}
     for kind in KINDS:

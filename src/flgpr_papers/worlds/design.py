@@ -1,7 +1,4 @@
-"""Designed fractions of a space of axes.
-
-D-optimal tables by coordinate exchange, and what they can tell apart.
-"""
+"""Designed fractions of a space of axes: D-optimal tables, and what they can decide."""
 
 from __future__ import annotations
 
@@ -58,10 +55,9 @@ def model_matrix(
     ValueError
         If a value of the table is no level of its axis.
     """
-    terms = {
-        axis: contrasts(len(levels))[_level_numbers(table, axis, levels)]
-        for axis, levels in axes.items()
-    }
+    terms = {}
+    for axis, levels in axes.items():
+        terms[axis] = contrasts(len(levels))[_level_numbers(table, axis, levels)]
     columns = []
     for term in terms_of(axes, interactions):
         block = np.ones((len(table), 1))
@@ -75,33 +71,42 @@ def term_columns(
     axes: Axes, interactions: Sequence[tuple[str, str]]
 ) -> dict[tuple[str, ...], slice]:
     """Return which columns of the model matrix belong to each term."""
-    places: dict[tuple[str, ...], slice] = {}
+    columns_of_term: dict[tuple[str, ...], slice] = {}
     start = 0
     for term in terms_of(axes, interactions):
         width = int(np.prod([len(axes[axis]) - 1 for axis in term], dtype=int))
-        places[term] = slice(start, start + width)
+        columns_of_term[term] = slice(start, start + width)
         start += width
-    return places
+    return columns_of_term
 
 
 def marginal_row(
     levels: Mapping[str, Any], axes: Axes, interactions: Sequence[tuple[str, str]]
 ) -> FloatArray:
-    """Compute the row of the model matrix for given levels of some axes.
+    """Compute the row (column,) of the model matrix for levels of some axes.
 
-    It is the mean over all levels of the others.
+    It is the mean over all levels of the other axes.
+
+    Parameters
+    ----------
+    levels : mapping of str to object
+        Level of each axis that is given.
+    axes : mapping of str to sequence
+        Levels of every axis.
+    interactions : sequence of pairs of str
+        Pairs of axes whose interaction is in the model.
     """
-    terms = {
-        axis: contrasts(len(axes[axis]))[list(axes[axis]).index(level)]
-        for axis, level in levels.items()
-    }
-    places = term_columns(axes, interactions)
-    row = np.zeros(max(columns.stop for columns in places.values()))
-    for term, columns in places.items():
-        if all(axis in terms for axis in term):
+    contrast_of_level = {}
+    for axis, level in levels.items():
+        number = list(axes[axis]).index(level)
+        contrast_of_level[axis] = contrasts(len(axes[axis]))[number]
+    columns_of_term = term_columns(axes, interactions)
+    row = np.zeros(max(columns.stop for columns in columns_of_term.values()))
+    for term, columns in columns_of_term.items():
+        if all(axis in contrast_of_level for axis in term):
             block = np.ones(1)
             for axis in term:
-                block = np.outer(block, terms[axis]).ravel()
+                block = np.outer(block, contrast_of_level[axis]).ravel()
             row[columns] = block
     return row
 
@@ -134,12 +139,12 @@ def d_optimal(
         if value > best_value:
             best = levels
             best_value = value
-    places = np.array(np.ravel_multi_index(tuple(best.T), shape), dtype=np.intp)
-    first = places[rng.permutation(len(places))]
+    chosen = np.array(np.ravel_multi_index(tuple(best.T), shape), dtype=np.intp)
+    first = chosen[rng.permutation(len(chosen))]
     tables = [space.iloc[first].assign(replicate=0)]
     if repeats > 0:
-        rows = _repeated_rows(every_row[places], each, repeats, starts, rng)
-        tables.append(space.iloc[places[rng.permutation(rows)]].assign(replicate=1))
+        rows = _repeated_rows(every_row[chosen], each, repeats, starts, rng)
+        tables.append(space.iloc[chosen[rng.permutation(rows)]].assign(replicate=1))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -153,7 +158,8 @@ def _random_levels(
 ) -> NDArray[np.intp]:
     """Draw numbers of levels (row, axis).
 
-    All cells in order, and the other axes' in equal numbers in random order.
+    The cells of the crossed axes are in order; the levels of the others are drawn in equal numbers
+    in random order.
     """
     rows = each * len(axes[crossed[0]]) * len(axes[crossed[1]])
     levels = np.zeros((rows, len(axes)), dtype=np.intp)
@@ -173,7 +179,7 @@ def _exchange(
 ) -> tuple[NDArray[np.intp], float]:
     """Change one level at a time to the best one until nothing improves.
 
-    The levels and the log determinant.
+    Returns the levels and the log determinant.
     """
     matrix = every_row[np.ravel_multi_index(tuple(levels.T), shape)]
     value = _log_determinant(matrix.T @ matrix)
@@ -252,9 +258,9 @@ def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDA
 
 
 def efficiency(matrix: FloatArray) -> float:
-    """Compute the D-efficiency of a model matrix.
+    """Compute the D-efficiency of a model matrix (row, column).
 
-    1 for an orthogonal table of as many rows, 0 where effects alias.
+    It is 1 for an orthogonal table of as many rows, and 0 where effects alias.
     """
     rows, columns = matrix.shape
     sign, value = np.linalg.slogdet(matrix.T @ matrix / rows)
@@ -263,6 +269,15 @@ def efficiency(matrix: FloatArray) -> float:
 
 def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.DataFrame:
     """Return what a table of levels can decide.
+
+    Parameters
+    ----------
+    table : DataFrame
+        A column for every axis.
+    axes : mapping of str to sequence
+        Levels of every axis.
+    crossed : tuple of str
+        The two axes whose interaction is in the model.
 
     Returns
     -------
@@ -281,16 +296,18 @@ def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.D
         if not term:
             continue
         differences = _differences(term, axes, interactions)
-        errors = [
-            float(np.sqrt(difference @ covariance @ difference)) for difference in differences
-        ]
-        inflation = float((np.diag(covariance)[columns] * len(matrix)).max())
-        row = {
-            "term": " x ".join(term),
-            "effects": columns.stop - columns.start,
-            "error": max(errors),
-        }
-        rows.append(row | {"inflation": inflation})
+        errors = []
+        for difference in differences:
+            errors.append(float(np.sqrt(difference @ covariance @ difference)))
+        variances = np.diag(covariance)[columns] * len(matrix)
+        rows.append(
+            {
+                "term": " x ".join(term),
+                "effects": columns.stop - columns.start,
+                "error": max(errors),
+                "inflation": float(variances.max()),
+            }
+        )
     return pd.DataFrame(rows)
 
 

@@ -17,7 +17,7 @@ from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
 from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
 from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 FloatArray = NDArray[np.float64]
 CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
@@ -25,9 +25,9 @@ CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
 
 
 def jobs(quick: bool = False) -> list[LaneJob]:
-    """List the lanes of the designed fraction.
+    """List the lanes of the designed fraction; a quick run has the first few, short ones.
 
-    Of a quick run the first few, short and with other seeds.
+    The lanes of a quick run have other seeds.
     """
     declared = DECLARED["detection"] | (DECLARED["quick"] if quick else {})
     worlds = design_worlds()
@@ -62,10 +62,12 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*lanes[0].about, "lane"])
-    write_table(folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"]))
-    write_table(folder / "detection.csv", table)
-    write_table(folder / "detection-effects.csv", effects(table))
-    write_table(folder / "detection-missing.csv", missing_decibels(targets))
+    write_rounded_table(
+        folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"])
+    )
+    write_rounded_table(folder / "detection.csv", table)
+    write_rounded_table(folder / "detection-effects.csv", effects(table))
+    write_rounded_table(folder / "detection-missing.csv", missing_decibels(targets))
 
 
 def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
@@ -121,10 +123,7 @@ class FoundCurve:
     slope: float  #: of the logit, per dB
 
     def shares(self, ratio_db: FloatArray, chance: FloatArray) -> FloatArray:
-        """Compute the probability to be found at a signal to clutter (dB).
-
-        It is given what is found by chance.
-        """
+        """Compute the probability to be found by signal to clutter (dB) and by chance."""
         by_signal = expit(self.start + self.slope * ratio_db)
         return np.asarray(chance + (1 - chance) * by_signal)
 
@@ -143,7 +142,14 @@ def fit_found_curve(
 ) -> FoundCurve:
     """Fit the curve by maximum likelihood.
 
-    ``chance`` is what would be found of each target without its echo.
+    Parameters
+    ----------
+    ratio_db : (target,) ndarray
+        Signal to clutter, dB.
+    is_found : (target,) ndarray of bool
+        Whether each target is found.
+    chance : (target,) ndarray
+        Probability that each would be found without its echo.
     """
 
     def misfit(parameters: FloatArray) -> float:

@@ -91,7 +91,7 @@ def fit_shares(matrix: FloatArray, n_found: ArrayLike, count: ArrayLike) -> Fit:
     ----------
     matrix : (world, column) ndarray
         Model matrix.
-    found, count : (world,) array_like
+    n_found, count : (world,) array_like
         How many targets were found, and how many there were.
 
     Raises
@@ -110,9 +110,9 @@ def fit_shares(matrix: FloatArray, n_found: ArrayLike, count: ArrayLike) -> Fit:
         leverage = weight * np.einsum("ij,jk,ik->i", matrix, inverse, matrix)
         step = inverse @ (matrix.T @ (hits - trials * share + leverage * (0.5 - share)))
         size = float(np.abs(matrix @ step).max())
-        coefficient = coefficient + step * min(
-            1.0, 1.0 / size if size > 0 else 1.0
-        )  # at most 1 logit at a time
+        # At most 1 logit at a time: longer steps may go back and forth.
+        shortening = min(1.0, 1.0 / size if size > 0 else 1.0)
+        coefficient = coefficient + step * shortening
         if size < _CONVERGED:
             break
     freedom = len(matrix) - matrix.shape[1]
@@ -126,6 +126,13 @@ def fit_shares(matrix: FloatArray, n_found: ArrayLike, count: ArrayLike) -> Fit:
 
 def fit_means(matrix: FloatArray, values: ArrayLike) -> Fit:
     """Fit means of a number per world by least squares; worlds without one (NaN) are left out.
+
+    Parameters
+    ----------
+    matrix : (world, column) ndarray
+        Model matrix.
+    values : (world,) array_like
+        The number in every world.
 
     Raises
     ------

@@ -28,9 +28,14 @@ _FEWEST = 5  # targets that a bin needs to be drawn
 
 
 def draw_figures(folder: Path, quick: bool = False) -> dict[str, bytes]:
-    """Draw every figure whose tables are in a folder and write it there as PNG.
+    """Draw every figure whose tables are in a folder, write it as PNG, and return all by name.
 
-    Returns them by name.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the map of worlds.
+    quick : bool
+        Whether it is that of a quick run.
     """
     makers: dict[str, Callable[[Path], Figure | None]] = {
         "detection": detection_figure,
@@ -53,10 +58,7 @@ def draw_figures(folder: Path, quick: bool = False) -> dict[str, bytes]:
 
 
 def detection_figure(folder: Path) -> Figure | None:
-    """Draw Pd of metal and plastic over roughness, a line per permittivity.
-
-    The paper's values are lines.
-    """
+    """Draw Pd of metal and plastic over roughness, a line per permittivity, with the paper's."""
     worlds = read_table(folder, "detection")
     if worlds.empty:
         return None
@@ -101,10 +103,10 @@ def _draw_pd(
             continue
         rows = cells.loc[[f"{level} x {permittivity}" for level in levels]]
         error = [rows["value"] - rows["low"], rows["high"] - rows["value"]]
-        places = np.array(levels) * shift
+        positions = np.array(levels) * shift
         label = f"ε' = {permittivity:g}"
         axes.errorbar(
-            places,
+            positions,
             rows["value"],
             error,
             color=colour,
@@ -135,11 +137,18 @@ def signatures_figure(folder: Path) -> Figure | None:
         middle = ratios.median().reindex(order)
         low = ratios.quantile(0.25).reindex(order)
         high = ratios.quantile(0.75).reindex(order)
-        places = np.arange(len(order)) + 0.16 * (1.5 - number)
+        positions = np.arange(len(order)) + 0.16 * (1.5 - number)
         label = f"{roughness:g} mm rms"
         error = [middle - low, high - middle]
         left.errorbar(
-            middle, places, xerr=error, fmt="o", color=_COLOURS[number], ms=4, lw=1.2, label=label
+            middle,
+            positions,
+            xerr=error,
+            fmt="o",
+            color=_COLOURS[number],
+            ms=4,
+            lw=1.2,
+            label=label,
         )
     left.set_yticks(range(len(order)), order, fontsize=8)
     left.set_xlabel("signal to clutter, dB: median and quarters of the targets", fontsize=9)
@@ -159,10 +168,7 @@ def signatures_figure(folder: Path) -> Figure | None:
 
 
 def _draw_found(axes: Axes, targets: pd.DataFrame, label: str, colour: str) -> None:
-    """Draw the share of targets that are found, by classes of signal to clutter.
-
-    The intervals are exact.
-    """
+    """Draw the share of targets found by signal to clutter, with exact intervals."""
     number = np.floor(targets["ratio_db"] / _BIN)
     middles = []
     shares = []
@@ -223,22 +229,18 @@ def ablation_figure(folder: Path) -> Figure | None:
 def _draw_costs(axes: Axes, costs: pd.DataFrame, names: bool) -> None:
     """Draw differences with intervals.
 
-    Filled are those that are clear of zero for all parts together.
+    Filled marks are those of differences that are clear of zero for all parts together.
     """
-    places = np.arange(len(costs))[::-1]
-    for position, (_, cost) in zip(places, costs.iterrows(), strict=True):
-        ends = np.nan_to_num([cost["low"], cost["high"]], posinf=np.nan, neginf=np.nan)
-        axes.plot(
-            [cost["low"], cost["high"]] if np.isfinite(ends).all() else [],
-            [position] * 2,
-            "-",
-            color="0.35",
-            lw=1.4,
-        )
+    positions = np.arange(len(costs))[::-1]
+    for position, (_, cost) in zip(positions, costs.iterrows(), strict=True):
+        ends = [cost["low"], cost["high"]]
+        if np.isfinite(ends).all():
+            axes.plot(ends, [position, position], "-", color="0.35", lw=1.4)
         face = _COLOURS[0] if cost["clear"] else "white"
         axes.plot(cost["difference"], position, "o", color=_COLOURS[0], mfc=face, ms=6)
     axes.axvline(0, color="k", lw=0.8)
-    axes.set_yticks(places, costs["change"] if names else [""] * len(costs), fontsize=9)
+    labels = costs["change"] if names else [""] * len(costs)
+    axes.set_yticks(positions, labels, fontsize=9)
     axes.set_ylim(-0.7, len(costs) - 0.3)
     axes.grid(alpha=0.25, axis="x")
 
@@ -253,15 +255,14 @@ def geometry_figure(folder: Path) -> Figure | None:
     grounds = list(dict.fromkeys(zip(means["nearest"], means["farthest"], strict=True)))
     for axes, kind in zip(grid, ("metal", "plastic"), strict=True):
         for number, height in enumerate(sorted(means["height"].unique())):
-            chosen = means[
-                (means["height"] == height) & (means["response"] == f"{kind} {FAR[-1]:g}")
-            ]
-            cells = chosen.set_index(["nearest", "farthest"]).reindex(grounds)
-            places = np.arange(len(grounds)) + 0.1 * (number - 1)
+            is_chosen = means["height"] == height
+            is_chosen &= means["response"] == f"{kind} {FAR[-1]:g}"
+            cells = means[is_chosen].set_index(["nearest", "farthest"]).reindex(grounds)
+            positions = np.arange(len(grounds)) + 0.1 * (number - 1)
             error = np.nan_to_num([cells["value"] - cells["low"], cells["high"] - cells["value"]])
             label = f"{height:g} m high"
             axes.errorbar(
-                places,
+                positions,
                 cells["value"],
                 error,
                 fmt="o",
@@ -271,9 +272,8 @@ def geometry_figure(folder: Path) -> Figure | None:
             )
         chance = read_table(folder, "geometry")[f"chance_{FAR[-1]:g}"].mean()
         axes.axhline(chance, color="0.4", lw=1, ls=":", label="by chance")
-        axes.set_xticks(
-            range(len(grounds)), [f"{near:g} to {far:g} m" for near, far in grounds], fontsize=9
-        )
+        labels = [f"{nearest:g} to {farthest:g} m" for nearest, farthest in grounds]
+        axes.set_xticks(range(len(grounds)), labels, fontsize=9)
         axes.set_title(f"{kind}, {FAR[-1]:g} false alarms per m²", fontsize=10)
         axes.set_ylim(-0.04, 1.04)
         axes.grid(alpha=0.25)
@@ -284,20 +284,14 @@ def geometry_figure(folder: Path) -> Figure | None:
 
 
 def statements_figure(folder: Path, paper: str) -> Figure | None:
-    """Draw every statement of a paper over roughness and permittivity.
-
-    On which side of its limit worlds are.
-    """
+    """Draw how far every statement of a paper is kept, over roughness and permittivity."""
     table = read_table(folder, "statements-worlds")
     if table.empty or not (table["paper"] == paper).any():
         return None
     rows_of_paper = table[table["paper"] == paper]
-    holds = (
-        read_table(folder, "statements")
-        .query("paper == @paper")
-        .groupby("statement")["holds"]
-        .first()
-    )
+    statements = read_table(folder, "statements")
+    of_paper = statements[statements["paper"] == paper]
+    holds = of_paper.groupby("statement")["holds"].first()
     claims = list(dict.fromkeys(rows_of_paper["statement"]))
     columns = 4
     rows = -(-len(claims) // columns)
@@ -320,13 +314,13 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
     value = np.full((len(down), len(across)), np.nan)
     for row, permittivity in enumerate(down):
         for column, roughness in enumerate(across):
-            cell = worlds[
-                (worlds["permittivity"] == permittivity) & (worlds["roughness"] == roughness)
-            ]
-            value[row, column] = cell["margin"].mean() if len(cell) else np.nan
-            agree, disagree = (
-                int((cell["verdict"] == verdict).sum()) for verdict in (AGREES, DISAGREES)
-            )
+            is_in_cell = worlds["permittivity"] == permittivity
+            is_in_cell &= worlds["roughness"] == roughness
+            cell = worlds[is_in_cell]
+            if len(cell):
+                value[row, column] = cell["margin"].mean()
+            agree = int((cell["verdict"] == AGREES).sum())
+            disagree = int((cell["verdict"] == DISAGREES).sum())
             marks = "+" * agree + "−" * disagree
             axes.text(column, row, marks, ha="center", va="center", fontsize=7)
     known = np.abs(value[np.isfinite(value)])

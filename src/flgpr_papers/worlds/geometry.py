@@ -19,7 +19,7 @@ from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED
 from flgpr_papers.worlds.ablation import responses
 from flgpr_papers.worlds.lanes import LaneJob, lane_table, read_targets, run_jobs
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 WHERE = ["height", "nearest", "farthest"]
 """Columns that tell geometries apart, m."""
@@ -70,13 +70,18 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     if targets.empty:
         return
     table = lane_table(targets, [*WHERE, "replicate", "lane"])
-    write_table(folder / "geometry-mines.csv", targets)
-    write_table(folder / "geometry.csv", table)
-    write_table(folder / "geometry-means.csv", means(table))
+    write_rounded_table(folder / "geometry-mines.csv", targets)
+    write_rounded_table(folder / "geometry.csv", table)
+    write_rounded_table(folder / "geometry-means.csv", means(table))
 
 
 def means(table: pd.DataFrame) -> pd.DataFrame:
     """Average every response over the lanes of a geometry.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``geometry.csv``: a row per lane and stretch of ground.
 
     Returns
     -------
@@ -102,10 +107,7 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
                 exact_low, exact_high = clopper_pearson(totals, lanes[f"{kind}_targets"].sum())
                 low = max(min(low, float(exact_low)), 0.0)
                 high = min(max(high, float(exact_high)), 1.0)
-            row = dict(zip(WHERE, where, strict=True)) | {
-                "response": response,
-                "lanes": count,
-                "value": value,
-            }
-            rows.append(row | {"low": low, "high": high})
+            row = dict(zip(WHERE, where, strict=True))
+            row |= {"response": response, "lanes": count, "value": value, "low": low, "high": high}
+            rows.append(row)
     return pd.DataFrame(rows)

@@ -1,9 +1,8 @@
-"""Lanes of a world.
+"""Lanes of the map of worlds: simulated, searched by the recipe wang2007, scored mine by mine.
 
-Simulated, searched by the packaged recipe of Wang et al. 2007, scored mine by mine, and kept. The
-lanes and the radar are those of the paper's blind lanes (mines at 7.5 cm, the tones of sub-band F1
-alone), but for the number of mines: as many of each kind as it takes to tell a probability of
-detection.
+The lanes and the radar are those of the blind lanes of Wang et al. 2007 (mines at 7.5 cm, the tones
+of sub-band F1 alone), but for the number of mines: there are as many of each kind as it takes to
+measure a probability of detection. The record of every lane stays on disk.
 """
 
 from __future__ import annotations
@@ -40,15 +39,19 @@ KINDS = ("metal", "plastic", "simulant")
 _LANE = DECLARED["lane"]
 FAR: tuple[float, ...] = tuple(_LANE["far"])
 """False alarms per m² at which Pd is read."""
+_TARGET_COLUMNS = ["target_id", "kind", "body", "x", "y", "depth"]
 
 
 @dataclass(frozen=True)
 class LaneJob:
-    """A lane to simulate and to score."""
+    """A lane to simulate and to score.
+
+    The names of the fields are part of the key of its record on disk.
+    """
 
     part: str  #: of the map that it belongs to
     name: str  #: of the lane, different for every lane of a part
-    about: dict[str, Any]  #: columns that tell what the lane is: levels of axes, replicate
+    about: dict[str, Any]  #: columns that identify the lane: levels of axes, replicate
     site: dict[str, Any]  #: tables of its site
     mines: str  #: mix that stands for plastic mines
     length: float  #: m
@@ -62,10 +65,7 @@ class LaneJob:
     version: str = field(default=flgpr.__version__)  #: of the program
 
     def path(self, folder: Path) -> Path:
-        """Return the file of the lane's record.
-
-        Another lane of the same name, or another version, has another.
-        """
+        """Return the file of the lane's record, with a key of the lane and of the version."""
         bodies = {mix: find_mix(mix).parts for mix in self.mixes}
         return folder / "lanes" / self.part / f"{self.name}-{key_of(asdict(self), bodies)}.json"
 
@@ -78,41 +78,64 @@ class LaneJob:
 def run_jobs(
     folder: Path, jobs: Sequence[LaneJob], executor: Executor, track: Track = silent
 ) -> None:
-    """Run the lanes that are not on disk."""
-    left = [(asdict(job), str(folder)) for job in jobs if not job.path(folder).is_file()]
+    """Run the lanes that are not on disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the map of worlds.
+    jobs : sequence of LaneJob
+        The lanes of a part of the map.
+    executor : Executor
+        Workers, each at a lane.
+    track : Track
+        Shows progress.
+    """
+    pending = []
+    for job in jobs:
+        if not job.path(folder).is_file():
+            pending.append((asdict(job), str(folder)))
     label = jobs[0].part if jobs else "lanes"
-    for _ in track(executor.run(run_job, left), label, len(left)):
+    for _ in track(executor.run(run_job, pending), label, len(pending)):
         pass
 
 
 def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
-    """Simulate and score a lane and write its record; returns its name and the seconds it took."""
+    """Simulate and score a lane in a worker process, and write its record.
+
+    Parameters
+    ----------
+    job : mapping
+        Fields of a :class:`LaneJob`.
+    folder : str
+        Folder of the map of worlds.
+
+    Returns
+    -------
+    dict
+        ``lane``, its name, and ``seconds`` of processor time that it took.
+    """
     lane = LaneJob(**job)
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         scene = lane_scene(lane, Path(scratch))
     sensor = radar(lane.height)
     run, truth = simulate(scene, sensor, lane.seed)
-    bodies = pd.DataFrame(
-        {"body": [target.body for target in draw_world(scene, lane.seed).targets]}
-    )
-    truth = truth.assign(body=bodies["body"].to_numpy())
-    targets_found = []
+    truth["body"] = [target.body for target in draw_world(scene, lane.seed).targets]
+    scores = []
     for ground in lane.ground or (None,):
-        recipe = lane_recipe(ground)
-        alarms = detect(run, recipe, scene.lane).alarms
-        targets_found.append(_scored(alarms, truth, scene, ground))
+        alarms = detect(run, lane_recipe(ground), scene.lane).alarms
+        scores.append(_scored(alarms, truth, scene, ground))
     ratios: list[float] = []
     if lane.ratios:
         ratios = signal_to_clutter(scene, sensor, lane.seed, tuple(_LANE["band"])).tolist()
     seconds = time.process_time() - begin
-    targets = truth[["target_id", "kind", "body", "x", "y", "depth"]].to_dict("records")
     record = {
         "about": lane.about,
         "seconds": seconds,
-        "targets": targets,
+        "targets": truth[_TARGET_COLUMNS].to_dict("records"),
         "ratio_db": ratios,
-        "found": targets_found,
+        "found": scores,
     }
     path = lane.path(Path(folder))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -121,41 +144,60 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
 
 
 def lane_scene(lane: LaneJob, scratch: Path) -> Scene:
-    """Make the scene of a lane; its site goes through a file of its own."""
+    """Return the scene of a lane.
+
+    Parameters
+    ----------
+    lane : LaneJob
+        The lane.
+    scratch : Path
+        Folder for the file of its site, which is not needed any more afterwards.
+    """
     draws: list[dict[str, Any]] = []
     for mix in lane.mixes:
         draws += mix_draws(mix, _LANE["depth"], lane.count)
-    path = scratch / "site.toml"
-    write_site(path, lane.site)
-    scene = {
-        "name": lane.name,
-        "site": str(path),
-        "length": lane.length,
-        "draws": draws,
-        "track": _LANE["track"],
-    }
-    validated = Scene.model_validate(scene | {"surface": {"density": _LANE["density"]}})
-    return validated.model_copy(update={"site": None})  # its tables are in the scene now
+    site_file = scratch / "site.toml"
+    write_site(site_file, lane.site)
+    scene = Scene.model_validate(
+        {
+            "name": lane.name,
+            "site": str(site_file),
+            "length": lane.length,
+            "draws": draws,
+            "track": _LANE["track"],
+            "surface": {"density": _LANE["density"]},
+        }
+    )
+    # The tables of the site are in the scene now.
+    return scene.model_copy(update={"site": None})
 
 
 def radar(height: float | None = None) -> Sensor:
     """Load the array of Wang et al. 2007 with the tones of F1 alone.
 
-    If wanted, it stands at another height (m).
+    Parameters
+    ----------
+    height : float, optional
+        Height of the array, m; the preset's by default.
     """
     sensor = load_sensor("sri-array")
     axis = sensor.tones.axis()
     low, high = _LANE["band"]
     inside = axis[(axis >= low) & (axis <= high)]
     tones = sensor.tones.model_copy(update={"start": inside[0], "count": inside.size})
-    own_height = sensor.height if height is None else height
-    return sensor.model_copy(update={"tones": tones, "height": own_height})
+    changes: dict[str, Any] = {"tones": tones}
+    if height is not None:
+        changes["height"] = height
+    return sensor.model_copy(update=changes)
 
 
 def lane_recipe(ground: tuple[float, float] | None = None) -> Recipe:
-    """Return the packaged recipe wang2007 with F1 alone.
+    """Return the packaged recipe wang2007 with the sub-band F1 alone.
 
-    If wanted, it has other nearest and farthest ground (m ahead).
+    Parameters
+    ----------
+    ground : tuple of float, optional
+        Nearest and farthest ground that is used, m ahead; the recipe's own by default.
     """
     recipe = parse_recipe(re.sub(r"(?m)^F[0234] .*\n", "", recipe_text("wang2007")))
     if ground is None:
@@ -169,21 +211,37 @@ def lane_recipe(ground: tuple[float, float] | None = None) -> Recipe:
 def _scored(
     alarms: pd.DataFrame, truth: pd.DataFrame, scene: Scene, ground: tuple[float, float] | None
 ) -> dict[str, Any]:
-    """Return at which FAR (per m²) every target is found, and Pd by chance at the declared ones."""
+    """Return at which FAR (per m²) every target is found, and Pd by chance at the declared ones.
+
+    None stands for what is not finite.
+    """
     matched = match(alarms, truth, scene.lane, _LANE["halo"])
-    cost = assign(matched)["far"]
     curve = chance(matched).add_chance_column(roc_of(matched))
-    by_chance = [float(curve["chance"].iloc[int(operating_row(curve, far))]) for far in FAR]
+    by_chance = []
+    for far in FAR:
+        by_chance.append(float(curve["chance"].iloc[int(operating_row(curve, far))]))
     return {
         "ground": ground,
-        "far": [float(value) if math.isfinite(value) else None for value in cost],
-        "chance": [value if math.isfinite(value) else None for value in by_chance],
+        "far": [_finite(float(far)) for far in assign(matched)["far"]],
+        "chance": [_finite(share) for share in by_chance],
         "alarms": len(alarms),
     }
 
 
+def _finite(value: float) -> float | None:
+    """Return a number as JSON can hold it, None if it is not finite."""
+    return value if math.isfinite(value) else None
+
+
 def read_targets(folder: Path, jobs: Sequence[LaneJob]) -> pd.DataFrame:
-    """Read what is on disk: a row per target and ground used.
+    """Read the targets of the lanes that are on disk: a row per target and ground used.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the map of worlds.
+    jobs : sequence of LaneJob
+        The lanes of a part of the map.
 
     Returns
     -------
@@ -197,29 +255,29 @@ def read_targets(folder: Path, jobs: Sequence[LaneJob]) -> pd.DataFrame:
     tables = []
     for job in jobs:
         path = job.path(folder)
-        if not path.is_file():
-            continue
-        record = json.loads(path.read_text(encoding="utf-8"))
-        targets = pd.DataFrame(record["targets"])
-        ratio = record["ratio_db"] or [math.nan] * len(targets)
-        for target in record["found"]:
-            nearest, farthest = target["ground"] or (math.nan, math.nan)
-            columns = {
-                **record["about"],
-                "lane": job.name,
-                "nearest": nearest,
-                "farthest": farthest,
-            }
-            table = targets.assign(**columns, ratio_db=ratio)
-            table["far"] = [math.inf if value is None else value for value in target["far"]]
-            for far, value in zip(FAR, target["chance"], strict=True):
-                table[f"chance_{far:g}"] = math.nan if value is None else value
-            tables.append(table)
+        if path.is_file():
+            tables += _target_tables(job, json.loads(path.read_text(encoding="utf-8")))
     if not tables:
         return pd.DataFrame()
     every = pd.concat(tables, ignore_index=True)
     first = [*jobs[0].about, "lane", "nearest", "farthest"]
-    return every[[*first, *(name for name in every.columns if name not in first)]]
+    others = [name for name in every.columns if name not in first]
+    return every[[*first, *others]]
+
+
+def _target_tables(job: LaneJob, record: Mapping[str, Any]) -> list[pd.DataFrame]:
+    """Return the targets of a lane's record, a table for each ground used."""
+    targets = pd.DataFrame(record["targets"])
+    targets["ratio_db"] = record["ratio_db"] or [math.nan] * len(targets)
+    tables = []
+    for score in record["found"]:
+        nearest, farthest = score["ground"] or (math.nan, math.nan)
+        table = targets.assign(**record["about"], lane=job.name, nearest=nearest, farthest=farthest)
+        table["far"] = [math.inf if far is None else far for far in score["far"]]
+        for far, share in zip(FAR, score["chance"], strict=True):
+            table[f"chance_{far:g}"] = math.nan if share is None else share
+        tables.append(table)
+    return tables
 
 
 def lane_table(targets: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:

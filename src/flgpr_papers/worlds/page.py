@@ -43,9 +43,9 @@ def page_html(folder: Path, pictures: Mapping[str, bytes], quick: bool) -> str:
 
 
 def declared_hashes() -> dict[str, str]:
-    """Return the SHA-256 of every declared file.
+    """Return the SHA-256 of every declared file by its name.
 
-    Axes and lanes, the fraction, mixes of mines, the two sites.
+    The files declare axes and lanes, the fraction, the mixes of mines and the two sites.
     """
     papers = resources.files("flgpr_papers")
     sites = resources.files("flgpr.simulate.scene") / "sites"
@@ -59,10 +59,7 @@ def declared_hashes() -> dict[str, str]:
 
 
 def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
-    """Return the tables that people read, by name.
-
-    Each says a value with its interval in one cell.
-    """
+    """Return the tables that people read, by name, a value with its interval in one cell."""
     tables = {
         "design": design_table(),
         "detection-short": detection_table(read_table(folder, "detection-effects")),
@@ -75,10 +72,10 @@ def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
 
 def response_name(response: str) -> str:
     """Return a response in words: "plastic 0.07" is Pd of plastic at 0.07 false alarms per m²."""
-    kind, what = response.split(" ")
-    return (
-        f"{kind}, signal to clutter, dB" if what == "ratio_db" else f"Pd of {kind} at {what} per m²"
-    )
+    kind, measure = response.split(" ")
+    if measure == "ratio_db":
+        return f"{kind}, signal to clutter, dB"
+    return f"Pd of {kind} at {measure} per m²"
 
 
 def design_table() -> pd.DataFrame:
@@ -90,15 +87,11 @@ def design_table() -> pd.DataFrame:
 
 
 def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the levels of every axis.
-
-    Pd of metal and plastic at both false alarm rates, and plastic in dB.
-    """
+    """Tabulate Pd of metal and plastic, and plastic in dB, by the levels of every axis."""
     if effects.empty:
         return pd.DataFrame()
-    responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR] + [
-        "plastic ratio_db"
-    ]
+    responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR]
+    responses.append("plastic ratio_db")
     rows = []
     for axis, levels in AXES.items():
         for level in levels:
@@ -106,18 +99,14 @@ def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
             for response in responses:
                 chosen = effects[(effects["response"] == response) & (effects["axis"] == axis)]
                 rows_of_level = chosen[chosen["level"].astype(str) == str(level)]
-                row[response_name(response)] = (
-                    in_brackets(rows_of_level.iloc[0]) if len(rows_of_level) else "–"
-                )
+                cell = in_brackets(rows_of_level.iloc[0]) if len(rows_of_level) else "–"
+                row[response_name(response)] = cell
             rows.append(row)
     return pd.DataFrame(rows)
 
 
 def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the decibels that plastic mines miss of the paper's Pd.
-
-    A row per false alarm rate and roughness.
-    """
+    """Tabulate the decibels that plastic mines miss of the paper's Pd, by FAR and roughness."""
     if missing.empty:
         return pd.DataFrame()
     rows = []
@@ -128,9 +117,8 @@ def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
             "roughness, mm": f"{roughness:g}",
         }
         for _, cell in cells.iterrows():
-            row[f"ε' = {cell['permittivity']:g}"] = (
-                f"{cell['missing_db']:+.1f} (found {cell['found']:.2f})"
-            )
+            title = f"ε' = {cell['permittivity']:g}"
+            row[title] = f"{cell['missing_db']:+.1f} (found {cell['found']:.2f})"
         rows.append(row)
     return pd.DataFrame(rows).fillna("–")
 
@@ -149,9 +137,8 @@ def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:
         row = {"road": road, "change": change}
         for response in responses:
             cost = by_response[response]
-            row[response_name(response)] = in_brackets(cost, "difference") + (
-                " *" if cost["clear"] else ""
-            )
+            mark = " *" if cost["clear"] else ""
+            row[response_name(response)] = in_brackets(cost, "difference") + mark
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from flgpr.execution.survey import DEFAULTS, RunOptions
 from flgpr.store import write_whole
-from flgpr_papers.kit.page import telling_if_same
+from flgpr_papers.kit.page import log_if_unchanged
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
 from flgpr_papers.worlds.page import page_html, short_tables
-from flgpr_papers.worlds.tables import write_table
+from flgpr_papers.worlds.tables import write_rounded_table
 
 RUN = {
     "detection": detection.run,
@@ -79,9 +79,9 @@ def map_worlds(
                 run(folder, executor, quick, how.track)
     pictures = draw_figures(folder, quick)
     for name, table in short_tables(folder).items():
-        write_table(folder / f"{name}.csv", table)
+        write_rounded_table(folder / f"{name}.csv", table)
     page = folder / "index.html"
-    with telling_if_same(page):
+    with log_if_unchanged(page):
         write_whole(page, page_html(folder, pictures, quick))
     return page
 

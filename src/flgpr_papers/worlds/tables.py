@@ -1,7 +1,4 @@
-"""CSV files of the parts, which stand for themselves.
-
-Written after each run, read by figures and the page.
-"""
+"""CSV files of the parts of the map, written after each run and read by figures and the page."""
 
 from __future__ import annotations
 
@@ -16,10 +13,15 @@ from flgpr.store import write_whole
 _DIGITS = 5
 
 
-def write_table(path: Path, table: pd.DataFrame) -> None:
-    """Write a table as CSV, numbers to five decimals, whole or not at all.
+def write_rounded_table(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as CSV with numbers to five decimals; an empty table is not written.
 
-    An empty one is not written.
+    Parameters
+    ----------
+    path : Path
+        The file, which is complete or not there at all.
+    table : DataFrame
+        The table; its index is not written.
     """
     if not table.empty:
         write_whole(path, table.round(_DIGITS).to_csv(index=False, lineterminator="\n"))

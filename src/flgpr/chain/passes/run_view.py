@@ -1,7 +1,8 @@
 """The run-view: what the scans that see a place of the lane show there (Wang et al., Sec. II-B).
 
 That is the second largest look at every place, or the mean look, or one look for each of several
-ranges, as the recipe has it.
+ranges, as the recipe has it. ``Steps.view_sums`` (``chain/steps.py``) chooses among the looks that
+``screen/views.py`` takes; the recipe's names for them stand in ``chain/recipe_tables.py``.
 """
 
 from __future__ import annotations

@@ -491,6 +491,8 @@ def _polarized(
     along_v = axis[:, 2] * sine_in_soil - level * np.sqrt(1 - sine_in_soil**2)
     dyad = np.stack([along_h**2, along_v**2, along_h * along_v], axis=1)
     amplitude[with_axis] += (buried.axial[with_axis, None] * dyad).astype(np.complex64)
+    # The factor has a name: NumPy multiplies a large nameless array in place, by another loop whose
+    # last bits differ, and a point's echo would depend on how many points are in view.
     entry = spectra.transmission(buried.depth, sine).astype(np.complex64)
     return np.asarray(amplitude * entry)
 

@@ -1,0 +1,1 @@
+"""Forwards scans and poses from ROS 2 to ``flgpr live``."""

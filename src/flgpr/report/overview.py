@@ -1,0 +1,280 @@
+"""The picture that a report begins with: the road from above, its targets and the alarms.
+
+The vehicle drives from left to right in all of them, whatever the length of the lane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from flgpr.model import Lane
+from flgpr.report.figures import DYNAMIC_RANGE
+from flgpr.results.result import Result, thinned
+from flgpr.scoring import Score
+from flgpr.screen import select
+
+_ROAD = "#d9cdb8"
+_GROUND = "#eeeae0"
+_FOUND = "#00734d"
+_MISSED = "#b3261e"
+_FALSE = "#8a5300"
+_WEAK = "#8b8577"
+_WIDTH = 9.6  # inches, of a picture of a long lane
+_NARROW = 5.4  # inches, of a picture that has another beside it
+_LOWEST = 1.3  # inches, of a strip of road
+_HIGHEST = 3.6
+_SHORT = 3.0  # lanes up to so many times their width fit beside another picture
+_MOST_LANES = 6
+_COLUMNS = 2400  # a figure cannot show more
+_VERGE = 0.35  # of the lane's width, shown on either side
+_MOST_VERGE = 1.0  # m
+
+
+def is_short(lane: Lane) -> bool:
+    """Return whether the picture of a lane leaves room for another one beside it."""
+    return lane.y_max - lane.y_min <= _SHORT * (lane.x_max - lane.x_min)
+
+
+def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure | None:
+    """Draw the road, what became of its targets, and the alarms at the operating point.
+
+    Parameters
+    ----------
+    scored : Score
+        A score; one that counts the area of frames has no road, and gives None.
+    objects : pandas.DataFrame, optional
+        Other objects, with ``x``, ``y`` (m) and ``kind``.
+
+    Returns
+    -------
+    Figure or None
+        A strip for each lane, at most six.
+    """
+    lanes = scored.matched.lanes
+    if scored.rules.area == "frames" or not lanes:
+        return None
+    threshold = scored.point["threshold"]
+    figure, strips = _strips(lanes)
+    for number, (axes, lane) in enumerate(zip(strips, lanes.values(), strict=False)):
+        alarms = scored.labels[scored.matched.alarm_lane == number]
+        targets = scored.outcomes[scored.matched.target_lane == number]
+        _draw_road(axes, lane)
+        if objects is not None:
+            _draw_objects(axes, objects)
+        is_raised = (alarms["confidence"] >= threshold).to_numpy()
+        is_false = (alarms["label"] == "false").to_numpy()
+        _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
+        _draw_points(axes, alarms[is_raised & is_false], "x", _FALSE, 9, "false alarm")
+        beside = is_raised & ~is_false & (alarms["label"] == "outside").to_numpy()
+        _draw_points(axes, alarms[beside], "+", _WEAK, 9, "alarm beside the lane")
+        found = targets[targets["found"]]
+        missed = targets[~targets["found"]]
+        _draw_points(axes, found, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
+        _draw_points(axes, found, "$✓$", "white", 6, None)
+        _draw_points(axes, missed, "o", _MISSED, 11, f"{scored.noun} missed")
+    _finish(figure, strips)
+    return figure
+
+
+def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
+    """Draw the road and the alarms, the surer the larger.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+    alarms : pandas.DataFrame
+        Alarms with ``x``, ``y`` (m), the most confident first.
+    most : int
+        Alarms that are drawn.
+    """
+    figure, strips = _strips({"": lane})
+    axes = strips[0]
+    _draw_road(axes, lane)
+    shown = alarms[:most]
+    sizes = np.linspace(140, 12, len(shown)) if len(shown) > 1 else np.full(len(shown), 140.0)
+    if len(shown):
+        label = "alarm, the surer the larger"
+        axes.scatter(
+            shown["y"], shown["x"], s=sizes, fc="none", ec=_FALSE, lw=1.4, label=label, zorder=4
+        )
+    _finish(figure, strips)
+    return figure
+
+
+def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
+    """Draw the run-view as it is and with the roadside taken out, alike to the pixel.
+
+    Returns None where no detection of the result took anything out. Levels are in dB over the
+    strongest pixel in the lane of the first, so that both have one scale.
+    """
+    main, *others = result.detections
+    cleaned = [other for other in others if other.notes.get("mask_pixels")]
+    if not cleaned:
+        return None
+    screen = result.recipe.prescreen
+    before = select(main.view, screen.polarization, screen.subband)
+    after = select(cleaned[0].view, screen.polarization, screen.subband)
+    top = _strongest(before, result.lane)
+    figures = []
+    for view, alarms in ((before, main.alarms), (after, cleaned[0].alarms)):
+        figures.append(_radar_figure(view, alarms, result.lane, top))
+    return figures[0], figures[1]
+
+
+def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: float) -> Figure:
+    """Draw a run-view (y, x) along the road with its alarms; ``top`` is the strongest level, dB."""
+    width, height = _size(lane)
+    figure = Figure(figsize=(width, height))
+    # A fixed place, so that two such figures lie on one another.
+    axes = figure.add_axes((0.65 / width, 0.5 / height, 1 - 0.8 / width, 1 - 0.6 / height))
+    view = thinned(view, -(-view.sizes["y"] // _COLUMNS))
+    axes.pcolormesh(
+        view["y"].values,
+        view["x"].values,
+        _decibels(view).T - top,
+        cmap="viridis",
+        vmin=-DYNAMIC_RANGE,
+        vmax=0,
+        shading="nearest",
+        rasterized=True,
+    )
+    axes.add_patch(_lane_patch(lane, fill=False, ec="white", ls="-.", lw=1.4))
+    axes.plot(alarms["y"], alarms["x"], "o", mfc="none", mec="white", ms=7, mew=1.3)
+    _frame(axes, lane)
+    return figure
+
+
+def _decibels(view: xr.DataArray) -> NDArray[np.float64]:
+    """Return a view's magnitudes in dB."""
+    return np.asarray(20 * np.log10(np.maximum(view.values, 1e-12)), dtype=float)
+
+
+def _strongest(view: xr.DataArray, lane: Lane) -> float:
+    """Return the level of the strongest pixel of a view in the lane, dB."""
+    is_inside = lane.contains(*np.meshgrid(view["x"].values, view["y"].values))
+    level = _decibels(view)[is_inside]
+    level = level[np.isfinite(level)]
+    return float(level.max()) if level.size else 0.0
+
+
+def _size(lane: Lane) -> tuple[float, float]:
+    """Return width and height of a picture of a lane, inches."""
+    width = _NARROW if is_short(lane) else _WIDTH
+    across, along = _extent(lane)
+    height = (width - 0.8) * across / along
+    return width, min(max(height, _LOWEST), _HIGHEST) + 0.6
+
+
+def _extent(lane: Lane) -> tuple[float, float]:
+    """Return what is shown across and along a lane, m."""
+    return lane.x_max - lane.x_min + 2 * _verge(lane), lane.y_max - lane.y_min + 2 * _verge(lane)
+
+
+def _verge(lane: Lane) -> float:
+    """Return how much is shown beside a lane and beyond its ends, m."""
+    return min(_VERGE * (lane.x_max - lane.x_min), _MOST_VERGE)
+
+
+def _strips(lanes: Mapping[str, Lane]) -> tuple[Figure, list[Axes]]:
+    """Return a figure with axes for each lane, one above the other."""
+    shown = list(lanes.items())[:_MOST_LANES]
+    width = max(_size(lane)[0] for _, lane in shown)
+    height = sum(_size(lane)[1] for _, lane in shown)
+    figure = Figure(figsize=(width, height + 0.35), layout="constrained")
+    strips = list(figure.subplots(len(shown), 1, squeeze=False)[:, 0])
+    for axes, (name, lane) in zip(strips, shown, strict=True):
+        _frame(axes, lane)
+        if name:
+            axes.set_title(f"lane {name}", fontsize=9, loc="left")
+    left_out = len(lanes) - len(shown)
+    if left_out:
+        figure.suptitle(f"the first {len(shown)} of {len(lanes)} lanes", fontsize=9)
+    return figure, strips
+
+
+def _frame(axes: Axes, lane: Lane) -> None:
+    """Set limits and labels: along the road to the right, across it downwards."""
+    verge = _verge(lane)
+    axes.set_xlim(lane.y_min - verge, lane.y_max + verge)
+    axes.set_ylim(lane.x_max + verge, lane.x_min - verge)
+    across, along = _extent(lane)
+    _, height = _size(lane)
+    is_to_scale = math.isclose(height - 0.6, (_size(lane)[0] - 0.8) * across / along, rel_tol=1e-6)
+    axes.set_aspect("equal" if is_to_scale else "auto")
+    scale = "" if is_to_scale else "; not to scale"
+    axes.set_xlabel(f"along the road (m), driving to the right{scale}", fontsize=8)
+    axes.set_ylabel("across (m)", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.set_facecolor(_GROUND)
+
+
+def _draw_road(axes: Axes, lane: Lane) -> None:
+    """Draw the ground that is searched."""
+    axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
+
+
+def _lane_patch(lane: Lane, **style: Any) -> Rectangle:
+    """Return the outline of a lane that lies along the picture."""
+    corner = (lane.y_min, lane.x_min)
+    return Rectangle(corner, lane.y_max - lane.y_min, lane.x_max - lane.x_min, **style)
+
+
+def _draw_objects(axes: Axes, objects: pd.DataFrame) -> None:
+    """Draw other objects, each kind with its name."""
+    for kind, group in objects.groupby("kind", sort=False):
+        marker = "s" if kind == "post" else "D"
+        _draw_points(axes, group, marker, "#4a5560", 6, f"{kind}, no target", filled=True)
+
+
+def _draw_points(
+    axes: Axes,
+    table: pd.DataFrame,
+    marker: str,
+    colour: str,
+    size: float,
+    label: str | None,
+    filled: bool = False,
+) -> None:
+    """Draw the places of a table, m, unless it is empty."""
+    if table.empty:
+        return
+    axes.plot(
+        table["y"],
+        table["x"],
+        ls="none",
+        marker=marker,
+        ms=size,
+        mew=0 if marker.startswith("$") else 2,
+        mec=colour,
+        mfc=colour if filled or marker.startswith("$") else "none",
+        label=label,
+        zorder=4,
+    )
+
+
+def _finish(figure: Figure, strips: list[Axes]) -> None:
+    """Add a legend of what is drawn, each entry once."""
+    entries: dict[Any, Any] = {}
+    for axes in strips:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(
+            entries.values(),
+            entries.keys(),
+            loc="outside lower center",
+            ncols=3 if figure.get_figwidth() < _WIDTH else 6,
+            fontsize=8,
+            frameon=False,
+        )

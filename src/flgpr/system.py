@@ -1,0 +1,111 @@
+"""What operating systems do differently: locks, limits, folders as descriptors, interrupts.
+
+All else in the package is the same everywhere. Linux is where it is tested; `tests/other_system.py`
+takes away what Windows lacks and forbids what it forbids.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from typing import BinaryIO
+
+import portalocker
+
+OPENS_FOLDERS = hasattr(os, "O_DIRECTORY")
+"""Whether a folder can be opened: to lock it, to flush its entries, to open files from it.
+
+Where it cannot, as on Windows, an open file cannot be renamed or removed either.
+"""
+DIRECTORY = getattr(os, "O_DIRECTORY", 0)
+"""Flag of ``os.open``: nothing but a folder."""
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""Flag of ``os.open``: no symbolic link; zero where there is none, and links are to be looked for."""
+AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+"""Flags of ``os.open``: never wait for a pipe or a device, and take no terminal."""
+PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+"""Flags of ``os.open``: bytes as they are, in no child process."""
+_PAUSE = 0.02  # s between two tries to lock a file
+
+
+def lock(file: BinaryIO | int, *, shared: bool = False, wait: bool = False) -> None:
+    """Lock an open file, or a folder where folders can be opened, against other processes.
+
+    Closing it, or the end of the process, ends the lock.
+
+    Parameters
+    ----------
+    file : file or int
+        An open file or its descriptor.
+    shared : bool
+        Whether others may hold it in this way as well. Where there are no such locks it is locked
+        for this process alone.
+    wait : bool
+        Whether to wait until it is free.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process holds it, and ``wait`` is False.
+    OSError
+        If the file system has no locks.
+    """
+    kind = portalocker.LockFlags.EXCLUSIVE
+    if shared and OPENS_FOLDERS:
+        kind = portalocker.LockFlags.SHARED
+    # The C library of Windows waits for ten seconds at most, so that waiting is done here.
+    in_one_call = wait and OPENS_FOLDERS
+    flags = kind if in_one_call else kind | portalocker.LockFlags.NON_BLOCKING
+    while True:
+        try:
+            portalocker.lock(file, flags)
+            return
+        except portalocker.AlreadyLocked as error:
+            if not wait:
+                raise BlockingIOError(str(error)) from None
+        except portalocker.LockException as error:
+            raise OSError(str(error)) from None
+        time.sleep(_PAUSE)
+
+
+def unlock(file: BinaryIO | int) -> None:
+    """End the lock of a file that stays open."""
+    portalocker.unlock(file)
+
+
+def peak_memory() -> int:
+    """Return the most memory that this process has held, bytes; 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Linux counts in KiB, macOS in bytes.
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def start_method() -> str:
+    """Return how child processes are started: from a small server, or anew where there is none."""
+    import multiprocessing
+
+    methods = multiprocessing.get_all_start_methods()
+    return "forkserver" if "forkserver" in methods else "spawn"
+
+
+def end_at_interrupt() -> None:
+    """Let an interrupt end this process, which works for another one, at once and in silence.
+
+    Ctrl-C on a terminal reaches every process of a command: only the first has something to say.
+    """
+    signal.signal(signal.SIGINT, _end)
+
+
+def _end(*_: object) -> None:
+    """End this process, after the locks that its libraries made are given back to the system."""
+    import multiprocessing.util
+
+    # As it does where a process ends by itself.
+    multiprocessing.util._exit_function()  # type: ignore[attr-defined]
+    os._exit(1)

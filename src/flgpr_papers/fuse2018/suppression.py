@@ -1,0 +1,254 @@
+"""The suppression of Fuse et al. 2018 by every variant that is compared, aperture by aperture."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.chain.engine import Arrays
+from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
+from flgpr.clutter import (
+    TABLE_II,
+    Iterated,
+    averaged_frames,
+    equal_cost,
+    fallen_back,
+    suppress_by_model,
+)
+from flgpr_papers.fuse2018.lanes import Frames, trained
+
+BoolArray = NDArray[np.bool_]
+ComplexArray = NDArray[np.complex64]
+FloatArray = NDArray[np.float64]
+VARIANTS = {
+    "original": "original image",
+    "iteration": "iteration in each frame under one mask (Sec. 2.3)",
+    "as printed": "the same, averaged whatever came: without a fall-back to the best iteration",
+    "shared": "iteration, one reflectivity for all frames (another reading of Sec. 2.3)",
+    "whole response": "iteration, B made of the whole response (another reading of Eq. 7)",
+    "calibrated roadside": "iteration, the extended mask's threshold from the calibration lane",
+    "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
+    "least squares": "least squares at equal cost, one reflectivity for all frames",
+    "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
+    "least squares spared": (
+        "least squares, the road fitted too and not subtracted, as many iterations"
+    ),
+    "L band alone": "iteration, masks from VV and VH alone",
+}
+"""Variants of the suppression that are compared, and how they are called in full."""
+_FORMS: dict[str, dict[str, str]] = {
+    "iteration": {},
+    "shared": {"method": "iteration"},
+    "whole response": {"amplitude": "whole"},
+    "calibrated roadside": {"low_threshold": "calibration"},
+    "regions": {"intersect": "region"},
+    "least squares": {"method": "least-squares"},
+    "least squares spared": {"method": "least-squares-spared"},
+}
+"""Settings of the detection chain's stage that make a variant."""
+MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calibrated"}
+"""Masks of the variants, "pixel" of all others."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the calibration lane teaches."""
+
+    #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
+    learnt: Arrays
+    #: (row,) median magnitude of VV between the roadsides at every distance ahead, in which units
+    #: alarms are measured
+    background: FloatArray
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """An aperture with its masks and what each variant made of it."""
+
+    index: int  #: the latest frame
+    forms: dict[str, MaskedSuppression]  #: the stage by variant, of the variants that it knows
+    aperture: Aperture
+    masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region", "L" and "calibrated"
+    courses: list[Iterated]  #: of the iteration in each frame under one mask
+    data: dict[str, ComplexArray]  #: (frame, 1, pair, frequency) by variant
+    images: dict[str, ComplexArray]  #: by variant, in the scan frame of the latest frame
+    rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
+
+    @property
+    def stage(self) -> MaskedSuppression:
+        """The stage as the paper has it."""
+        return self.forms["iteration"]
+
+    @property
+    def pose(self) -> FloatArray:
+        """Pose of the latest frame."""
+        return self.stage.setup.pose(self.index)
+
+
+def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSuppression]:
+    """Return the trained stage of the detection chain with the settings of each variant.
+
+    Variants that the stage does not know are left out.
+    """
+    forms = {}
+    for name, changes in _FORMS.items():
+        forms[name] = trained(frames.stage, calibration.learnt, **changes)
+    return forms
+
+
+def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
+    """Form the masks of an aperture and suppress what lies under them, by every variant.
+
+    Parameters
+    ----------
+    forms : dict of MaskedSuppression
+        The trained stage by variant, see :func:`stage_forms`.
+    index : int
+        Latest frame of the aperture.
+    variants : sequence of str
+        Names of the variants.
+    """
+    stage = forms["iteration"]
+    aperture = stage.aperture(index)
+    stack = aperture.stack_on(stage.points)
+    masks = {
+        "pixel": stage.mask(aperture),
+        "region": forms["regions"].mask(aperture),
+        "L": stage.mask(replace(aperture, second=None)),
+        "calibrated": forms["calibrated roadside"].mask(aperture),
+    }
+    before = time.process_time()
+    main_courses = stage.courses(aperture, masks["pixel"])
+    # The courses of "iteration" serve other variants, too: their time is its own.
+    main_seconds = time.process_time() - before
+    data = {}
+    images = {}
+    rows = []
+    for variant in variants:
+        before = time.process_time()
+        cleaned, courses = _suppressed(variant, forms, aperture, masks, main_courses)
+        seconds = time.process_time() - before
+        if variant == "iteration":
+            seconds += main_seconds
+        data[variant] = cleaned
+        images[variant] = stack.adjoint(cleaned)[0, 0]
+        original = aperture.data[:, stage.setup.imaged]
+        rows.append(
+            {
+                "frame": index,
+                "variant": variant,
+                **_course_summary(variant, forms, courses),
+                "residual": float(np.linalg.norm(cleaned) / np.linalg.norm(original)),
+                "masked": float(masks[MASKS.get(variant, "pixel")].mean()),
+                "cpu": seconds,
+            }
+        )
+    return Cleaned(index, forms, aperture, masks, main_courses, data, images, rows)
+
+
+def _course_summary(
+    variant: str, forms: dict[str, MaskedSuppression], courses: Sequence[Iterated]
+) -> dict[str, Any]:
+    """Return how the iterations of a variant went, for ``LaneRecords.courses``."""
+    stage = forms.get(variant, forms["iteration"])
+    combination = forms["iteration"].settings.combination
+    falls_back = variant != "as printed" and stage.settings.fall_back
+    has_fallen = any(fallen_back(course, combination) for course in courses)
+    return {
+        "rises": sum(course.rises for course in courses),
+        "rise": max((course.rise for course in courses), default=0.0),
+        "diverged": any(course.diverged for course in courses),
+        "fallen": falls_back and has_fallen,
+    }
+
+
+def _suppressed(
+    variant: str,
+    forms: dict[str, MaskedSuppression],
+    aperture: Aperture,
+    masks: dict[str, BoolArray],
+    main_courses: list[Iterated],
+) -> tuple[ComplexArray, list[Iterated]]:
+    """Clean an aperture by a variant; returns the data and the courses of its iterations.
+
+    ``main_courses`` are those of "iteration".
+    """
+    stage = forms.get(variant, forms["iteration"])
+    data = aperture.data[:, stage.setup.imaged]
+    mask = masks[MASKS.get(variant, "pixel")]
+    if variant == "original":
+        return data, []
+    if variant == "as printed":
+        combination = stage.settings.combination
+        return averaged_frames(main_courses, combination, fall_back=False), main_courses
+    if variant in ("least squares", "least squares spared"):
+        return stage.least_squares(aperture, mask), []
+    if variant == "least squares per frame":
+        return _least_squares_per_frame(stage, aperture, mask), []
+    courses = main_courses
+    if variant != "iteration":
+        courses = stage.courses(aperture, mask)
+    return stage.averaged(courses), courses
+
+
+def _least_squares_per_frame(
+    stage: MaskedSuppression, aperture: Aperture, mask: BoolArray
+) -> ComplexArray:
+    """Clean an aperture by least squares at equal cost, with a reflectivity for every frame."""
+    frames = aperture.data[:, stage.setup.imaged]
+    if not mask.any():
+        return frames
+    iterations = equal_cost(stage.settings.iterations, mask, stage.region)
+    cleaned = []
+    for frame, operator_on in zip(frames, aperture.operators, strict=True):
+        operator = operator_on(stage.points[mask])
+        cleaned.append(suppress_by_model(frame, operator, iterations).data)
+    return np.stack(cleaned)
+
+
+def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
+    """Suppress data by the mask and the amplitudes B of an aperture's iteration, held fixed.
+
+    This is a linear operation.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture.
+    data : (frame, 1, pair, frequency) ndarray
+        Other data of the same frames.
+    """
+    suppressed = []
+    for frame, operator_on, course in zip(
+        data, cleaned.aperture.operators, cleaned.courses, strict=True
+    ):
+        suppressed.append(_frame_alone(cleaned, frame, operator_on, course))
+    return np.stack(suppressed)
+
+
+def _frame_alone(
+    cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated
+) -> ComplexArray:
+    """Suppress the data (polarization, pair, frequency) of a frame by its course's amplitudes."""
+    stage = cleaned.stage
+    mask = cleaned.masks["pixel"]
+    operators = {}
+    for region in np.unique(stage.region[mask]):
+        operators[int(region)] = operator_on(stage.points[mask & (stage.region == region)])
+    iterates = [data]
+    for B in course.amplitude:
+        rest = iterates[-1]
+        for region, operator in operators.items():
+            x_hat = operator.adjoint(iterates[-1])
+            rest = rest - np.float32(B[region, 0]) * operator.forward(x_hat)  # Eq. 5 and 6
+        iterates.append(rest)
+    combination = stage.settings.combination
+    best = fallen_back(course, combination).get(0)
+    iterations = TABLE_II[combination] if best is None else (best,)
+    averaged = np.mean([iterates[number] for number in iterations], axis=0)
+    return np.asarray(averaged, dtype=np.complex64)

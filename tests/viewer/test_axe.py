@@ -1,0 +1,79 @@
+"""What axe-core, a checker of accessibility, finds on the pages: nothing serious, and no header of a table is empty."""
+
+from pathlib import Path
+
+import pytest
+from test_drive_page import BEGIN, Screen
+from test_live_page import Feeder, alarm, scan
+
+from flgpr.commands.raw_run import RawRun
+from flgpr.viewer import Viewer
+from raw_lane import make_raw_lane
+
+AXE = Path(__file__).parents[2] / "viewer/node_modules/axe-core/axe.min.js"
+RUN = """() => axe.run(document, { resultTypes: ['violations'] }).then(({ violations }) => violations
+    .map(({ id, impact, nodes }) => ({ id, impact, where: nodes.map((node) => node.target.join(' ')) })))"""
+
+pytestmark = pytest.mark.skipif(not AXE.is_file(), reason="needs npm ci in viewer/")
+
+
+def findings(page):
+    """Return what axe-core finds on a page that is serious, and its empty table headers."""
+    page.evaluate(AXE.read_text(encoding="utf-8") + "; 0")
+    found = page.evaluate(RUN)
+    return [
+        one
+        for one in found
+        if one["impact"] in ("serious", "critical") or one["id"] == "empty-table-header"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "size"), [("light", (1280, 800)), ("dark", (1280, 800)), ("light", (390, 844))]
+)
+def test_a_result_with_an_open_alarm(watch, shown, scheme, size):
+    one = watch(shown, size=size, scheme=scheme)
+    one.page.keyboard.press("n")
+    one.page.wait_for_selector("#patches canvas")
+    one.page.keyboard.press("s")
+    assert findings(one.page) == []
+    one.page.keyboard.press("?")
+    assert findings(one.page) == []
+
+
+def test_patches_scroll_by_keyboard(watch, shown):
+    one = watch(shown, size=(1024, 768))
+    one.page.keyboard.press("n")
+    one.page.wait_for_selector("#patches canvas")
+    one.page.focus("#patches")
+    before = one.page.evaluate("[patches.scrollLeft, patches.scrollWidth - patches.clientWidth]")
+    assert before[0] == 0
+    assert before[1] > 0
+    one.page.keyboard.press("ArrowRight")
+    one.until("patches.scrollLeft > 0")
+
+
+def test_raw_data_of_a_run(watch, serving, tmp_path):
+    make_raw_lane(tmp_path / "run.zarr", scans=60)
+    with serving(Viewer([tmp_path / "run.zarr"], raw=RawRun)) as viewer:
+        one = watch(viewer)
+        one.until("document.querySelectorAll('#health-rows tr').length > 0")
+        assert findings(one.page) == []
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (800, 1280)])
+def test_a_live_run_at_the_desk_and_on_the_drivers_screen(watch, serving, tmp_path, size):
+    feeder = Feeder(tmp_path)
+    feeder.give(BEGIN, scan(0, 0.0), scan(1, 1.0))
+    feeder.give(*(alarm(f"alarm-{k}", 0.1 * k, 4.0 + k, 4.5, 1.0) for k in range(12)))
+    with serving([], live=tmp_path) as viewer:
+        one = watch(viewer, size=size)
+        Screen(one, tmp_path).alive()
+        one.until("document.getElementById('drive-left').textContent.endsWith(' m')")
+        assert findings(one.page) == []
+        one.page.click("#drive-set")
+        assert findings(one.page) == []
+        one.page.click("#drive-close")
+        one.page.click("#to-desk")
+        assert findings(one.page) == []
+        one.close()

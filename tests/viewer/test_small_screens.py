@@ -1,0 +1,166 @@
+"""Both pages on displays of many sizes: nothing is cut off or overlaps, and the page tells what is too small."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from test_drive_page import BEGIN, CLOCK, LOOK, VEHICLE, Screen
+from test_live_page import Feeder, alarm, scan
+
+from flgpr.live.events import view_event
+
+CUT = """() => [...document.querySelectorAll('#drive *, #state *')]
+    .filter((e) => e.checkVisibility() && e.textContent && !e.children.length)
+    .map((e) => {
+        const range = document.createRange();
+        range.selectNodeContents(e);
+        const words = range.getBoundingClientRect(), own = e.closest('button, section, div').getBoundingClientRect();
+        const inside = words.left >= own.left && words.right <= own.right && words.top >= 0
+            && words.right <= innerWidth && words.bottom <= innerHeight;
+        return inside ? '' : e.id;
+    }).filter((name) => name)"""
+"""Names of what is written beyond the edges of its button, its panel or the window."""
+
+OVERLAPS = """() => {
+    const boxes = (list) => [...list].filter((e) => e.checkVisibility()).map((e) => [e, e.getBoundingClientRect()])
+        .filter(([, box]) => box.width > 1 && box.height > 1);
+    const pairs = (list) => boxes(list).flatMap(([a, p], i) => boxes(list).slice(i + 1)
+        .filter(([, q]) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 1
+            && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 1)
+        .map(([b]) => [a, b].map((e) => e.id || e.className || e.tagName)));
+    const homes = ['body > header', '#tools', '#display', '#scrub', '#alarm > header', '#explain',
+        '#lane-side', '#zoom'];
+    return [...homes.flatMap((home) => pairs(document.querySelector(home).children)),
+        ...pairs(document.querySelectorAll('body > header, #lane-side, aside')),
+        ...pairs(document.querySelectorAll('aside > section'))];
+}"""
+"""Pairs of neighbours that lie over each other."""
+
+STOP = (0xFF, 0x7A, 0x59)
+
+
+def lane_of(half):
+    """Return the event that begins a run on a lane of twice this breadth, m."""
+    vehicle = asdict(VEHICLE) | {"stopping_distance": VEHICLE.stopping_distance}
+    lane = {"x_min": -half, "x_max": half, "y_min": 0, "y_max": 60}
+    return BEGIN | {"vehicle": vehicle, "lane": lane}
+
+
+@pytest.fixture
+def drive_at(tmp_path, serving, watch):
+    """Open a driver's screen of a size on a run that has begun, with its clock in hand."""
+    opened = []
+
+    def start(size, half=2.0):
+        feeder = Feeder(tmp_path)
+        seen = view_event(0, np.ones((300, 60), np.float32))
+        feeder.give(lane_of(half), scan(0, 0.0), scan(1, 1.0), seen)
+        viewer = serving([], live=tmp_path)
+        page = watch(viewer.__enter__(), size=size, script=CLOCK)
+        opened.append((page, viewer))
+        screen = Screen(page, tmp_path)
+        screen.alive()
+        screen.pass_time(600)
+        return screen, feeder
+
+    yield start
+    for page, viewer in opened:
+        page.close()
+        viewer.__exit__(None, None, None)
+
+
+@pytest.mark.parametrize(
+    "size", [(800, 1280), (640, 1280), (768, 1024), (390, 844), (844, 390), (1024, 768)]
+)
+def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, size):
+    screen, feeder = drive_at(size)
+    look = {"p": 0.622, "next_p": [0.396, 0.704], "wait": True}
+    feeder.give(scan(2, 2.0), alarm("alarm-1", -1.6, 4.4, 4.5, 0.0) | look)
+    feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
+    feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
+    screen.alive()
+    screen.pass_time(300)
+    assert screen.says()["drive-verdict"] == "Cannot stop"
+    assert screen.page.inner_text("#drive-sound") == "Sound off"
+    assert screen.page.locator("#state-clock").is_visible()
+    assert screen.page.evaluate(CUT) == []
+    assert screen.page.evaluate("drive.scrollHeight <= drive.clientHeight + 1")
+    picture = screen.page.locator("#lane").bounding_box()
+    assert min(picture["width"], picture["height"]) >= 150
+    large = size in ((800, 1280), (640, 1280), (1024, 768))
+    assert screen.page.locator("#drive-small").is_hidden() == large
+    looks = screen.page.evaluate(LOOK)
+    if large:
+        assert min(one["size"] for one in looks["type"]) >= 38
+        assert min(min(width, height) for *_, width, height in looks["buttons"]) >= 72
+    else:
+        words = screen.page.inner_text("#drive-small")
+        assert f"{size[0]} × {size[1]} px" in words
+        assert "1024 × 768" in words
+    for _ in range(4):  # banners, and the settings
+        screen.pass_time(400)
+    assert screen.says()["state-words"] == "No radar"
+    assert screen.page.evaluate(CUT) == []
+    screen.alive(ago=5.0)
+    screen.pass_time(400)
+    assert screen.says()["state-words"] == "Detection stopped"  # the longest
+    assert screen.page.evaluate(CUT) == []
+    screen.page.click("#drive-set")
+    box = screen.page.locator("#drive-settings").bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= size[0]
+    assert screen.page.evaluate(
+        "(e => e.scrollWidth <= e.clientWidth)(document.getElementById('drive-settings'))"
+    )
+
+
+def test_the_vehicle_hides_no_alarm(drive_at):
+    screen, feeder = drive_at((1024, 768))
+    without = screen.page.locator("#lane").screenshot()
+    feeder.give(alarm("alarm-1", 0.0, 1.0, 4.5, 1.0))  # right below the vehicle
+    screen.alive()
+    screen.pass_time(300)
+    assert screen.page.locator("#lane").screenshot() != without
+
+
+def test_alarms_beside_the_lane_carry_no_octagon(drive_at, tmp_path):
+    screen, feeder = drive_at((1024, 768))
+    watched = screen.watched
+
+    def stop_pixels(x):
+        feeder.give(alarm("alarm-1", x, 3.0, 4.5, 1.0), scan(2, 1.0))
+        screen.alive()
+        screen.pass_time(300)
+        near = np.abs(watched.pixels() - STOP).max(axis=2) < 12
+        return int(near.sum())
+
+    beside = stop_pixels(2.4)
+    assert screen.page.inner_text("#drive-head") == "Beside lane"
+    assert screen.says()["verdict"] == "halt"  # the driver is warned all the same
+    inside = stop_pixels(1.2)
+    assert screen.page.inner_text("#drive-head") == "Nearest"
+    assert inside > beside + 60
+
+
+@pytest.mark.parametrize(
+    "size", [(1280, 800), (1024, 768), (800, 1280), (640, 400), (512, 384), (390, 844)]
+)
+def test_the_viewer_fits_any_window(watch, shown, size):
+    """Twice the size on 1280 x 800 is a window of 640 x 400."""
+    one = watch(shown, size=size)
+    page = one.page
+    page.keyboard.press("n")
+    page.wait_for_selector("#patches canvas")
+    page.keyboard.press("s")  # with picture B the toolbar is at its longest
+    assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    assert page.evaluate(OVERLAPS) == []
+    picture = page.locator("#lane").bounding_box()
+    assert picture["width"] >= 320
+    assert picture["height"] >= 180
+    beside = page.locator("aside").bounding_box()
+    if size[0] <= 900:
+        assert beside["x"] == 0
+        assert beside["y"] >= picture["y"] + picture["height"]
+        assert page.evaluate("scrollY") == 0  # the list does not take the page from the picture
+    else:
+        assert beside["x"] >= picture["width"]
