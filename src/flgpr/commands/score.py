@@ -124,7 +124,7 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     as_json=_as_json,
     python_values=_passphrase,
     panels={
-        "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
+        "Truth and rules": ("truth", "objects", "lane", "halo", "far", "unranked"),
         "Other dialects": ("columns", "truth_columns", "anchor"),
         "Sealed truth": ("seal", "show", "sealed"),
         "Register": ("recipe", "book", "witness"),
