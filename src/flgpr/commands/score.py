@@ -125,7 +125,7 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     python_values=_passphrase,
     panels={
         "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
-        "Other dialects": ("columns", "truth_columns", "anchor"),
+        "Lists of others": ("columns", "truth_columns", "anchor", "vendor", "unranked"),
         "Sealed truth": ("seal", "show", "sealed"),
         "Register": ("recipe", "book", "witness"),
         "Analysts": ("agreement",),
