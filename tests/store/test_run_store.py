@@ -235,9 +235,9 @@ def test_a_store_of_the_same_run_is_left_as_it_is_and_one_of_another_is_refused(
         assert save_run(small_run, path, resume=True) == path
     assert "a.zarr exists already" in caplog.text
     for other, difference in (
-        (small_run.assign(signal=2 * small_run["signal"]), r"inputs\.signal"),
-        (small_run.assign_attrs(site="field"), r'attrs\.site is "yard", this one\'s "field"'),
-        (small_run.isel(scan=slice(0, 2)), r"inputs"),
+        (small_run.assign(signal=2 * small_run["signal"]), "it has another signal"),
+        (small_run.assign_attrs(site="field"), r'its site is "yard", this one\'s "field"'),
+        (small_run.isel(scan=slice(0, 2)), "it has another "),
     ):
         with pytest.raises(FileExistsError, match=difference):
             save_run(other, path, resume=True)

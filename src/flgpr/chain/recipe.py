@@ -33,7 +33,7 @@ from flgpr.chain.stages import (
     Table,
 )
 from flgpr.door import parse_toml, read_named
-from flgpr.model import POLARIZATIONS, Grid, Lane, complete_scans, scan_to_lane
+from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.faults import describe_fault, no_preset
 from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
@@ -362,6 +362,8 @@ def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
     if recipe.image.frames == "all":
         return _aperture_ground(run, recipe)
     # A scan with missing sweeps, or with a pose that no vehicle reaches, has no image.
+    from flgpr.model import complete_scans  # loads xarray, which a list of recipes does not need
+
     imaged = complete_scans(plausible_run(run, recipe.motion))
     if not imaged.any():
         raise ValueError(
