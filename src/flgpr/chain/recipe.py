@@ -361,9 +361,9 @@ def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
     """Return the ground that so many scans see to its end, as wide as :func:`lane_of` searches it."""
     if recipe.image.frames == "all":
         return _aperture_ground(run, recipe)
-    # A scan with missing sweeps, or with a pose that no vehicle reaches, has no image.
     from flgpr.model import complete_scans  # loads xarray, which a list of recipes does not need
 
+    # A scan with missing sweeps, or with a pose that no vehicle reaches, has no image.
     imaged = complete_scans(plausible_run(run, recipe.motion))
     if not imaged.any():
         raise ValueError(
