@@ -1,8 +1,11 @@
+import subprocess
+import sys
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray as xr
 
-import flgpr.accessor  # noqa: F401
 from flgpr.model import make_run
 from flgpr.store import open_run, sample_lane
 
@@ -60,3 +63,44 @@ def test_wrong_names_and_missing_sweeps_are_told(run):
 def test_checks_are_at_hand(run):
     assert len(run.flgpr.health()) == run.sizes["pair"] * run.sizes["polarization"]
     assert run.flgpr.describe()["scans"] == run.sizes["scan"]
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import flgpr; run = flgpr.open_run(store)",
+        "import xarray; import flgpr; run = xarray.Dataset()",
+        "import flgpr; from flgpr.store import open_run; run = open_run(store)",
+    ],
+)
+def test_a_run_has_it_without_a_further_import_and_nothing_slow_is_loaded(first):
+    program = (
+        f"import sys; store = sys.argv[1]; {first}\n"
+        "assert not {'matplotlib', 'numba', 'flgpr.accessor'} & sys.modules.keys()\n"
+        "print(type(run.flgpr).__name__)"
+    )
+    store = str(sample_lane() / "run.zarr")
+    done = subprocess.run(
+        [sys.executable, "-c", program, store], capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "RunAccessor\n", done.stderr
+
+
+def test_importing_the_package_loads_no_xarray():
+    program = "import sys, flgpr; assert 'xarray' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_notebook_shows_what_a_run_holds_with_escaped_names(run):
+    shown = run.assign_attrs(title="<b>lane</b>").flgpr._repr_html_()
+    assert "&lt;b&gt;lane&lt;/b&gt;" in shown
+    assert "<b>lane" not in shown
+    assert f"<th>scans</th><td>{run.sizes['scan']}</td>" in shown
+    labels = ", ".join(run["polarization"].values)
+    assert f"<th>polarizations</th><td>{labels}</td>" in shown
+    assert shown.count("data:image/png;base64,") == 1
+
+
+def test_a_notebook_says_of_another_dataset_that_it_is_no_run():
+    shown = xr.Dataset({"a": 1}).flgpr._repr_html_()
+    assert shown.startswith("<p>This dataset is no run: ")

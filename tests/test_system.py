@@ -203,3 +203,12 @@ def test_a_recording_is_read_where_memory_cannot_be_bounded(monkeypatch):
         child._bound_memory(2**30)
     monkeypatch.setitem(sys.modules, "resource", None)
     child._bound_memory(2**30)
+
+
+def test_a_process_that_works_for_another_ends_at_an_interrupt_in_silence():
+    program = (
+        "import os, signal, time\nfrom flgpr import system\nsystem.end_at_interrupt()\n"
+        "os.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (1, b"", b"")

@@ -13,7 +13,6 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import flgpr.accessor  # gives every run `run.flgpr`
 from flgpr.formats import explain_file, import_mapped
 from flgpr.store import open_run, sample_lane, save_run
 

@@ -14,6 +14,8 @@ __verbs__ = {
     "simulate": ("flgpr.simulate", "simulate"),
 }
 sys.modules[__name__].__class__ = Verbs
+if "xarray" in sys.modules:  # otherwise it is done when flgpr opens or makes the first run
+    import_module("flgpr.model.run")  # gives every dataset `run.flgpr`
 
 
 def __getattr__(name: str) -> Any:

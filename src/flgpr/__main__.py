@@ -21,9 +21,12 @@ def main() -> None:
         # Otherwise xarray loads Dask, if it is installed, as soon as it sees an array, which is
         # slow.
         sys.modules["dask"] = None  # type: ignore[assignment]
-    from flgpr.commands.app import app
-
-    app()
+    try:
+        from flgpr.commands.app import app
+    except KeyboardInterrupt:  # no command has begun
+        print("stopped", file=sys.stderr)
+        sys.exit(130)
+    app(prog_name="flgpr")
 
 
 def _leave_out_working_folder() -> None:

@@ -1,7 +1,11 @@
-"""``run.flgpr``: plots and checks of a run in a notebook. Import this module once to have it."""
+"""``run.flgpr``: plots and checks of a run in a notebook.
+
+Every dataset has it as soon as ``flgpr`` is imported; this module is loaded when it is first used.
+"""
 
 from __future__ import annotations
 
+import html
 from typing import Any
 
 import numpy as np
@@ -14,14 +18,14 @@ from flgpr.calibrate import channel_health
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Lane, check_run, complete_scans, vehicle_to_lane
 from flgpr.results.description import describe_run
+from flgpr.results.notebook_html import entries_html, picture_html, side_by_side_html
 from flgpr.screen import run_view
 
 _RANGE = 40.0  # dB
 
 
-@xr.register_dataset_accessor("flgpr")  # type: ignore[no-untyped-call]
 class RunAccessor:
-    """Plots and checks of a run, as ``run.flgpr``.
+    """Plots and checks of a run, as ``run.flgpr``; a notebook shows a summary and a plan of it.
 
     They are :meth:`health`, :meth:`describe`, :meth:`imager`, ``plot.geometry()``,
     ``plot.scan(k)`` and ``plot.run_view()``.
@@ -34,6 +38,18 @@ class RunAccessor:
     def plot(self) -> RunPlots:
         """Plots of the run."""
         return RunPlots(check_run(self._run))
+
+    def _repr_html_(self) -> str:
+        try:
+            check_run(self._run)
+        except ValueError as error:
+            return f"<p>This dataset is no run: {html.escape(str(error))}</p>"
+        title = html.escape(str(self._run.attrs.get("title", "run")))
+        figure = Figure(figsize=(4.5, 3.5), layout="constrained")
+        self.plot.geometry(figure.subplots())
+        picture = picture_html(figure, "plan of scans and antennas")
+        table = entries_html(_summary(self._run))
+        return f"<p><b>{title}</b></p>{side_by_side_html(picture, table)}"
 
     def health(self) -> pd.DataFrame:
         """Return the health of every channel, see :func:`flgpr.calibrate.channel_health`."""
@@ -51,6 +67,25 @@ class RunAccessor:
         frequency = self._run["frequency"].values
         subbands = {"all": (float(frequency[0]), float(frequency[-1]))}
         return ScanImager(self._run, grid or _default_grid(self._run), subbands, window)
+
+
+def _summary(run: xr.Dataset) -> dict[str, str]:
+    """Return what a run holds, in words by what it is."""
+    scans = str(run.sizes["scan"])
+    incomplete = int(np.count_nonzero(~complete_scans(run)))
+    if incomplete:
+        scans += f", {incomplete} of them with missing sweeps"
+    tones = run["frequency"].values / 1e9
+    pose = run["pose"].values
+    driven = float(np.hypot(*np.diff(pose[:, :2], axis=0).T).sum())
+    return {
+        "scans": scans,
+        "polarizations": ", ".join(str(label) for label in run["polarization"].values),
+        "antenna pairs": str(run.sizes["pair"]),
+        "tones": f"{tones.size}, {tones[0]:.4g} to {tones[-1]:.4g} GHz",
+        "driven": f"{driven:.4g} m",
+        "height": f"{float(pose[:, 2].mean()):.3g} m",
+    }
 
 
 class RunPlots:

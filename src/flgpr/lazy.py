@@ -51,7 +51,8 @@ def face(
 class Verb(ModuleType):
     """A package that can be called: ``flgpr.detect`` runs a detection.
 
-    It shows the signature and the documentation of its function, which is loaded for that.
+    It shows the signature and the documentation of its function, which is loaded for that. What the
+    package is for stands behind it.
     """
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
@@ -70,9 +71,12 @@ class Verb(ModuleType):
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]
-        text = self.__dict__.get("__doc__") or ""
+        package_text = inspect.cleandoc(self.__dict__.get("__doc__") or "")
         called = f"{self.__name__}{self.__signature__}"
-        return f"{text}\n\n``{called}``\n\n{inspect.getdoc(self._function())}"
+        documentation = inspect.getdoc(self._function()) or ""
+        summary, _, rest = documentation.partition("\n")
+        package = f"Notes\n-----\nAs a package: {package_text}"
+        return f"{summary}\n\n``{called}``\n{rest}\n\n{package}\n"
 
 
 class Verbs(ModuleType):

@@ -1,4 +1,4 @@
-"""What operating systems do differently: locks, limits, folders as descriptors.
+"""What operating systems do differently: locks, limits, folders as descriptors, interrupts.
 
 All else in the package is the same everywhere. Linux is where it is tested; `tests/other_system.py`
 takes away what Windows lacks and forbids what it forbids.
@@ -7,6 +7,7 @@ takes away what Windows lacks and forbids what it forbids.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from typing import BinaryIO
@@ -91,3 +92,20 @@ def start_method() -> str:
 
     methods = multiprocessing.get_all_start_methods()
     return "forkserver" if "forkserver" in methods else "spawn"
+
+
+def end_at_interrupt() -> None:
+    """Let an interrupt end this process, which works for another one, at once and in silence.
+
+    Ctrl-C on a terminal reaches every process of a command: only the first has something to say.
+    """
+    signal.signal(signal.SIGINT, _end)
+
+
+def _end(*_: object) -> None:
+    """End this process, after the locks that its libraries made are given back to the system."""
+    import multiprocessing.util
+
+    # As it does where a process ends by itself.
+    multiprocessing.util._exit_function()  # type: ignore[attr-defined]
+    os._exit(1)

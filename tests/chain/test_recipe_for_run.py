@@ -157,7 +157,9 @@ FULL = bare_run(5.0, ("HH", "VV", "HV"), 0.75e9 + 2.5e6 * np.arange(841))
         ),
         (
             FULL.isel(polarization=[0, 1]),
-            ["features must be left out unless the run has HH, VV and HV or VH"],
+            [
+                "does not fit the run: its features are of runs with HH, VV, and HV or VH, got a run with HH, VV"
+            ],
         ),
         (
             FULL.isel(frequency=slice(0, 600)),

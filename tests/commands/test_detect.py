@@ -13,11 +13,12 @@ RUN = sample_lane() / "run.zarr"
 
 def test_a_run_in_memory_and_its_store_give_the_same_alarms_and_leave_nothing():
     stored = flgpr.detect(RUN, "demo", report=False)
-    in_memory = flgpr.detect(open_run(RUN).load(), "demo", report=False)
+    in_memory = flgpr.detect(open_run(RUN).load(), "demo", lane=stored.lane, report=False)
     assert in_memory.detections[0].alarms.equals(stored.detections[0].alarms)
     assert "alarms in" in in_memory._repr_html_()
     assert "data:image/png;base64," in in_memory._repr_html_()
     assert repr(in_memory).startswith("result of demo: ")
+    assert in_memory.alarms is in_memory.detections[0].alarms
     folder = in_memory.folder
     assert folder.is_dir()
     del in_memory
@@ -32,7 +33,7 @@ def test_several_runs_need_a_place_and_stores(tmp_path):
         flgpr.detect([RUN, open_run(RUN)], "demo", tmp_path / "out")
     with pytest.raises(ValueError, match="at least one run, got none"):
         flgpr.detect([], "demo", tmp_path / "out")
-    with pytest.raises(ValueError, match="lane must be one per run, got 2 for 1 run"):
+    with pytest.raises(ValueError, match="lane must be given once per run, got 2 for 1 run"):
         flgpr.detect(RUN, "demo", tmp_path / "out", ["a.toml", "b.toml"])
     assert not list(tmp_path.iterdir())
 
@@ -42,4 +43,7 @@ def test_the_package_shows_the_signature_of_its_verb():
     assert list(parameters)[:4] == ["runs", "recipe", "output", "lane"]
     assert repr(parameters["recipe"].annotation) == "str | Path | None"
     assert "Packaged recipe or TOML file" in flgpr.detect.__doc__
-    assert flgpr.detect.__doc__.startswith("From features to scores")
+    documentation = flgpr.detect.__doc__
+    assert documentation.startswith("Raise alarms on runs")
+    assert "``flgpr.detect(runs: " in documentation
+    assert documentation.index("Returns\n---") < documentation.index("From features to scores")

@@ -145,3 +145,30 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
     placed = small_run.assign_attrs(georeference=read_anchor(anchor).georeference())
     save_run(placed, tmp_path / "placed.zarr")
     assert exporting.export_run(tmp_path / "placed.zarr", tmp_path / "c.cphd").stat().st_size > 100
+
+
+def test_alarms_for_imsma_need_a_place_and_a_time(result, anchor, tmp_path):
+    target = tmp_path / "imsma.csv"
+    time = "2026-05-04T09:30:00Z"
+    with pytest.raises(ValueError, match=r"imsma needs latitude and longitude.*give --anchor"):
+        exporting.export_imsma(result, target, None, time)
+    with pytest.raises(ValueError, match="imsma needs the time of the survey"):
+        exporting.export_imsma(result, target, anchor, None)
+    assert not target.exists()
+
+    exporting.export_imsma(result, target, anchor, time, "=Team")
+    assert "'=Team" in target.read_text()  # no formula for a spreadsheet
+    table = pd.read_csv(target)
+    earth = on_the_ellipsoid(np.array([[0.1, 3.0, 0.0]]))[0]
+    assert distance(table[["longitude", "latitude"]].to_numpy()[0], earth) < 0.05
+    assert table["id"].tolist() == ["a", "b", "c"]
+
+    alarms = tmp_path / "list.csv"
+    alarms.write_text("quer,y,score\n0.1,3.0,9\n")
+    listed = tmp_path / "listed.csv"
+    exporting.export_imsma(alarms, listed, anchor, time, columns="confidence=score")
+    assert pd.read_csv(listed)["latitude"][0] == pytest.approx(table["latitude"][0], abs=1e-8)
+    truth = tmp_path / "truth.csv"
+    truth.write_text("target_id,x,y,kind,depth\na,0.1,3.0,metal,0.05\n")
+    with pytest.raises(ValueError, match="must have the columns confidence"):
+        exporting.export_imsma(truth, tmp_path / "no.csv", anchor, time)

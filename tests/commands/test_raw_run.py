@@ -129,3 +129,39 @@ def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
         for one in (80.5, window)
     ]
     assert answers[0] == answers[1]
+
+
+def test_a_simulated_run_says_where_its_echoes_end(tmp_path):
+    """The ground ends with its far corner's path, the vehicle's own echoes with theirs; steps shift both."""
+    from flgpr.model import SPEED_OF_LIGHT
+    from flgpr.store import RunWriter
+
+    tones = np.linspace(0.5e9, 2.5e9, 401)  # 200 ns unambiguous
+    tx, rx = np.array([[-1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
+    limits = {"footprint_m": [-2.0, 2.0, 3.0, 20.0], "own_echoes_path_m": 44.0}
+    signal = np.random.default_rng(0).normal(size=(4, 1, 1, 401))
+    for name, told in (("a", limits), ("b", {"footprint_m": [1, "x"], "own_echoes_path_m": None})):
+        with RunWriter(
+            tmp_path / f"{name}.zarr", tones, ["VV"], tx, rx, inputs={"made": 1}, limits=told
+        ) as writer:
+            for scan in signal:
+                writer.append(scan, [0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+    query = {"polarization": "VV", "pair": "0"}
+    corner = np.array([2.0, 20.0, -5.0])
+    path = np.linalg.norm(corner - tx[0]) + np.linalg.norm(corner - rx[0])
+    ground, own = RawRun(tmp_path / "a.zarr").answer("bscan", query)["ends"]
+    assert ground["delay_ns"] == pytest.approx(path / SPEED_OF_LIGHT * 1e9, abs=0.01)
+    assert own["delay_ns"] == pytest.approx(44 / SPEED_OF_LIGHT * 1e9, abs=0.01)
+    assert "20 m ahead" in ground["words"]
+    assert "vehicle itself" in own["words"]
+
+    later = json.dumps([{"do": "time-zero", "delay_ns": 10.0}])
+    shifted = RawRun(tmp_path / "a.zarr").answer("bscan", query | {"steps": later})["ends"]
+    assert shifted[1]["delay_ns"] == pytest.approx(own["delay_ns"] - 10, abs=0.01)
+    near = RawRun(tmp_path / "a.zarr").answer("bscan", query | {"to_ns": "100"})
+    assert near["ends"] == []  # what is not in the picture is not marked
+    assert RawRun(tmp_path / "b.zarr").answer("bscan", query)["ends"] == []
+
+
+def test_a_run_that_states_no_limits_has_no_ends(lane):
+    assert RawRun(lane).answer("bscan", {"polarization": "HH", "pair": "0"})["ends"] == []

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.store import open_run, sample_lane
+from flgpr.store import open_run, sample_lane, save_run
 from flgpr.store.bundle import write_bundle
 
 RUN = str(sample_lane() / "run.zarr")
@@ -185,3 +185,44 @@ def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     assert told.exit_code == 0, told.output
     assert "n_targets 2" in told.stdout
     assert "look 1" in told.stdout
+
+
+def test_a_message_names_an_option_as_it_is_typed():
+    refused = call("plan", "mines", "--true-pd", 0.5)
+    assert refused.exit_code == 2
+    assert refused.stderr == "error: --true-pd must be above pd = 0.9 and at most 1, got 0.5\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["detect", RUN, "--recipe", "demo", "-o", "/proc/x"],
+        ["simulate", "signature", "m19", "-o", "/proc/x"],
+        ["recipe", "for", RUN, "-o", "/proc/x"],
+    ],
+)
+def test_an_output_that_cannot_be_made_is_named_as_it_was_typed(words):
+    refused = call(*words)
+    assert refused.exit_code == 2
+    assert refused.stderr == (
+        "error: file or folder must exist, got /proc/x: No such file or directory\n"
+    )
+
+
+def test_a_recipe_that_does_not_fit_is_named_with_what_the_run_lacks(tmp_path):
+    save_run(open_run(RUN).isel(polarization=[0]), tmp_path / "hh.zarr")
+    refused = call(
+        "detect", tmp_path / "hh.zarr", "--recipe", "wang2007", "-o", tmp_path / "result"
+    )
+    assert refused.exit_code == 2
+    assert refused.stderr.startswith("error: recipe wang2007 does not fit the run: ")
+    assert "its features are of runs with HH, VV, and HV or VH, got a run with HH" in refused.stderr
+    assert "must be left out" not in refused.stderr
+
+
+def test_a_lane_for_each_run_is_asked_for_by_its_option(tmp_path):
+    refused = call(
+        "train", RUN, "--truth", "a.csv", "--lane", "a.toml", "--lane", "b.toml", "-o", tmp_path
+    )
+    assert refused.exit_code == 2
+    assert refused.stderr == "error: lane must be given once per run, got 2 for 1 runs\n"

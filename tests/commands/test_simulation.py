@@ -77,7 +77,7 @@ def test_a_killed_simulation_goes_on_to_the_same_bits(small, tmp_path):
     assert not lane.exists()
     other = CliRunner().invoke(app, [*command, str(lane), "--seed", "2"])
     assert other.exit_code == 2
-    assert "attrs.seed is 1" in other.stderr
+    assert "its seed is 1, this one's 2; --restart begins again" in other.stderr
     assert CliRunner().invoke(app, [*command, str(lane)]).exit_code == 0
     whole = tmp_path / "elsewhere" / "lane.zarr"
     whole.parent.mkdir()

@@ -125,6 +125,8 @@ def before_scoring(made):
         file.write("# a recipe\n")
     with open("alarms.csv", "w") as file:
         file.write("x,y,confidence\n0.1,4.2,3.0\n1.2,44.0,2.0\n-1.5,30.1,1.0\n")
+    with open("places.csv", "w") as file:
+        file.write("x,y\n0.1,4.2\n1.2,44.0\n")
     with open("others.csv", "w") as file:
         file.write(
             "x;y;confidence\n0,1;4,3;1,0\n"  # as other countries write it
@@ -167,6 +169,7 @@ FOLLOWED = {
     "rvm": ("reference/rvm",),
     "scoring": (
         "guide/scoring",
+        "guide/trial-report",
         "guide/compare-detectors",
         "guide/plan-a-test",
         "guide/blind-test",

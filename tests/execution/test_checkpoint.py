@@ -70,7 +70,7 @@ def test_damaged_groups_are_deleted_and_named(folder):
 def test_one_process_uses_a_work_folder_at_a_time(folder):
     with (
         begin(folder, JOB),
-        pytest.raises(WorkError, match="another process is at work here"),
+        pytest.raises(WorkError, match="/result: another process is at work on it"),
         begin(folder, JOB),
     ):
         pass

@@ -103,6 +103,7 @@ def test_the_order_of_lanes(tmp_path):
     given = tmp_path / "given.toml"
     given.write_text(LANE_TOML)
     assert choose_lane(run, given, with_lane) == (LANE, "given.toml, as given")
+    assert choose_lane(run, LANE, with_lane) == (LANE, "as given")
 
 
 def test_a_file_beside_the_run_that_is_no_lane_is_named(tmp_path):

@@ -3,7 +3,7 @@
 import pytest
 
 from flgpr.execution.survey import RunOptions, detect_survey, lane_names
-from flgpr.execution.workers import InProcess, Processes
+from flgpr.execution.workers import InProcess, Processes, StoppedError
 from small_lane import small_recipe
 
 
@@ -25,12 +25,19 @@ def test_lanes_are_named_after_their_runs():
 
 
 def test_several_lanes_at_once_need_others_who_work(tmp_path):
-    with pytest.raises(ValueError, match="lanes at once needs workers or a scheduler"):
+    with pytest.raises(ValueError, match="lanes-at-once needs workers or a scheduler"):
         detect_survey(["a.zarr"], small_recipe(), tmp_path / "survey", at_once=2)
     assert not (tmp_path / "survey").exists()
 
 
 def test_borders_are_one_file_per_run(tmp_path):
-    with pytest.raises(ValueError, match="lanes must be one per run, got 1 for 2 runs"):
+    with pytest.raises(ValueError, match="lane must be given once per run, got 1 for 2 runs"):
         detect_survey(["a.zarr", "b.zarr"], small_recipe(), tmp_path / "survey", lanes=["a.toml"])
     assert not (tmp_path / "survey").exists()
+
+
+def test_work_that_was_stopped_is_not_begun():
+    executor = Processes(1)
+    executor.stop()
+    with pytest.raises(StoppedError, match="the work was stopped"):
+        list(executor.run(lane_names, [(["a.zarr"],)]))

@@ -147,7 +147,9 @@ def test_every_mine_is_seen_twice_at_the_studys_range(recipe, looks):
         assert len(seen) == 2 * depths.size
         assert sum(look.trains for look in seen) == 2 * trains.sum()
         assert sorted({look.depth for look in seen}) == sorted(set(depths))
-        assert all(abs(look.position[1] - 15) < 0.7 and abs(look.position[0]) < 1.1 for look in seen)
+        assert all(
+            abs(look.position[1] - 15) < 0.7 and abs(look.position[0]) < 1.1 for look in seen
+        )
     forth = looks["open"][: depths.size]
     back = looks["open"][depths.size :][::-1]
     for one, other in zip(forth, back, strict=True):
@@ -209,7 +211,9 @@ def test_peaks_are_taken_at_and_off_the_mine(recipe, looks):
     peaks = score_looks(recipe, [look], made)["HH"]
     x, y = look.image["x"].values, look.image["y"].values
     power = np.abs(look.image.sel(polarization="HH").values) ** 2
-    near = (np.abs(x - look.position[0]) <= 0.5)[None, :] & (np.abs(y - look.position[1]) <= 0.5)[:, None]
+    near = (np.abs(x - look.position[0]) <= 0.5)[None, :] & (np.abs(y - look.position[1]) <= 0.5)[
+        :, None
+    ]
     assert peaks.target[0] == pytest.approx(power[near].max(), rel=1e-3)
     assert len(peaks.rock) == len(peaks.clutter) == len(peaks.clutter_quantile) > 0
     assert (np.array(peaks.clutter_quantile) < np.array(peaks.clutter)).all()

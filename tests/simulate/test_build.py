@@ -58,6 +58,20 @@ def test_two_workers_give_the_same_bits(tmp_path):
     assert two.values.tobytes() == one.values.tobytes()
 
 
+@pytest.mark.usefixtures("few")
+def test_an_interrupt_does_not_wait_for_pieces_that_have_not_begun(tmp_path, monkeypatch):
+    monkeypatch.setattr(nodes, "FREQUENCY", nodes.FREQUENCY.repeat(6))
+
+    def stop(done, count):
+        assert count == 24
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build_table(TINY, tmp_path, workers=2, progress=stop)
+    assert 1 <= len(list(tmp_path.glob("*/*.npy"))) < 24
+
+
 def test_a_box_with_metal_is_refused(tmp_path):
     box = Body(name="tin", shape="box", layers=[{"thickness": 0.02, "zones": ((0.03, "metal"),)}])
     with pytest.raises(ValueError, match="body tin: a box must be without metal"):

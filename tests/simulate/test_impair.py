@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from flgpr.model import Sensor
+from flgpr.model import SPEED_OF_LIGHT, Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.radar.impair import Impairments
+from flgpr.simulate.radar.impair import Impairments, signature_end
 from simulate.conftest import BARE
 
 
@@ -88,3 +88,22 @@ def test_a_vehicle_wanders_stops_leaves_and_comes_back(quiet):
     middle = (pose[1:, 3] + pose[:-1, 3])[moving] / 2
     near = np.diff(y)[moving] < 2
     np.testing.assert_allclose(slope[near], middle[near], atol=0.02)
+
+
+def test_the_self_signature_ends_at_its_path_and_not_before(quiet):
+    """Its range profile has echoes up to the end, and behind it nothing but the window's skirts."""
+    own = {"self_signature_db": 15.0, "self_signature_drift": 0.0}
+    tones = {"start": 0.5e9, "step": 2.5e6, "count": 256}  # 120 m of path unambiguous
+    sensor = Sensor.model_validate(quiet.model_dump() | {"errors": own, "tones": tones})
+    errors = Impairments(sensor, 4)
+    signature = errors.apply(SILENCE, 0)[0]
+    step = errors.frequency[1] - errors.frequency[0]
+    span = SPEED_OF_LIGHT / step
+    end = signature_end(sensor)
+    assert sensor.footprint[3] * 2 < end < 0.9 * span
+    profile = np.abs(np.fft.ifft(signature * np.hanning(256), 2048, axis=1)) ** 2
+    path = np.arange(2048) / 2048 * span
+    cell = 4 * SPEED_OF_LIGHT / (256 * step)
+    before = profile[:, (path > 0.8 * end) & (path < end - cell)].mean()
+    behind = profile[:, (path > end + cell) & (path < span - cell)].mean()
+    assert 10 * np.log10(before / behind) > 20

@@ -29,7 +29,11 @@ def test_canonical_json_does_not_depend_on_the_order_of_keys():
 
 def test_a_sealed_object_comes_back_and_an_altered_one_does_not():
     data = json_with_digest({"a": 1, "b": [None, "x"]})
-    assert parse_with_digest(data) == {"a": 1, "b": [None, "x"], "sha256": json.loads(data)["sha256"]}
+    assert parse_with_digest(data) == {
+        "a": 1,
+        "b": [None, "x"],
+        "sha256": json.loads(data)["sha256"],
+    }
     with pytest.raises(ValueError, match="differs from what was written"):
         parse_with_digest(data.replace(b'"a": 1', b'"a": 2'))
     with pytest.raises(ValueError, match="cannot be read"):

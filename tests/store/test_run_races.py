@@ -42,7 +42,7 @@ def at_the_next(monkeypatch, owner, name, act):
 def test_a_writer_that_begins_while_another_commits_is_refused(tmp_path, monkeypatch, step):
     first = begin(tmp_path / "a.zarr", resume=True)
     at_the_next(monkeypatch, *step, lambda: write(first))
-    with pytest.raises(FileExistsError, match="path must not exist yet"):
+    with pytest.raises(FileExistsError, match="output must not exist yet"):
         begin(tmp_path / "a.zarr", resume=True)
     assert open_run(tmp_path / "a.zarr")["signal"].load()[-1, 0, 0, 0] == 3
     assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
@@ -95,7 +95,9 @@ def test_of_processes_that_race_one_writes_and_the_others_are_refused(tmp_path):
         words = [text for number, text in told if int(number) == trial]
         assert words.count("wrote") == 1, words
         assert (
-            sum("another process is writing" in w or "path must not exist yet" in w for w in words)
+            sum(
+                "another process is writing" in w or "output must not exist yet" in w for w in words
+            )
             == 2
         ), words
         assert open_run(tmp_path / f"{trial}.zarr").load().sizes["scan"] == 3

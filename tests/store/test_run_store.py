@@ -158,7 +158,7 @@ def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(
 def test_another_run_is_not_gone_on_with(small_run, tmp_path):
     same = (tmp_path / "a.zarr", *parts(small_run), small_run.attrs)
     stop_after(small_run, tmp_path / "a.zarr", 2, inputs={"scene": "one"})
-    with pytest.raises(RunStoreError, match=r'its inputs.scene is "one", this one\'s "two"'):
+    with pytest.raises(RunStoreError, match=r'its scene is "one", this one\'s "two"'):
         RunWriter(*same, resume=True, inputs={"scene": "two"})
     with RunWriter(
         tmp_path / "a.zarr",

@@ -168,7 +168,7 @@ class JournalMachine(RuleBasedStateMachine):
     def begin_with_another_run(self):
         if not self.path.read_bytes().startswith(self.head):
             return  # nothing stands that it could be told from
-        with pytest.raises(OtherRunError, match=r"inputs.digest is \"0f\", this one's \"aa\""):
+        with pytest.raises(OtherRunError, match=r"digest is \"0f\", this one's \"aa\""):
             Journal(self.folder, {**ABOUT, "inputs": {"digest": "aa"}}, True)
 
     @precondition(lambda self: not self.journal)
@@ -253,7 +253,7 @@ class StoreMachine(RuleBasedStateMachine):
     def begin_with_other_inputs(self):
         """Refused while something stands, and nothing is lost by it."""
         if self.begun:
-            with pytest.raises(RunStoreError, match=r"another unfinished run: its inputs.digest"):
+            with pytest.raises(RunStoreError, match=r"another unfinished run is there: its digest"):
                 RunWriter(
                     self.path, *self.fixed, overwrite=True, resume=True, inputs={"digest": "aa"}
                 )

@@ -3,9 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.colors import to_rgb
 
 from flgpr.scoring import example_roc
 from flgpr.trials import figure_bytes, patch_figure, roc_figure
+from flgpr.trials.figures import compared_roc_figure
 
 CURVE = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
 BAND = pd.DataFrame({"far": [0.0, 0.1], "pd_low": [0.0, 0.5], "pd_high": [0.5, 1.0]})
@@ -54,3 +56,29 @@ def test_equal_figures_give_equal_bytes(kind):
     assert figure_bytes(roc_figure({"all": CURVE}), kind) == figure_bytes(
         roc_figure({"all": CURVE}), kind
     )
+
+
+def test_compared_curves_are_told_apart_without_colour():
+    names = ["a", "b", "c", "d"]
+    single = CURVE.iloc[[0, -1]]
+    single.attrs = CURVE.attrs
+    curves = {"a": CURVE, "b": CURVE, "c": CURVE, "d": single}
+    points = pd.concat(
+        [CURVE.iloc[[1]].assign(detector=name, far_allowed=CURVE["far"].iloc[1]) for name in names]
+    )
+    figure = compared_roc_figure(curves, {name: f"V: {name}" for name in names}, points, 0.05)
+    (axes,) = figure.axes
+    (legend,) = figure.legends
+    shown = legend.get_lines()
+    styles = {(line.get_marker(), str(line._unscaled_dash_pattern)) for line in shown[:4]}
+    assert len(styles) == 4
+    greys = [np.dot(to_rgb(line.get_color()), (0.299, 0.587, 0.114)) for line in shown[:3]]
+    assert min(abs(np.diff(sorted(greys)))) > 0.05
+    assert legend.get_texts()[0].get_text() == "V: a (3)"
+    # A bar at the point and at the last alarm of each; a list of one point has that one alone.
+    bars = [len(lines.get_segments()) for lines in axes.collections]
+    assert bars == [2, 2, 2, 1]
+    for lines in axes.collections:
+        for (x, low), (_, high) in lines.get_segments():
+            assert 0 <= x <= axes.get_xlim()[1]
+            assert 0 <= low < high <= 1

@@ -28,7 +28,8 @@ OVERLAPS = """() => {
         .filter(([, q]) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 1
             && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 1)
         .map(([b]) => [a, b].map((e) => e.id || e.className || e.tagName)));
-    const homes = ['body > header', '#tools', '#display', '#scrub', '#alarm > header', '#explain', '#lane-side', '#zoom'];
+    const homes = ['body > header', '#tools', '#display', '#scrub', '#alarm > header', '#explain',
+        '#lane-side', '#zoom'];
     return [...homes.flatMap((home) => pairs(document.querySelector(home).children)),
         ...pairs(document.querySelectorAll('body > header, #lane-side, aside')),
         ...pairs(document.querySelectorAll('aside > section'))];

@@ -21,6 +21,7 @@ interface Bscan {
   top_db: number | null;
   missing: number[];
   incomplete: number[];
+  ends: { delay_ns: number; words: string }[]; // where simulated echoes end
   halves: string;
   toml: string;
 }
@@ -305,6 +306,16 @@ export class RawPanel {
     pen.text(left + width / 2, top + 16, words, { fill: "#ffffff", size: 12, anchor: "middle", halo: "#000000" });
   }
 
+  /** Lines at the delays where a simulation's echoes end, which those of a real radar do not. */
+  private drawEnds(pen: CanvasPen, { left, top, width, height }: Box): void {
+    this.shown!.ends.forEach(({ delay_ns, words }, i, { length }) => {
+      const y = top + this.shareOf(delay_ns) * height;
+      pen.path([[left, y], [left + width, y]], false, { stroke: "#ffffff", width: 1.2, dash: [2, 4] });
+      const above = i < length - 1 || y > top + height - 16; // two ends lie close together
+      pen.text(left + 6, above ? y - 4 : y + 13, `${fixed(delay_ns, 1)} ns: ${words}`, { fill: "#ffffff", size: 11, halo: "#000000" });
+    });
+  }
+
   private drawBar(context: CanvasRenderingContext2D, { left, top, width, height }: Box, words: string): void {
     const [pen, text] = [new CanvasPen(context), { fill: colour("soft"), size: 10.5 }];
     const [low, span] = this.range();
@@ -367,6 +378,7 @@ export class RawPanel {
       context.strokeRect(left + this.column * wide, top, Math.max(wide, 1), box.height);
     }
     const pen = new CanvasPen(context);
+    this.drawEnds(pen, box);
     this.drawHyperbola(pen, box);
     const text = { fill: colour("soft"), size: 10.5 };
     const line = (a: [number, number], b: [number, number]): void => pen.path([a, b], false, { stroke: colour("soft"), width: 1 });
@@ -422,7 +434,7 @@ export class RawPanel {
       return Number.isFinite(value) ? value : null;
     });
     const top = this.shown.top_db ?? 0;
-    this.plot("ascan", "delay, ns", scale === "db" ? "dB" : "of the scale", [delays, trace], scale === "db" ? [top - 80, top + 6] : null);
+    this.plot("ascan", "two-way delay, ns", scale === "db" ? "dB" : "amplitude / unit", [delays, trace], scale === "db" ? [top - 80, top + 6] : null);
     if (!this.spectrum) return;
     const { frequency_ghz: tones, level_db: level, median_db: median, disturbed_ghz: disturbed } = this.spectrum;
     const hit = new Set(disturbed);
@@ -442,6 +454,7 @@ export class RawPanel {
           legend: { show: false },
           cursor: { show: false },
           scales: { x: { time: false }, y: range ? { range } : {} },
+          hooks: { draw: [(plot) => id === "ascan" && this.markEnds(plot)] },
           axes: [{ ...axis, label: x, labelSize: 14, size: 26 }, { ...axis, label: y, labelSize: 14, size: 44 }],
           series: [{}, { ...line, stroke: colour("accent") }, { ...line, stroke: colour("false"), dash: [5, 4] }, { paths: () => null, points: { show: true, size: 6, stroke: colour("missed"), fill: colour("missed") } }].slice(0, data.length),
         },
@@ -449,6 +462,21 @@ export class RawPanel {
         home,
       ),
     );
+  }
+
+  /** Dotted lines in the A-scan at the delays where simulated echoes end. */
+  private markEnds({ ctx, bbox, valToPos }: uPlot): void {
+    ctx.save();
+    ctx.strokeStyle = colour("soft");
+    ctx.setLineDash([2, 4]);
+    for (const { delay_ns } of this.shown?.ends ?? []) {
+      const x = valToPos(delay_ns, "x", true);
+      ctx.beginPath();
+      ctx.moveTo(x, bbox.top);
+      ctx.lineTo(x, bbox.top + bbox.height);
+      ctx.stroke();
+    }
+    ctx.restore();
   }
 
   private async health(): Promise<void> {

@@ -158,7 +158,7 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
         before it appear in it again: much of it may still be good.
     """
     faults, doubts = fit_faults(run, recipe)
-    _raise(faults)
+    _raise(recipe, faults)
     for doubt in doubts:
         warnings.warn(f"{doubt}; {_HINT}", stacklevel=2)
 
@@ -247,7 +247,7 @@ def check_channels(recipe: Recipe, polarizations: Sequence[str], tones: FloatArr
     ValueError
         As of :func:`check_fit`.
     """
-    _raise(_channel_faults(recipe, polarizations, tones))
+    _raise(recipe, _channel_faults(recipe, polarizations, tones))
 
 
 def allow_features(polarizations: Sequence[str]) -> bool:
@@ -255,10 +255,11 @@ def allow_features(polarizations: Sequence[str]) -> bool:
     return {"HH", "VV"} <= set(polarizations) and bool({"HV", "VH"} & set(polarizations))
 
 
-def _raise(faults: list[str]) -> None:
-    """Raise the ValueError of faults, if there are any."""
+def _raise(recipe: Recipe, faults: list[str]) -> None:
+    """Raise the ValueError of a recipe's faults, if there are any."""
     if faults:
-        raise ValueError("; ".join([*faults, _HINT]))
+        listed = "; ".join([*faults, _HINT])
+        raise ValueError(f"recipe {recipe.name} does not fit the run: {listed}")
 
 
 def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
@@ -275,9 +276,7 @@ def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatAr
         if name not in polarizations:
             faults.append(f"{entry} must be one the run has ({known}), got {name!r}")
     if recipe.features is not None and not allow_features(polarizations):
-        faults.append(
-            f"features must be left out unless the run has HH, VV and HV or VH, got {known}"
-        )
+        faults.append(f"its features are of runs with HH, VV, and HV or VH, got a run with {known}")
     for name, (low, high) in recipe.image.subbands.items():
         outside = max(tones[0] - low, 0.0) + max(high - tones[-1], 0.0)
         has_tones = ((tones >= low) & (tones <= high)).any()

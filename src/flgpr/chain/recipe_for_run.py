@@ -32,6 +32,7 @@ from flgpr.model import (
 )
 from flgpr.model.motion import plausible_run
 from flgpr.store import MAX_MEMORY, open_run
+from flgpr.store.files import faults_of
 from flgpr.store.outputs import write_new
 
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
@@ -86,7 +87,9 @@ def recipe_for(
     ValueError
         As of :func:`fit_recipe`.
     """
-    text = fit_recipe(open_run(run, max_memory))
+    dataset = open_run(run, max_memory)
+    with faults_of(run):
+        text = fit_recipe(dataset)
     if output is not None:
         write_new(Path(output), text)
     return text

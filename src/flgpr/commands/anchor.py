@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike
+from flgpr.commands.options import PathLike, lane_option, output_option
 from flgpr.commands.shell import Arguments, command
 
 
@@ -59,14 +59,12 @@ def anchor(
         float | None, Option(help="CSV: standard deviation of a surveyed coordinate, m.")
     ] = None,
     write: Annotated[PathLike | None, Option(help="CSV: anchor (TOML) to write.")] = None,
-    lane: Annotated[PathLike | None, Option(help="Lane (TOML) whose corners are computed.")] = None,
+    lane: Annotated[PathLike | None, lane_option("its corners are computed")] = None,
     outline: Annotated[
         PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
     ] = None,
     run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
-    output: Annotated[
-        PathLike | None, Option("-o", "--output", help="Run store to make, with its georeference.")
-    ] = None,
+    output: Annotated[PathLike | None, output_option("run store with its georeference")] = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 from typer import Option
+from typer.core import TyperGroup
 
 import flgpr
 from flgpr.commands import (
@@ -25,6 +26,7 @@ from flgpr.commands.detect import detect
 from flgpr.commands.export import export
 from flgpr.commands.image import image
 from flgpr.commands.info import info
+from flgpr.commands.pairs import PairCommand
 from flgpr.commands.prepare import prepare
 from flgpr.commands.replay import replay
 from flgpr.commands.reproduce import reproduce
@@ -92,20 +94,49 @@ GROUPS: dict[tuple[str, str], dict[str, Callable[..., Any]]] = {
 }
 """Commands of two words, by the first word and its help."""
 
+HELP_PANELS: dict[str, tuple[str, ...]] = {
+    "Start": ("demo", "info", "view", "recipe"),
+    "Data": ("import", "prepare", "simulate", "calibrate", "anchor", "export"),
+    "Detect": ("detect", "train", "image", "replay"),
+    "Judge": ("score", "plan"),
+    "Live": ("live", "feed"),
+    "Research": ("design", "benchmark", "reproduce", "bench"),
+}
+"""First words of commands by the title of the box in which ``flgpr --help`` shows them."""
+
+
+class OrderedGroup(TyperGroup):
+    """The command line, which lists its commands in the order of the boxes."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - the signature of Typer
+        """Return the first words of all commands."""
+        names: list[str] = []
+        for panel_names in HELP_PANELS.values():
+            names += panel_names
+        return names
+
+
+def _panel_of(name: str) -> str:
+    """Return the title of the box in which the help shows a command."""
+    return next(title for title, names in HELP_PANELS.items() if name in names)
+
+
 app = typer.Typer(
+    cls=OrderedGroup,
     help="Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and "
     "scores.",
+    epilog="flgpr --install-completion completes commands and options with the Tab key.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
 )
 for name, function in COMMANDS.items():
-    app.command(name)(shell_function(function))
+    panel = _panel_of(name)
+    app.command(name, cls=PairCommand, rich_help_panel=panel)(shell_function(function))
 for (group_name, group_help), functions in GROUPS.items():
     group = typer.Typer(name=group_name, help=group_help, no_args_is_help=True)
     for name, function in functions.items():
-        group.command(name)(shell_function(function))
-    app.add_typer(group)
+        group.command(name, cls=PairCommand)(shell_function(function))
+    app.add_typer(group, rich_help_panel=_panel_of(group_name))
 
 
 def _version(is_asked: bool) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Paths, Progress, Scheduler
+from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
 from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
@@ -39,7 +39,7 @@ def _page_lines(text: str, call: Arguments) -> Iterator[str]:
     yield f"page: {(Path(call.output) / 'index.html').resolve()}"
 
 
-@command(lines=_page_lines)
+@command(lines=_page_lines, resumes=True)
 def run_benchmark(
     entries: Annotated[
         Sequence[str] | None,
@@ -48,9 +48,7 @@ def run_benchmark(
             "all packaged entries by default."
         ),
     ] = None,
-    output: Annotated[PathLike, Option("-o", "--output", help="Folder to work in.")] = Path(
-        "proving-ground"
-    ),
+    output: Annotated[PathLike, output_option("folder to work in")] = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
     tier: Tier = None,
@@ -102,7 +100,7 @@ def run_oracle(
 def benchmark_table(
     folders: Annotated[Paths, Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
     output: Annotated[
-        PathLike | None, Option("-o", "--output", help="Folder of the table; default the first.")
+        PathLike | None, output_option("folder of the table, by default the first")
     ] = None,
 ) -> str:
     """Compare entries. Alarms without a score are scored, and the look at the truth is logged.

@@ -45,7 +45,24 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     return {}
 
 
-@command(lines=_lines, as_json=_as_json, python_values=_check_json)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    python_values=_check_json,
+    panels={
+        "Signal to clutter": (
+            "signal_to_clutter",
+            "body",
+            "distance",
+            "height",
+            "permittivity",
+            "loss_tangent",
+            "correlation_length",
+            "unevenness",
+            "measure",
+        ),
+    },
+)
 def design(
     sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
     compare: Annotated[

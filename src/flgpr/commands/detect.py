@@ -15,7 +15,7 @@ from typer import Argument, Option
 
 from flgpr.commands.options import (
     REQUIRED,
-    OneOrMorePaths,
+    LanesLike,
     Overwrite,
     PathLike,
     Progress,
@@ -23,7 +23,9 @@ from flgpr.commands.options import (
     Scheduler,
     ShellType,
     With,
+    lane_option,
     one_or_more,
+    output_option,
     runs_by_name,
 )
 from flgpr.commands.run_options import run_options
@@ -31,6 +33,7 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.execution.survey import RunOptions
+    from flgpr.model import Lane
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
 
@@ -105,7 +108,17 @@ def _summary(result: Result) -> dict[str, Any]:
     }
 
 
-@command(lines=_lines, as_json=_as_json, lines_before=_before, compiles_kernels=True)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    lines_before=_before,
+    panels={
+        "Recipe and lane": ("recipe", "model", "lane", "others"),
+        "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
+    },
+    resumes=True,
+    compiles_kernels=True,
+)
 def detect(
     runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
     recipe: Annotated[
@@ -114,11 +127,11 @@ def detect(
         ShellType(str),
     ] = None,
     output: Annotated[
-        PathLike | None, Option("-o", "--output", help="What to write."), REQUIRED
+        PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
     ] = None,
     lane: Annotated[
-        OneOrMorePaths | None,
-        Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run."),
+        LanesLike | None,
+        lane_option("once per run"),
     ] = None,
     model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
@@ -175,10 +188,10 @@ def detect(
 
     if len(run_list) == 1:
         if lanes is not None and len(lanes) > 1:
-            raise ValueError(f"lane must be one per run, got {len(lanes)} for 1 run")
-        lane_file = None if lanes is None else lanes[0]
+            raise ValueError(f"lane must be given once per run, got {len(lanes)} for 1 run")
+        given_lane = None if lanes is None else lanes[0]
         with _Locations(run_list[0], output, other_runs[0]) as locations:
-            _detect_lane(locations, recipe, lane_file, model, section, report, options, overwrite)
+            _detect_lane(locations, recipe, given_lane, model, section, report, options, overwrite)
             return locations.result()
 
     if output is None:
@@ -207,7 +220,7 @@ def detect(
 def _detect_lane(
     locations: _Locations,
     recipe: PathLike | None,
-    lane_file: PathLike | None,
+    given_lane: PathLike | Lane | None,
     model: PathLike | None,
     section: float | None,
     report: bool,
@@ -225,7 +238,7 @@ def _detect_lane(
         parse_recipe(text, str(recipe)),
         text,
         locations.output,
-        lane_file,
+        given_lane,
         locations.other_runs,
         model,
         report,

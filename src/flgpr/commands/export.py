@@ -8,10 +8,10 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike
+from flgpr.commands.options import Output, PathLike, anchor_option
 from flgpr.commands.shell import Arguments, command
 
-FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd", "mcap")
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "mcap")
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
@@ -32,9 +32,7 @@ def export(
     to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
     anchor: Annotated[
         PathLike | None,
-        Option(
-            help="TOML that ties the lane to the Earth; needed where the data have no georeference."
-        ),
+        anchor_option("needed where the data have no georeference"),
     ] = None,
     kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
     time: Annotated[
@@ -47,6 +45,9 @@ def export(
     ] = None,
     columns: Annotated[
         str | None, Option(help="Columns of a table that have other names: x=Rechts,y=Hoch.")
+    ] = None,
+    organisation: Annotated[
+        str | None, Option(help="With imsma: organisation that made the survey.")
     ] = None,
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
@@ -70,6 +71,12 @@ def export(
 
     if score is not None and to != "qgis":
         raise ValueError(f"score goes with qgis, got to {to!r}")
+    if organisation is not None and to != "imsma":
+        raise ValueError(f"organisation goes with imsma, got to {to!r}")
+    if to == "imsma":
+        return exporting.export_imsma(
+            source, output, anchor, time, organisation, detection, columns
+        )
     if to == "cphd":
         return exporting.export_run(source, output, anchor)
     if to == "mcap":

@@ -6,7 +6,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -19,13 +19,14 @@ from flgpr.formats.cphd import write_cphd
 from flgpr.geo import export as georeferenced
 from flgpr.geo import qgis
 from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.imsma import imsma_table
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import open_run, sha256
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
-from flgpr.store.tables import json_value, parse_table
+from flgpr.store.tables import json_value, parse_table, write_table
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree
@@ -142,6 +143,84 @@ def export_result(
     with atomic_output(target) as partial:
         georeferenced.write_geotiff(chosen.view, partial, lane_anchor, identity)
     return target
+
+
+def export_imsma(
+    source: PathLike,
+    output: PathLike,
+    anchor: PathLike | None,
+    time: str | None,
+    organisation: str | None = None,
+    detection: str = "main",
+    columns: str | None = None,
+) -> Path:
+    """Export alarms as a table of points for IMSMA, the information system of mine action.
+
+    Parameters
+    ----------
+    source : path
+        Result folder, or alarm list (CSV).
+    output : path
+        CSV to write.
+    anchor : path, optional
+        TOML that ties the lane to the Earth, by default the georeference of a result's run.
+    time : str
+        When the data were taken, ISO 8601 with a time zone.
+    organisation : str, optional
+        Who made the survey.
+    detection : str
+        "main" or the name of a variant of a result.
+    columns : str, optional
+        Columns of an alarm list with other names, such as ``x=Rechts,y=Hoch``.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, or there is no anchor or no time.
+    FileExistsError
+        If another file is at the output.
+    """
+    if time is None:
+        raise ValueError(
+            "imsma needs the time of the survey, which its minimum data hold: "
+            "--time 2026-05-04T09:30:00Z"
+        )
+    rows, lane_anchor, identity = _alarms_on_earth(source, anchor, detection, columns)
+    check_parent_folder(output)
+    points = georeferenced.georeference(rows, lane_anchor, "alarms", identity, time)
+    target = Path(output)
+    with atomic_output(target) as partial:
+        write_table(imsma_table(points, organisation or ""), partial)
+    return target
+
+
+def _alarms_on_earth(
+    source: PathLike, anchor: PathLike | None, detection: str, columns: str | None
+) -> tuple[pd.DataFrame, Anchor, str]:
+    """Return alarms of a list or a result, the anchor of their lane, and what identifies them."""
+    if Path(source).suffix == ".csv":
+        data = read_named(existing(source, "alarms file"))
+        lane_anchor = _imsma_anchor(anchor, None, source)
+        reading = None
+        if columns is not None:
+            reading = TableReading(parse_columns_option(columns), lane_anchor)
+        return parse_table(data, "alarms", source, reading), lane_anchor, f"sha256:{sha256(data)}"
+    if columns is not None:
+        raise ValueError("columns are of alarm lists: a result's list has its own")
+    loaded = read_result(source)
+    reference = loaded.manifest["run"].get("georeference")
+    lane_anchor = _imsma_anchor(anchor, reference, source)
+    return detection_of(loaded, detection).alarms, lane_anchor, _processing_id(loaded)
+
+
+def _imsma_anchor(anchor: PathLike | None, reference: Any, source: PathLike) -> Anchor:
+    """Return the anchor of a lane; without one a table for IMSMA cannot be made."""
+    if anchor is None and reference is None:
+        raise ValueError(
+            f"{source}: imsma needs latitude and longitude, and nothing tells where this lane "
+            "lies: give --anchor (flgpr anchor makes one from surveyed points)"
+        )
+    return needed_anchor(anchor, reference, source)
 
 
 def export_qgis(

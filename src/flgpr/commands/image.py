@@ -17,7 +17,9 @@ from flgpr.commands.options import (
     PathLike,
     Progress,
     ShellType,
+    anchor_option,
     one_or_more,
+    output_option,
 )
 from flgpr.commands.shell import Arguments, command
 
@@ -110,7 +112,16 @@ def _as_json(returned: Picture | Slices | Radargram, call: Arguments) -> dict[st
     }
 
 
-@command(lines=_lines, as_json=_as_json)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    panels={
+        "Ground": ("x", "y", "z", "at_x", "at_y", "at_z", "depth", "spacing"),
+        "Scans and band": ("scans", "scan", "polarization", "band", "window", "reach"),
+        "Waves in the ground": ("permittivity", "ground"),
+        "Recordings": ("channel", "until", "dewow", "background", "gain", "step_window"),
+    },
+)
 def image(
     run: Annotated[
         PathLike,
@@ -120,7 +131,7 @@ def image(
     ],
     output: Annotated[
         OneOrMorePaths,
-        Option("-o", "--output", help="What to write: .png, .npz, .zarr or .tif; may repeat."),
+        output_option(".png, .npz, .zarr or .tif; may repeat"),
         REQUIRED,
         ShellType(list[Path]),
     ] = (),
@@ -154,9 +165,7 @@ def image(
         float | None,
         Option(help="Largest distance of an antenna from the pixels it contributes to, m."),
     ] = None,
-    anchor: Annotated[
-        PathLike | None, Option(help="TOML that ties the lane to the Earth, for .tif.")
-    ] = None,
+    anchor: Annotated[PathLike | None, anchor_option("for .tif")] = None,
     points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
     depth: Annotated[
         Sequence[float] | None,

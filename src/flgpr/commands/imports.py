@@ -15,6 +15,7 @@ from flgpr.commands.options import (
     Paths,
     Point,
     Progress,
+    anchor_option,
     one_or_more,
     size_in_bytes,
 )
@@ -66,7 +67,21 @@ def import_fullwave(
     return store_with_tables(lane.run, Path(output), {"truth": lane.truth, "objects": lane.objects})
 
 
-@command(lines=_written_lines)
+@command(
+    lines=_written_lines,
+    panels={
+        "Result files": (
+            "band",
+            "transmit",
+            "ground",
+            "horizontal",
+            "vertical",
+            "waveform",
+            "centre",
+        ),
+    },
+    resumes=True,
+)
 def import_gprmax(
     source: Annotated[
         Paths,
@@ -144,7 +159,23 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
     yield call.output
 
 
-@command(lines=_mapped_lines)
+@command(
+    lines=_mapped_lines,
+    panels={
+        "Positions": (
+            "survey",
+            "track",
+            "anchor",
+            "anchor_from_track",
+            "clock_offset",
+            "lever_arm",
+            "latency",
+            "max_gap",
+        ),
+        "OptiTrack Motive": ("body", "axes"),
+    },
+    resumes=True,
+)
 def import_mapped(
     mapping: Annotated[
         PathLike, Argument(help="Mapping (TOML): which variable is what, in which unit.")
@@ -238,7 +269,7 @@ def import_table(
     ] = None,
     anchor: Annotated[
         PathLike | None,
-        Option(help="TOML that ties the lane to the Earth, for longitude and latitude."),
+        anchor_option("for longitude and latitude"),
     ] = None,
 ) -> pd.DataFrame:
     """Read a table of alarms, truth or objects in any dialect, and write it as flgpr does.
@@ -308,7 +339,21 @@ def import_cphd(
     return run
 
 
-@command(lines=_run_lines)
+@command(
+    lines=_run_lines,
+    panels={
+        "Header": ("channel", "step", "time_zero", "window", "band"),
+        "Antennas": ("separation", "across", "height", "polarization"),
+        "Positions": ("anchor", "anchor_from_track", "topography", "mark_spacing"),
+        "Several lines or channels": (
+            "all_channels",
+            "channel_x",
+            "line_spacing",
+            "zigzag",
+            "lines",
+        ),
+    },
+)
 def import_gpr(
     file: Annotated[
         Paths,

@@ -16,13 +16,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike
+from flgpr.commands.options import (
+    OVERWRITE_HELP,
+    AnchorOption,
+    PathLike,
+    lane_option,
+    output_option,
+)
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
 if TYPE_CHECKING:
     from flgpr.live.session import LiveReport, LiveRun
 
-Lane = Annotated[PathLike | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
+Lane = Annotated[PathLike | None, lane_option()]
 Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
 Tcp = Annotated[
     str | None,
@@ -119,6 +125,13 @@ def _no_event(_: str) -> None:
     context=_page,
     shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
     python_values=_events,
+    panels={
+        "Where scans come from": ("socket", "tcp", "rate"),
+        "Recipe and lane": ("recipe", "model", "lane", "anchor"),
+        "Detection": ("looks", "warm_up", "span", "worth"),
+        "Vehicle": ("speed", "reaction", "deceleration", "front"),
+        "Page": ("view", "no_browser", "threshold"),
+    },
     compiles_kernels=True,
 )
 def live(
@@ -131,12 +144,12 @@ def live(
     ] = None,
     model: Annotated[PathLike | None, Option(help="Trained classifier.")] = None,
     output: Annotated[
-        PathLike, Option("-o", "--output", help="Folder for events, snapshot and alarms.")
+        PathLike, output_option("folder of events, snapshot and alarms")
     ] = "live-result",
     socket: Socket = None,
     tcp: Tcp = None,
     lane: Lane = None,
-    anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    anchor: AnchorOption = None,
     speed: Annotated[
         float | None,
         Option(help="Speed of the vehicle, km/h: alarms then state whether it can stop."),
@@ -168,9 +181,7 @@ def live(
     mcap: Annotated[
         bool, Option("--mcap", help="At the end write live.mcap, which Foxglove plays.")
     ] = False,
-    fresh: Annotated[
-        bool, Option("--fresh", help="Start anew, whatever the output folder holds.")
-    ] = False,
+    fresh: Annotated[bool, Option("--overwrite", "--fresh", help=OVERWRITE_HELP)] = False,
     *,
     emit: Annotated[
         Callable[[str], Any] | None, "Takes every event, a line of JSON; none by default."

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,24 @@ import typer
 
 from flgpr.commands.errors import USER_ERRORS, plain_message
 
+INTERRUPTED = 130
+"""Exit status of a command that was interrupted: 128 and the number of the signal."""
+STOPPED = "stopped"
+GOES_ON = "stopped; the same command goes on"
+
 _unchanged_outputs: set[str] = set()
 """Outputs that the running command left as they were: they were made of the same inputs."""
 
 
 @contextmanager
-def plain_errors(quiet: bool = False) -> Iterator[None]:
+def plain_errors(
+    quiet: bool = False, stopped: str = STOPPED, typed_names: Mapping[str, str] | None = None
+) -> Iterator[None]:
     """Print errors that the user can mend in one line, with exit status 2, and warnings likewise.
 
-    An output that was left as it was is reported in a line unless ``quiet``, and is no error.
+    An output that was left as it was is reported in a line unless ``quiet``, and is no error. An
+    interrupt (Ctrl-C) prints the line ``stopped``, with exit status 130. ``typed_names`` are the
+    options of the command line by the names that they have in Python.
     """
     # Several commands may run in one process, as tests do.
     _unchanged_outputs.clear()
@@ -31,11 +41,22 @@ def plain_errors(quiet: bool = False) -> Iterator[None]:
         with warnings.catch_warnings(), unchanged, reading:
             warnings.showwarning = _show_warning
             yield
+    except KeyboardInterrupt:
+        typer.echo(stopped, err=True)
+        raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:  # the program that read the output has ended
         raise
     except USER_ERRORS as error:
-        typer.echo(f"error: {plain_message(error)}", err=True)
+        message = _with_typed_names(plain_message(error), typed_names or {})
+        typer.echo(f"error: {message}", err=True)
         raise typer.Exit(2) from None
+
+
+def _with_typed_names(message: str, typed_names: Mapping[str, str]) -> str:
+    """Return a message that names options as they are typed."""
+    for name, typed in typed_names.items():
+        message = re.sub(rf"(?<![\w.-]){name}(?![\w-])", typed, message)
+    return message
 
 
 def is_unchanged(output: Path) -> bool:

@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional, Union
 from typer import Argument, Option
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
     from flgpr.chain.progress import Track
+    from flgpr.model import Lane
+    from flgpr.results.result import Result
 
 PathLike = str | Path
 Paths = Sequence[str | Path]
@@ -26,6 +29,12 @@ OneOrMorePaths = str | Path | Sequence[str | Path]
 RunLike = Union[str, Path, "xarray.Dataset"]
 """A run store, or a run in memory."""
 RunsLike = Union[str, Path, "xarray.Dataset", Sequence[Union[str, Path, "xarray.Dataset"]]]
+LanesLike = Union[str, Path, "Lane", Sequence[Union[str, Path, "Lane"]]]
+"""Files of lanes, or lanes in memory."""
+ResultsLike = Union[str, Path, "Result", Sequence[Union[str, Path, "Result"]]]
+"""Folders of results or files of alarm lists, or results that were read."""
+TruthLike = Union[str, Path, "pandas.DataFrame"]
+"""A file of targets, or a table of them in memory."""
 Limits = tuple[float, float]
 Point = tuple[float, float, float]
 
@@ -47,10 +56,36 @@ class ShellType:
 REQUIRED = ShellDefault(...)
 """Marks an option that must be given on the command line and may be left out in Python."""
 
-Output = Annotated[PathLike, Option("-o", "--output", help="What to write.")]
+OUTPUT_HELP = "What to write"
+LANE_HELP = "TOML of the lane: x_min, x_max, y_min, y_max, m"
+ANCHOR_HELP = "TOML that ties the lane to the Earth"
+OVERWRITE_HELP = "Make it anew, whatever the output holds of an earlier run."
+
+
+def output_option(what: str = "") -> Any:
+    """Return the option ``-o``; ``what`` a command writes is said in a few words."""
+    return Option("-o", "--output", help=f"{OUTPUT_HELP}: {what}." if what else f"{OUTPUT_HELP}.")
+
+
+def lane_option(more: str = "") -> Any:
+    """Return the option ``--lane`` with what a command says of it in addition."""
+    return Option("--lane", help=_with_more(LANE_HELP, more))
+
+
+def anchor_option(use: str = "") -> Any:
+    """Return the option ``--anchor`` with what a command needs it for."""
+    return Option("--anchor", help=_with_more(ANCHOR_HELP, use))
+
+
+def _with_more(help_text: str, more: str) -> str:
+    """Return a sentence of help with what is to be added to it."""
+    return f"{help_text}; {more}." if more else f"{help_text}."
+
+
+Output = Annotated[PathLike, output_option()]
 Overwrite = Annotated[
     bool,
-    Option("--overwrite", help="Make it anew, whatever the output holds of an earlier run."),
+    Option("--overwrite", help=OVERWRITE_HELP),
     ShellDefault(False),  # a command that is typed again must not destroy earlier work
 ]
 Scheduler = Annotated[
@@ -64,7 +99,7 @@ With = Annotated[
     ),
 ]
 RunArgument = Annotated[PathLike, Argument(help="Run store.")]
-AnchorOption = Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")]
+AnchorOption = Annotated[PathLike | None, anchor_option()]
 Progress = Annotated[Optional["Track"], "Shows progress; silent by default."]
 
 

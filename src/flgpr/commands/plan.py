@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike, Paths, one_or_more
+from flgpr.commands.options import Output, PathLike, Paths, anchor_option, one_or_more
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -83,7 +83,13 @@ def _lane_lines(
     )
 
 
-@command(lines=_lane_lines)
+@command(
+    lines=_lane_lines,
+    panels={
+        "Plan": ("seed", "spacing", "edge", "anchor"),
+        "Register": ("recipe", "book", "halo", "far"),
+    },
+)
 def plan_lane(
     lane: Annotated[PathLike, Argument(help="TOML or CSV of the lane or lanes.")],
     targets: Annotated[PathLike, Argument(help="CSV with kind, depth (m) and count.")],
@@ -101,9 +107,7 @@ def plan_lane(
         str | None, Option(help="Recipe whose hash is registered with the plan.")
     ] = None,
     book: Annotated[PathLike | None, Option(help="Register; beside the plan by default.")] = None,
-    anchor: Annotated[
-        PathLike | None, Option(help="TOML that ties the lane to the Earth; GeoPackage and GPX.")
-    ] = None,
+    anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
     halo: Annotated[float, Option(help="Halo radius that scores must use, m.")] = 1.0,
     far: Annotated[
         float, Option(help="Operating point that scores must use, false alarms per m².")

@@ -41,17 +41,17 @@ def tied_run(run: xr.Dataset, anchor: Anchor | None) -> xr.Dataset:
 
 
 def table_reading(
-    columns: str | None = None, anchor: PathLike | None = None
+    columns: str | None = None, anchor: PathLike | None = None, unranked: bool = False
 ) -> TableReading | None:
-    """Return how a table is read; None where neither columns nor an anchor are named.
+    """Return how a table is read; None where no option says anything of it.
 
     ``columns`` are such as ``x=Rechts,y=Hoch``; ``anchor`` (TOML) ties its geographic positions to
-    the lane.
+    the lane; ``unranked`` lets alarms lack confidences.
     """
-    if columns is None and anchor is None:
+    if columns is None and anchor is None and not unranked:
         return None
     names = {} if columns is None else parse_columns_option(columns)
-    return TableReading(names, read_optional_anchor(anchor))
+    return TableReading(names, read_optional_anchor(anchor), unranked)
 
 
 def track_of(

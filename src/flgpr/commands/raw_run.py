@@ -10,7 +10,7 @@ import base64
 import json
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,15 +21,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.commands.picture import Picture, picture_of
-from flgpr.commands.preparing import Background, Step, Subtract, check_steps
+from flgpr.commands.preparing import Background, Step, Subtract, TimeZero, check_steps
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.door import parse_json
 from flgpr.formats import is_gpr, preview_run
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
-from flgpr.model import complete_scans
+from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
+from flgpr.store.run_writer import read_limits
 
 MOST_SCANS = 1200
 MOST_BINS = 800
@@ -41,6 +42,7 @@ _UPDATES = 4e9
 _PIXELS = 20_000, 200_000  # of an image, least and most
 _MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
 _TOP_PERCENTILE = 99.8  # of the amplitudes, at which a colour scale ends
+_LARGEST_LENGTH = 1e6  # m, of what a store may state of its simulation
 _LARGEST_HALF = 6e4  # somewhat less than the largest 16-bit float
 
 
@@ -90,6 +92,7 @@ class RawRun:
     def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
         is_recording = Path(path).is_file() and is_gpr(Path(path))
         self._run = preview_run(path, max_memory) if is_recording else open_run(path, max_memory)
+        self._limits = {} if is_recording else read_limits(path)
         self._max_memory = max_memory
         self._lock = threading.Lock()
         self._last_polarization: tuple[str, xr.Dataset] | None = None
@@ -116,7 +119,8 @@ class RawRun:
         """Compute range profiles of a channel after the steps.
 
         ``halves`` are ``count`` bins of each scan, scan by scan: dB of the largest amplitude in a
-        bin, or the real part over ``unit``. NaN is a sweep that is missing.
+        bin, or the real part over ``unit``. NaN is a sweep that is missing. ``ends`` are the delays
+        at which simulated echoes end for this pair, and what ends there.
         """
         channel = self._channel(query)
         signal = channel["signal"].values[:, 0, 0]
@@ -149,9 +153,31 @@ class RawRun:
             "top_db": 20 * math.log10(top) if top > 0 else None,
             "missing": np.flatnonzero(is_missing).tolist(),
             "incomplete": np.flatnonzero(~channel["valid"].values[:, 0, 0]).tolist(),
+            "ends": self._simulated_ends(query, bins),
             "halves": _halves(values / unit),
             "toml": _toml(self._steps(query.steps)),
         }
+
+    def _simulated_ends(self, query: _Query, bins: DelayBins) -> list[dict[str, Any]]:
+        """Return where simulated echoes end in a B-scan: ``delay_ns``, and in ``words`` what ends.
+
+        Beyond the last of them a simulated sweep holds noise alone, so that its level steps down;
+        that of a radar fades. A run that does not state its limits, such as a measured one, has
+        none.
+        """
+        shift = 0.0  # s, by which steps put time zero later
+        for step in self._steps(query.steps):
+            if isinstance(step, TimeZero):
+                shift += step.delay_ns * 1e-9
+        tx = self._run["tx_position"].values[query.pair]
+        rx = self._run["rx_position"].values[query.pair]
+        height = float(np.median(self._run["pose"].values[:, 2]))
+        ends = []
+        for path, words in _simulated_paths(self._limits, tx, rx, height):
+            delay = path / SPEED_OF_LIGHT - shift
+            if bins.start < delay < bins.stop:
+                ends.append({"delay_ns": round(delay * 1e9, 2), "words": words})
+        return ends
 
     def spectrum(self, query: _Query) -> dict[str, Any]:
         """Return the levels of a scan's tones after the steps, dB, and the median over all scans.
@@ -370,6 +396,37 @@ def _delay_bins(
     if query.scale == "db":
         sums_per_bin = max(math.ceil(span * rate / MOST_BINS), 1)
     return DelayBins(start, stop, MOST_BINS, sums_per_bin)
+
+
+def _simulated_paths(
+    limits: Mapping[str, Any], tx: NDArray[np.float64], rx: NDArray[np.float64], height: float
+) -> Iterator[tuple[float, str]]:
+    """Yield the paths (m) at which a pair's simulated echoes end, and in words what ends.
+
+    ``limits`` are those of :meth:`flgpr.simulate.Simulator.limits`, from a store that anybody may
+    have written; ``height`` is that of the array over the mean ground, m.
+    """
+    footprint = _numbers_of(limits.get("footprint_m"), 4)
+    if footprint:
+        x_min, x_max, y_min, y_max = footprint
+        corners = np.array([(x, y, -height) for x in (x_min, x_max) for y in (y_min, y_max)])
+        paths = np.linalg.norm(corners - tx, axis=1) + np.linalg.norm(corners - rx, axis=1)
+        yield float(paths.max()), f"the simulated ground ends, {y_max:g} m ahead of the array"
+    for own_path in _numbers_of([limits.get("own_echoes_path_m")], 1):
+        yield own_path, "the simulated echoes of the vehicle itself end; beyond is noise"
+
+
+def _numbers_of(values: Any, count: int) -> list[float]:
+    """Return a list of so many lengths from a value of JSON; empty where it is none."""
+    if not isinstance(values, list) or len(values) != count:
+        return []
+    numbers = []
+    for value in values:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (is_number and abs(value) < _LARGEST_LENGTH):
+            return []
+        numbers.append(float(value))
+    return numbers
 
 
 def _tone_levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
-from flgpr.commands.options import PathLike, RunArgument, ShellType
+from flgpr.commands.options import PathLike, RunArgument, ShellType, output_option
 from flgpr.commands.shell import Arguments, RawText, command
 
 if TYPE_CHECKING:
@@ -72,9 +72,7 @@ def _recipe_lines(text: str, call: Arguments) -> Iterator[str | Path]:
 @command(lines=_recipe_lines)
 def recipe_for(
     run: RunArgument,
-    output: Annotated[
-        PathLike | None, Option("-o", "--output", help="TOML file to write; else it is printed.")
-    ] = None,
+    output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
 ) -> str:
     """Make a recipe for a run's band, polarizations and array.
 

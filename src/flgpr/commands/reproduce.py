@@ -9,7 +9,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Progress, Scheduler
+from flgpr.commands.options import PathLike, Progress, Scheduler, output_option
 from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
@@ -22,7 +22,7 @@ def _lines(page: Path, call: Arguments) -> Iterator[str]:
     yield f"{kind}: {page.resolve()}"
 
 
-@command(lines=_lines)
+@command(lines=_lines, resumes=True)
 def reproduce(
     paper: Annotated[
         str,
@@ -31,7 +31,7 @@ def reproduce(
             "experiments on why statements do not hold."
         ),
     ],
-    output: Annotated[PathLike | None, Option("-o", "--output", help="Folder to work in.")] = None,
+    output: Annotated[PathLike | None, output_option("folder to work in")] = None,
     quick: Annotated[
         bool, Option("--quick", help="A small version that only checks that everything runs.")
     ] = False,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import dataclasses
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,8 +18,13 @@ from flgpr.commands.options import (
     Overwrite,
     PathLike,
     Progress,
+    ResultsLike,
     ShellType,
+    TruthLike,
+    anchor_option,
+    lane_option,
     one_or_more,
+    output_option,
 )
 from flgpr.commands.score_text import (
     agreement_json,
@@ -78,16 +86,26 @@ def _output_folder(call: Arguments) -> Path:
     return Path(call.output or "score")
 
 
+_BEFORE_OPENING = (
+    "The passphrase is the one that this truth was sealed with. Nothing is shown while you type. "
+    "A right one makes this score a look at the truth, which is counted in its log for good; a "
+    "wrong one changes nothing."
+)
+
+
 def _ask_passphrase() -> str:
-    """Ask for a passphrase on the terminal."""
+    """Ask for the passphrase of a sealed truth on the terminal, after its rules."""
+    typer.echo(_BEFORE_OPENING, err=True)
     return str(typer.prompt("passphrase", hide_input=True, err=True))
 
 
 def _ask_new_passphrase() -> str:
-    """Ask for a passphrase twice; a weak one is refused before it is typed again."""
+    """Ask for a passphrase twice, after its rules; a weak one is refused before it is repeated."""
     from flgpr.trials import PASSPHRASE_RULE, check_passphrase
 
-    phrase = str(typer.prompt(f"passphrase ({PASSPHRASE_RULE})", hide_input=True, err=True))
+    typer.echo(f"The passphrase must have {PASSPHRASE_RULE}.", err=True)
+    typer.echo("It is asked for twice. Nothing is shown while you type.", err=True)
+    phrase = str(typer.prompt("passphrase", hide_input=True, err=True))
     check_passphrase(phrase)
     if phrase != typer.prompt("Repeat for confirmation", hide_input=True, err=True):
         raise ValueError(
@@ -101,26 +119,37 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
 
 
-@command(lines=_lines, as_json=_as_json, python_values=_passphrase)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    python_values=_passphrase,
+    panels={
+        "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
+        "Lists of others": ("columns", "truth_columns", "anchor", "vendor", "unranked"),
+        "Sealed truth": ("seal", "show", "sealed"),
+        "Register": ("recipe", "book", "witness"),
+        "Analysts": ("agreement",),
+    },
+)
 def score(
     alarms: Annotated[
-        OneOrMorePaths,
+        ResultsLike,
         Argument(
             help="Result folder, or an alarm list (CSV) of any detector; several are compared; "
             "see --agreement."
         ),
     ],
-    truth: Annotated[PathLike | None, Option(help="CSV of the targets.")] = None,
+    truth: Annotated[TruthLike | None, Option(help="CSV of the targets.")] = None,
     objects: Annotated[
         PathLike | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
     ] = None,
     lane: Annotated[
         PathLike | None,
-        Option(help="TOML or CSV of the lane or lanes; a result folder has its own."),
+        lane_option("or a CSV of several; a result folder has its own"),
     ] = None,
     output: Annotated[
         PathLike | None,
-        Option("-o", "--output", help="Folder for report and JSON; or the sealed file."),
+        output_option("folder of the report and its JSON; or the sealed file"),
     ] = None,
     halo: Annotated[
         float | None,
@@ -182,11 +211,24 @@ def score(
     truth_columns: Annotated[str | None, Option(help="The same for the truth.")] = None,
     anchor: Annotated[
         PathLike | None,
-        Option(
-            help="TOML that ties the lane to the Earth, for lists and truth by longitude and "
-            "latitude."
-        ),
+        anchor_option("for lists and truth by longitude and latitude"),
     ] = None,
+    vendor: Annotated[
+        str | Sequence[str] | None,
+        Option(
+            help="Whose alarms they are, for the head of every page; once per alarm list. By "
+            "default what a comment at the head of the list says: # vendor: NAME."
+        ),
+        ShellType(list[str]),
+    ] = None,
+    unranked: Annotated[
+        bool,
+        Option(
+            "--unranked",
+            help="Take alarm lists without confidences: all alarms of such a list rank equal, and "
+            "it has one operating point.",
+        ),
+    ] = False,
     overwrite: Overwrite = False,
     *,
     passphrase: Annotated[Any, "Of a sealed truth: a text, or a function that asks for it."] = None,
@@ -212,9 +254,12 @@ def score(
     from flgpr.commands.analysts import analyst_agreement
     from flgpr.commands.positions import table_reading
     from flgpr.commands.registering import with_witness
+    from flgpr.commands.trial_card import TrialCard, checked_vendors, day_of_score
 
-    lists = [Path(path) for path in one_or_more(alarms)]
+    lists = [_path_of(entry) for entry in one_or_more(alarms)]
+    _require_lists(lists, seal)
     recipes = one_or_more(recipe)
+    vendors = [str(name) for name in one_or_more(vendor)]
     # Options that have no effect are refused, not dropped without a word.
     options: dict[str, Any] = {
         "truth": truth,
@@ -228,6 +273,8 @@ def score(
         "columns": columns,
         "truth-columns": truth_columns,
         "anchor": anchor,
+        "vendor": vendors or None,
+        "unranked": unranked or None,
     }
 
     if witness is not None and book is None and sealed is None:
@@ -247,34 +294,87 @@ def score(
     if len(lists) == 1 and len(recipes) > 1:
         raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
 
+    report = "comparison.json" if len(lists) > 1 else "roc.json"
+    score_output = _score_output(lists, output)
+    card = TrialCard(
+        vendors=checked_vendors(vendors, len(lists)),
+        scored_on=day_of_score(score_output, report, overwrite),
+    )
+
     if sealed is not None:
         why = "--sealed scores by the rules that the truth was sealed with"
-        _refuse(options, ("sealed", "recipe"), why)
+        _refuse(options, ("sealed", "recipe", "vendor", "unranked"), why)
         # A witness of the register is already part of it; without one it is that of the log.
-        log_witness = witness if book is None else None
+        trial = {
+            "register": register,
+            "witness": witness if book is None else None,
+            "reading": table_reading(unranked=unranked),
+            "card": card,
+        }
         folder = Path(output or "score")
-        return _score_sealed(
-            lists, sealed, passphrase, folder, recipes, register, log_witness, overwrite
-        )
+        return _score_sealed(lists, sealed, passphrase, folder, recipes, overwrite, trial)
 
     _refuse({"show": show}, (), "--show goes with --seal")
     if truth is None:
         raise ValueError("score needs --truth or --sealed, got neither")
 
-    rules = _without_none({"halo": halo, "far": far, "reading": table_reading(columns, anchor)})
+    reading = table_reading(columns, anchor, unranked)
+    rules = _without_none({"halo": halo, "far": far, "reading": reading})
     rules["truth_reading"] = table_reading(truth_columns, anchor)
     rules["register"] = register
     rules["overwrite"] = overwrite
+    rules["card"] = card
     if len(lists) > 1:
         _refuse({"objects": objects}, (), "several lists are compared without pictures")
         return _compare(lists, truth, output, lane, recipes, rules)
     rules["recipe"] = recipes[0] if recipes else None
-    return _score_single(lists[0], truth, objects, lane, output, rules, track)
+    scored = _score_single(lists[0], truth, objects, lane, output, rules, track)
+    # A result in memory may lie in a temporary folder, which lives as long as the result.
+    return dataclasses.replace(scored, source=one_or_more(alarms)[0])
+
+
+def _path_of(alarms: Any) -> Path:
+    """Return the folder of a result, or the path of a file or folder."""
+    return Path(alarms) if isinstance(alarms, str | Path) else Path(alarms.folder)
+
+
+@contextmanager
+def _truth_file(truth: TruthLike) -> Iterator[Path]:
+    """Yield the file of a truth; a table in memory is written to a temporary one."""
+    if isinstance(truth, str | Path):
+        yield Path(truth)
+        return
+    from flgpr.store import write_table
+
+    with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
+        path = Path(folder) / "truth.csv"
+        write_table(truth, path)
+        yield path
+
+
+def _require_lists(lists: list[Path], seal: bool) -> None:
+    """Refuse, before anything else is asked for, an alarm list or a truth that is not there."""
+    what = "truth file" if seal else "alarm list or result"
+    for path in lists:
+        if not path.exists():
+            raise FileNotFoundError(f"{what} not found: {path}")
+
+
+def _score_output(lists: list[Path], output: PathLike | None) -> Path:
+    """Return the folder in which a score of these lists is written, or was before."""
+    from flgpr.commands.scoring import score_folder
+    from flgpr.results.sections import SECTIONS
+
+    if output is not None:
+        return Path(output)
+    folder = lists[0].parent if lists[0].name == "alarms.csv" else lists[0]
+    is_result = any((folder / name).is_file() for name in ("manifest.json", SECTIONS))
+    return score_folder(folder) if is_result and len(lists) == 1 else Path("score")
 
 
 def _compare(
     lists: list[Path],
-    truth: PathLike,
+    truth: TruthLike,
     output: PathLike | None,
     lane: PathLike | None,
     recipes: list[Any],
@@ -284,7 +384,8 @@ def _compare(
     from flgpr.commands.scoring import compare_alarms
 
     folder = Path(output or "score")
-    return compare_alarms(lists, truth, folder, lane, recipes=recipes, **rules)
+    with _truth_file(truth) as truth_path:
+        return compare_alarms(lists, truth_path, folder, lane, recipes=recipes, **rules)
 
 
 def _without_none(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -301,7 +402,7 @@ def _refuse(options: Mapping[str, Any], allowed: tuple[str, ...], why: str) -> N
 
 def _score_single(
     alarms: Path,
-    truth: PathLike,
+    truth: TruthLike,
     objects: PathLike | None,
     lane: PathLike | None,
     output: PathLike | None,
@@ -321,16 +422,19 @@ def _score_single(
     if lane is not None:
         _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
         folder = Path(output or "score")
-        return Scored(folder, score_alarms(alarms, truth, lane, folder, **rules))
+        with _truth_file(truth) as truth_path:
+            return Scored(folder, score_alarms(alarms, truth_path, lane, folder, **rules))
     _refuse({"halo": rules.get("halo")}, (), "a result is scored by the halo of its recipe")
     reading = rules.pop("reading", None)
-    if reading is not None and reading.columns:
-        raise ValueError(
-            "columns are of alarm lists: a result's list has its own; see --truth-columns"
-        )
+    if reading is not None and (reading.columns or reading.unranked):
+        name = "columns are" if reading.columns else "unranked is"
+        raise ValueError(f"{name} of alarm lists: a result's list has its own; see --truth-columns")
     result_folder = alarms.parent if alarms.name == "alarms.csv" else alarms
     folder = score_folder(result_folder) if output is None else Path(output)
-    result, scores = score_result(result_folder, truth, objects, folder, track or silent, **rules)
+    with _truth_file(truth) as truth_path:
+        result, scores = score_result(
+            result_folder, truth_path, objects, folder, track or silent, **rules
+        )
     return Scored(folder, scores, result)
 
 
@@ -340,9 +444,8 @@ def _score_sealed(
     passphrase: Any,
     folder: Path,
     recipes: list[Any],
-    register: Any,
-    witness: PathLike | None,
     overwrite: bool,
+    trial: dict[str, Any],
 ) -> Any:
     """Score a list or compare several against a sealed truth; None where this score is there."""
     from flgpr.commands.sealed_scoring import (
@@ -353,16 +456,12 @@ def _score_sealed(
     )
 
     require_seal()
-    if not overwrite and holds_sealed_score(lists, sealed, folder, recipes, register):
+    if not overwrite and holds_sealed_score(lists, sealed, folder, recipes, trial["register"]):
         return None
     if len(lists) > 1:
-        return compare_sealed(
-            lists, sealed, passphrase, folder, recipes=recipes, register=register, witness=witness
-        )
+        return compare_sealed(lists, sealed, passphrase, folder, recipes=recipes, **trial)
     recipe = recipes[0] if recipes else None
-    return score_sealed(
-        lists[0], sealed, passphrase, folder, recipe=recipe, register=register, witness=witness
-    )
+    return score_sealed(lists[0], sealed, passphrase, folder, recipe=recipe, **trial)
 
 
 def _seal_truth(

@@ -6,7 +6,6 @@ A sealed truth is in :mod:`flgpr.commands.sealed_scoring`.
 from __future__ import annotations
 
 import dataclasses
-import html
 import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,9 +19,11 @@ from flgpr.commands.doubts import tell_doubts
 from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
+from flgpr.commands.trial_card import TrialCard, ranking_notes
 from flgpr.door import Folder, parse_toml, read_named
 from flgpr.model import Lane
 from flgpr.report import comparison_html, score_files
+from flgpr.results.notebook_html import curve_html, outcomes_html
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
 from flgpr.results.score import (
     VIEW_SCORE,
@@ -62,6 +63,7 @@ class Scored:
     folder: Path  #: with ``report.html`` and ``roc.json``
     scores: list[Score]  #: of each detection; of an alarm list a single one
     result: Result | None = None  #: the result that was scored
+    source: Any = dataclasses.field(default=None, repr=False)  #: what was given to be scored
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.result, self.scores))
@@ -71,10 +73,13 @@ class Scored:
         return outcome_table(self.scores)
 
     def _repr_html_(self) -> str:
-        """Return the summary and the outcomes for a notebook."""
-        summary = html.escape(f"{self.scores[0].name}: {self.scores[0].in_words()}")
-        table = self.outcomes().to_html(index=False, float_format="{:.3g}".format, border=0)
-        return f"<p>{summary}</p>{table}"
+        """Return the summary, the outcomes and a picture for a notebook."""
+        main = self.scores[0]
+        sentence = f"{main.name}: {main.in_words()}"
+        outcomes = main.outcomes
+        if self.result is None:
+            return curve_html(sentence, outcomes, main.curve)
+        return outcomes_html(sentence, outcomes, self.result.detections[0], self.result.lane)
 
 
 def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
@@ -111,6 +116,7 @@ def score_result(
     far: float = Rules.far,
     overwrite: bool = True,
     truth_reading: TableReading | None = None,
+    card: TrialCard | None = None,
 ) -> tuple[Result, list[Score]]:
     """Score a result by the rules of its recipe, and write the report.
 
@@ -138,6 +144,8 @@ def score_result(
         Whether another score may be replaced.
     truth_reading : TableReading, optional
         Columns of the truth.
+    card : TrialCard, optional
+        What the report states of the trial.
 
     Returns
     -------
@@ -170,6 +178,8 @@ def score_result(
         targets, result.lane, result.recipe.score.halo, Path(truth).name
     )
     provenance |= outside
+    if card is not None:
+        provenance |= card.notes(0, entrant)
 
     of_lane = score_detections(result, targets, far)
     of_frames = []
@@ -244,9 +254,13 @@ def score_alarms(
     overwrite: bool = True,
     reading: TableReading | None = None,
     truth_reading: TableReading | None = None,
+    card: TrialCard | None = None,
     **rules: Any,
 ) -> list[Score]:
     """Score an alarm list of any detector and write the report.
+
+    A list whose alarms rank equal has a single operating point, at its own false alarm rate: targets
+    count as found there, unless ``far`` is given.
 
     Parameters
     ----------
@@ -267,6 +281,8 @@ def score_alarms(
         Whether another score may be replaced.
     reading, truth_reading : TableReading, optional
         Columns of the list and of the truth, and the anchor of their geographic positions.
+    card : TrialCard, optional
+        What the report states of the trial.
     **rules
         Fields of :class:`flgpr.scoring.Rules`.
 
@@ -297,10 +313,25 @@ def score_alarms(
     targets, outside = targets_in_reach(targets, lanes, score_rules.halo, Path(truth).name)
     provenance |= outside
 
-    provenance |= _reading_notes(table, targets)
-    scores = [score_list(table, targets, lanes, score_rules)]
+    provenance |= _reading_notes(table, targets) | ranking_notes(table)
+    if card is not None:
+        provenance |= card.notes(0, entrant)
+    scored = score_list(table, targets, lanes, score_rules)
+    own_far = _only_far(table, scored)
+    if own_far and "far" not in rules:
+        far_max = max(score_rules.far_max, own_far)  # the figures reach the only point
+        own_rules = dataclasses.replace(score_rules, far=own_far, far_max=far_max)
+        scored = score_list(table, targets, lanes, own_rules)
+    scores = [scored]
     write_score_files(Path(output), score_files(scores, provenance, title=title), overwrite)
     return scores
+
+
+def _only_far(alarms: pd.DataFrame, scored: Score) -> float:
+    """Return the false alarm rate of a list whose alarms rank equal, per m²; else 0."""
+    if not alarms.attrs.get("unranked"):
+        return 0.0
+    return float(scored.curve["far"].iloc[-1])
 
 
 def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
@@ -338,6 +369,7 @@ def compare_alarms(
     overwrite: bool = True,
     reading: TableReading | None = None,
     truth_reading: TableReading | None = None,
+    card: TrialCard | None = None,
 ) -> SideBySide:
     """Compare two alarm lists or results, or more; write ``comparison.html`` and its JSON.
 
@@ -363,6 +395,8 @@ def compare_alarms(
         Whether another comparison may be replaced.
     reading, truth_reading : TableReading, optional
         Columns of all lists, and of the truth.
+    card : TrialCard, optional
+        What the page states of the trial.
 
     Returns
     -------
@@ -394,18 +428,27 @@ def compare_alarms(
 
     scores = {}
     provenance_by_name = {}
-    for name, table, of_list in zip(names, tables, provenance, strict=True):
+    only_fars = set()
+    for number, (name, table, of_list) in enumerate(zip(names, tables, provenance, strict=True)):
         scores[name] = score_list(table, targets, lanes, rules)
-        provenance_by_name[name] = of_list | outside | _reading_notes(table, targets)
+        only_fars.add(_only_far(table, scores[name]))
+        notes = of_list | outside | _reading_notes(table, targets) | ranking_notes(table)
+        if card is not None:
+            notes |= card.notes(number, entrants[number])
+        provenance_by_name[name] = notes
 
     first_score = scores[names[0]]
-    far_points = first_score.operating_points()["far_allowed"].tolist()
+    common_fars = first_score.operating_points()["far_allowed"].tolist()
+    # A list whose alarms rank equal has one operating point, which may lie between the usual ones.
+    far_points = sorted({*common_fars, *only_fars} - {0.0})
     matches = {name: score.matched for name, score in scores.items()}
     comparison = side_by_side(matches, far_points, rules)
 
     curves = {name: score.curve for name, score in scores.items()}
     stated_rules = {**first_score.rules_summary(), "far_max": rules.far_max}
-    write_comparison(output, comparison, curves, stated_rules, provenance_by_name, overwrite)
+    write_comparison(
+        output, comparison, curves, stated_rules, provenance_by_name, overwrite, as_lanes(lanes)
+    )
     return comparison
 
 
@@ -493,10 +536,11 @@ def write_comparison(
     rules: Mapping[str, Any],
     provenance: Mapping[str, Any],
     overwrite: bool = True,
+    lanes: Mapping[str, Lane] | None = None,
 ) -> None:
-    """Write the page and the JSON of a comparison."""
+    """Write the page and the JSON of a comparison; lanes that are secret are not given."""
     files = {
-        "comparison.html": comparison_html(comparison, curves, rules, provenance),
+        "comparison.html": comparison_html(comparison, curves, rules, provenance, lanes),
         "comparison.json": comparison_json(comparison, rules, provenance),
     }
     write_score_files(Path(output), files, overwrite)

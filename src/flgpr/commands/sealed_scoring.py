@@ -28,11 +28,13 @@ from flgpr.commands.scoring import (
     read_lanes,
     write_comparison,
 )
+from flgpr.commands.trial_card import TrialCard, ranking_notes
 from flgpr.door import MOST_JSON, Folder, parse_json, read_named
 from flgpr.report import blind_html
 from flgpr.results.score import blind_roc_json
 from flgpr.scoring import Rules, SideBySide, side_by_side
 from flgpr.scoring.matching import LaneLike
+from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 from flgpr.store.tables import parse_table
@@ -175,6 +177,8 @@ def score_sealed(
     recipe: PathLike | None = None,
     register: RegisterLike | None = None,
     witness: PathLike | None = None,
+    reading: TableReading | None = None,
+    card: TrialCard | None = None,
 ) -> BlindScore:
     """Score an alarm list, or that of a result, against a sealed truth; no position is shown.
 
@@ -195,6 +199,10 @@ def score_sealed(
         demands them.
     witness : path, optional
         File elsewhere that must know the lines of the log.
+    reading : TableReading, optional
+        Whether the list may lack confidences.
+    card : TrialCard, optional
+        What the page states of the trial.
 
     Returns
     -------
@@ -206,11 +214,13 @@ def score_sealed(
     ValueError
         As :func:`flgpr.trials.score_blind`.
     """
-    entrant = find_entrant(alarms, recipe)
+    entrant = find_entrant(alarms, recipe, reading)
     check_registered([entrant], register)
 
     path = existing(sealed, "sealed truth")
+    # List and card are read before the passphrase is asked for and a look is entered.
     table = entrant.table()
+    stated = _stated_notes(card, 0, entrant, table)
     registration = registration_of(entrant, register)
     blind = score_blind(table, path, passphrase, log, registration, witness)
 
@@ -219,6 +229,7 @@ def score_sealed(
             **entrant.provenance(blind.registered),
             "sealed_sha256": content_hash(path),
             **blind.heads,
+            **stated,
         }
         files = {
             "report.html": blind_html(blind, provenance),
@@ -226,6 +237,14 @@ def score_sealed(
         }
         write_score_files(Path(output), files)
     return blind
+
+
+def _stated_notes(
+    card: TrialCard | None, number: int, entrant: Entrant, table: pd.DataFrame
+) -> dict[str, str]:
+    """Return what a page states of an alarm list: its card, and that it has no ranks."""
+    of_card = {} if card is None else card.notes(number, entrant)
+    return of_card | ranking_notes(table)
 
 
 def compare_sealed(
@@ -238,6 +257,8 @@ def compare_sealed(
     recipes: Sequence[PathLike] = (),
     register: RegisterLike | None = None,
     witness: PathLike | None = None,
+    reading: TableReading | None = None,
+    card: TrialCard | None = None,
 ) -> SideBySide:
     """Compare alarm lists against a sealed truth; each of them is a look.
 
@@ -245,17 +266,20 @@ def compare_sealed(
     :func:`score_sealed` and :func:`flgpr.commands.scoring.compare_alarms`; the files are those of
     the latter.
     """
-    entrants = find_entrants(alarms, recipes)
+    entrants = find_entrants(alarms, recipes, reading)
     check_registered(entrants, register)
     path = existing(sealed, "sealed truth")
     names = entrant_names(entrants)
     # All lists are read before the passphrase is asked for and a look is entered.
     tables = [entrant.table() for entrant in entrants]
+    stated = []
+    for number, (entrant, table) in enumerate(zip(entrants, tables, strict=True)):
+        stated.append(_stated_notes(card, number, entrant, table))
     phrase = passphrase() if callable(passphrase) else passphrase
 
     matches = {}
     provenance = {}
-    for name, entrant, table in zip(names, entrants, tables, strict=True):
+    for name, entrant, table, notes in zip(names, entrants, tables, stated, strict=True):
         registration = registration_of(entrant, register)
         blind_look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
         matches[name] = blind_look.matched
@@ -264,6 +288,7 @@ def compare_sealed(
             "looks": len(blind_look.looks),
             **blind_look.heads,
             "sealed_sha256": content_hash(path),
+            **notes,
         }
         sealed_rules = blind_look.rules
 

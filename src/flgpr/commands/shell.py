@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args
 
 import typer
 from typer import Option
-from typer.models import ArgumentInfo
+from typer.models import ArgumentInfo, OptionInfo
 
-from flgpr.commands.messages import is_unchanged, plain_errors
+from flgpr.commands.messages import GOES_ON, STOPPED, is_unchanged, plain_errors
 from flgpr.commands.signatures import (
     Parameter,
     help_of,
@@ -74,8 +75,11 @@ class Command:
     context: Callable[[Arguments], AbstractContextManager[Any]] | None = None
     #: options of the command line alone, by name: annotation and default
     shell_options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+    #: names of parameters by the title of the box in which the help shows them
+    panels: Mapping[str, Sequence[str]] = field(default_factory=dict)
     quiet: bool = True  #: whether there is --quiet
     always_printed: bool = False  #: whether its lines are the answer, printed even when quiet
+    resumes: bool = False  #: whether the same command goes on where it was interrupted
     compiles_kernels: bool = False  #: whether kernels are compiled while the first data are read
 
     @cached_property
@@ -124,9 +128,8 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
         if parameter.shell is None:
             continue
         default = parameter.shell_default
-        keyword = _keyword(
-            parameter.name, Annotated[parameter.shell_type, parameter.shell], default
-        )
+        option = _in_panel(parameter.shell, _panel_of(described, parameter.name))
+        keyword = _keyword(parameter.name, Annotated[parameter.shell_type, option], default)
         if isinstance(parameter.shell, ArgumentInfo):
             arguments.append(keyword)
         elif default is inspect.Parameter.empty:
@@ -135,12 +138,30 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
             options.append(keyword)
 
     for name, (annotation, default) in described.shell_options.items():
-        options.append(_keyword(name, annotation, default))
+        option_type, option = get_args(annotation)
+        option = _in_panel(option, _panel_of(described, name))
+        options.append(_keyword(name, Annotated[option_type, option], default))
     if described.quiet:
         options.append(_keyword("quiet", QUIET, False))
     if described.as_json is not None:
         options.append(_keyword("as_json", JSON, False))
     return [*arguments, *required, *options]
+
+
+def _panel_of(described: Command, name: str) -> str | None:
+    """Return the title of the box in which the help shows a parameter; None for the usual one."""
+    for title, names in described.panels.items():
+        if name in names:
+            return title
+    return None
+
+
+def _in_panel(shell: ArgumentInfo | OptionInfo, title: str | None) -> ArgumentInfo | OptionInfo:
+    """Return an argument or option that the help shows in the box of a title."""
+    in_panel = copy(shell)  # several commands may have the same option
+    if title is not None:
+        in_panel.rich_help_panel = title
+    return in_panel
 
 
 def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
@@ -155,7 +176,8 @@ def _run(described: Command, values: dict[str, Any]) -> None:
     as_json = values.pop("as_json", False)
     silent = quiet or as_json
     call = SimpleNamespace(**values, quiet=quiet, as_json=as_json)
-    with plain_errors(quiet), ExitStack() as stack:
+    stopped = _stopped_line(described, call)
+    with plain_errors(quiet, stopped, _typed_names(described)), ExitStack() as stack:
         if described.lines_before is not None and not silent:
             print_lines(described.lines_before(call))
         if described.context is not None:
@@ -171,6 +193,28 @@ def _run(described: Command, values: dict[str, Any]) -> None:
         status = described.status(returned)
         if status:
             raise typer.Exit(status)
+
+
+def _typed_names(described: Command) -> dict[str, str]:
+    """Return options by their names in Python, where these can be no words of a sentence."""
+    typed_names = {}
+    for parameter in described.parameters:
+        option = parameter.shell
+        if "_" not in parameter.name or not isinstance(option, OptionInfo):
+            continue
+        long_names = [name for name in option.param_decls or () if name.startswith("--")]
+        usual = "--" + parameter.name.replace("_", "-")
+        typed_names[parameter.name] = long_names[0] if long_names else usual
+    return typed_names
+
+
+def _stopped_line(described: Command, call: Arguments) -> str:
+    """Return what is printed where the command is interrupted."""
+    if not described.resumes:
+        return STOPPED
+    if vars(call).get("restart"):
+        return f"{GOES_ON}, without --restart"
+    return GOES_ON
 
 
 def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:

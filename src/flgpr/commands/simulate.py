@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Progress
+from flgpr.commands.options import PathLike, Progress, output_option
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -33,7 +34,15 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
         yield f"wrote {path}"
 
 
-@command(lines=_lines)
+@command(
+    lines=_lines,
+    panels={
+        "Scene and sensor": ("sensor", "seed", "errors", "truth", "preview"),
+        "Full-wave solver": ("engine", "cells", "max_cells"),
+        "Work": ("restart", "force", "workers"),
+    },
+    resumes=True,
+)
 def simulate_lane(
     scene: Annotated[PathLike, Argument(help="Scene (TOML), or the word signature.")],
     body: Annotated[
@@ -42,7 +51,7 @@ def simulate_lane(
     ] = None,
     output: Annotated[
         PathLike | None,
-        Option("-o", "--output", help="Run store, folder of decks or table to make."),
+        output_option("run store, folder of decks or table"),
     ] = None,
     sensor: Annotated[str, Option(help="Sensor preset or TOML file.")] = "sri-array",
     seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
@@ -123,10 +132,33 @@ def simulate_lane(
         paths.append(Path(output))
     elif output is not None:
         resume = not restart
-        paths += simulate_to_store(
-            loaded_scene, array, seed, output, errors, track or silent, resume, truth, force=force
-        )
+        with _restart_named():
+            paths += simulate_to_store(
+                loaded_scene,
+                array,
+                seed,
+                output,
+                errors,
+                track or silent,
+                resume,
+                truth,
+                force=force,
+            )
     return SimulationOutput(paths, lines)
+
+
+@contextmanager
+def _restart_named() -> Iterator[None]:
+    """Name the option that begins again where an unfinished lane of other options is refused."""
+    from flgpr.store import RunStoreError
+    from flgpr.store.journal import OtherRunError
+
+    try:
+        yield
+    except RunStoreError as error:
+        if not isinstance(error.__cause__, OtherRunError):
+            raise
+        raise ValueError(f"{error}; --restart begins again, or choose another output") from None
 
 
 def _signature(

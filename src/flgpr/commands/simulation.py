@@ -32,6 +32,7 @@ from flgpr.simulate.bodies.signature import (
 )
 from flgpr.simulate.preview import preview_scene
 from flgpr.store import lane_text, write_geojson, write_table, write_whole
+from flgpr.store.files import naming_output
 from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
 
 PathLike = str | Path
@@ -171,7 +172,7 @@ def make_signature(
         return [path]
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with locked_folder(work_folder):
+    with naming_output(path), locked_folder(work_folder, output=path):
         table = _computed_table(loaded_body, work_folder, workers, track)
         with atomic_output(path) as partial:
             save_table(table, partial)

@@ -18,6 +18,8 @@ from flgpr.commands.options import (
     Scheduler,
     ShellType,
     With,
+    lane_option,
+    output_option,
     runs_by_name,
 )
 from flgpr.commands.run_options import run_options
@@ -32,7 +34,15 @@ def _lines(_: Model, call: Arguments) -> Iterator[Path]:
     yield call.output
 
 
-@command(lines=_lines, compiles_kernels=True)
+@command(
+    lines=_lines,
+    panels={
+        "Recipe and lanes": ("truths", "recipe", "features", "lanes", "others"),
+        "Work": ("workers", "scheduler", "max_memory"),
+    },
+    resumes=True,
+    compiles_kernels=True,
+)
 def train(
     runs: Annotated[Paths, Argument(help="Run stores, one lane each.")],
     truths: Annotated[
@@ -41,16 +51,12 @@ def train(
     recipe: Annotated[
         PathLike, Option(help="Recipe with features, or with stages that learn."), ShellType(str)
     ] = "wang2007",
-    output: Annotated[
-        PathLike | None, Option("-o", "--output", help="What to write."), REQUIRED
-    ] = None,
+    output: Annotated[PathLike | None, output_option("folder of the model"), REQUIRED] = None,
     features: Annotated[
         tuple[str, ...] | list[str],
         Option("--feature", help="Feature in place of the recipe's; once per feature."),
     ] = (),
-    lanes: Annotated[
-        Paths | None, Option("--lane", help="TOML of each lane, in the same order.")
-    ] = None,
+    lanes: Annotated[Paths | None, lane_option("once per run")] = None,
     others: With = (),
     workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
     scheduler: Scheduler = None,
@@ -86,10 +92,12 @@ def train(
     from flgpr.chain.recipe import parse_recipe, recipe_text
     from flgpr.execution.training import learns_detector, train_on_lanes, training_lanes
 
-    if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
+    if len(runs) != len(truths) or not runs:
         raise ValueError(
             f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths"
         )
+    if lanes is not None and len(lanes) != len(runs):
+        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {len(runs)} runs")
     options = run_options(workers, scheduler, max_memory, track, note, pass_cache)
     other_runs = runs_by_name(others, len(runs))
     text = recipe_text(recipe)

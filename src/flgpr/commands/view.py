@@ -8,11 +8,17 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Paths
+from flgpr.commands.options import AnchorOption, PathLike, Paths
 from flgpr.commands.shell import command
 
 
-@command(quiet=False)
+@command(
+    quiet=False,
+    panels={
+        "What is shown": ("live", "anchor", "backdrop", "verdicts"),
+        "Server": ("port", "host", "allow_remote", "no_browser"),
+    },
+)
 def view(
     paths: Annotated[
         Paths | None,
@@ -30,7 +36,7 @@ def view(
     live: Annotated[
         PathLike | None, Option(help="JSON lines of a live detection to follow.")
     ] = None,
-    anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    anchor: AnchorOption = None,
     backdrop: Annotated[
         PathLike | None,
         Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage."),

@@ -23,8 +23,11 @@ from flgpr.chain.engine import Gatherer
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE, PARTIAL
+from flgpr.store.files import naming_output
 
 SUFFIX = ".arrays"
+WORK_SUFFIX = ".work"
+"""Ending of the work folder beside an output."""
 _JOB = "job.json"
 _LOCK = "lock"
 _MERGING = "folding"
@@ -248,21 +251,35 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
     FileExistsError
         If the folder holds what no work folder holds.
     """
-    folder.mkdir(exist_ok=True)
-    with _locked(folder / _LOCK) as alone:
-        if not alone:
-            raise WorkError(f"{folder}: another process is at work here")
-        _prepare(folder, canonical_json({"format": "flgpr-work", "version": 2, "job": job}) + b"\n")
-        checkpoint = Checkpoint(folder, most)
-        checkpoint.drop_damaged()
-        yield checkpoint
+    output = _output_of(folder)
+    with naming_output(output):  # nobody has typed the name of the work folder
+        folder.mkdir(exist_ok=True)
+        with _locked(folder / _LOCK) as alone:
+            if not alone:
+                raise WorkError(
+                    f"{output}: another process is at work on it: wait until it is done, "
+                    "or choose another output"
+                )
+            content = {"format": "flgpr-work", "version": 2, "job": job}
+            _prepare(folder, canonical_json(content) + b"\n")
+            checkpoint = Checkpoint(folder, most)
+            checkpoint.drop_damaged()
+            yield checkpoint
+
+
+def _output_of(folder: Path) -> Path:
+    """Return the output that is made in a work folder."""
+    return folder.with_name(folder.name.removesuffix(WORK_SUFFIX))
 
 
 def _prepare(folder: Path, job: bytes) -> None:
     """Delete what belongs to another job, and write what this one is."""
     foreign = [path for path in folder.iterdir() if not _is_ours(path)]
     if foreign:
-        raise FileExistsError(f"work folder must hold nothing else, got {foreign[0]}")
+        raise FileExistsError(
+            f"{_output_of(folder)}: unfinished work goes into {folder.name} beside it, which must "
+            f"hold nothing else, got {foreign[0].name}: move it away or choose another output"
+        )
     for path in folder.glob(f"*{PARTIAL}"):
         path.unlink()
     with suppress(FileNotFoundError, DoorError):

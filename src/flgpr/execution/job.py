@@ -19,7 +19,7 @@ from flgpr.chain.model import MODEL_FILE, load_model, read_model
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.sections import Section
 from flgpr.door import Folder, read_named
-from flgpr.execution.checkpoint import begin, finish
+from flgpr.execution.checkpoint import WORK_SUFFIX, begin, finish
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.result import MODEL, Result, read_result, read_result_manifest
@@ -63,7 +63,7 @@ class LaneJob:
     def work(self) -> Path:
         """The work folder beside the output."""
         output = Path(self.output)
-        return output.with_name(output.name + ".work")
+        return output.with_name(output.name + WORK_SUFFIX)
 
     @property
     def largest(self) -> int:
@@ -117,7 +117,7 @@ class LaneJob:
 
 
 def choose_lane(
-    run: PathLike, lane_file: PathLike | None, recipe: Recipe
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe
 ) -> tuple[Lane | None, str]:
     """Return the lane that a run is searched in, and where its borders come from.
 
@@ -128,8 +128,8 @@ def choose_lane(
     ----------
     run : path
         Run store.
-    lane_file : path, optional
-        Lane that is given.
+    given : path or Lane, optional
+        Lane that is given, or its file.
     recipe : Recipe
         Recipe whose lane comes before that beside the run.
 
@@ -138,8 +138,10 @@ def choose_lane(
     ValueError
         If a file is no lane; the error names it.
     """
-    if lane_file is not None:
-        return read_lane(lane_file), f"{Path(lane_file).name}, as given"
+    if isinstance(given, Lane):
+        return given, "as given"
+    if given is not None:
+        return read_lane(given), f"{Path(given).name}, as given"
     if recipe.lane is not None:
         return None, ""
     beside = lane_file_of(run)

@@ -124,7 +124,15 @@ def _begin_store(
     inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
     polarization = list(sensor.polarization)
     return RunWriter(
-        store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs
+        store,
+        simulator.frequency,
+        polarization,
+        tx,
+        rx,
+        attrs,
+        resume=resume,
+        inputs=inputs,
+        limits=simulator.limits(),
     )
 
 

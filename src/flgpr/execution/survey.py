@@ -63,7 +63,7 @@ def detect_survey(
     runs: Sequence[PathLike],
     recipe_text: str,
     output: PathLike,
-    lanes: Sequence[PathLike] | None = None,
+    lanes: Sequence[PathLike | Lane] | None = None,
     model: PathLike | None = None,
     section: float | None = None,
     others: Sequence[Mapping[str, PathLike]] | None = None,
@@ -84,8 +84,8 @@ def detect_survey(
         TOML text of the recipe.
     output : str or path
         Takes a result folder per lane, named like its run, and ``survey.json``.
-    lanes : sequence of str or path, optional
-        Files of the borders, one per run.
+    lanes : sequence of str, path or Lane, optional
+        Borders or their files, one per run.
     model : str or path, optional
         Folder of a trained model.
     section : float, optional
@@ -120,7 +120,7 @@ def detect_survey(
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(
-            f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}"
+            f"lanes-at-once needs workers or a scheduler to be more than 1, got {at_once}"
         )
     jobs = _make_jobs(
         runs, recipe_text, survey, lanes, model, section, others, report, options, overwrite
@@ -140,7 +140,7 @@ def detect_survey(
             for job in unfinished:
                 detect(job)
         else:
-            _detect_at_once(detect, unfinished, at_once)
+            _detect_at_once(detect, unfinished, at_once, executor)
     folders = [Path(job.output) for job in jobs]
     _write_summary(survey, runs, folders)
     return folders
@@ -150,7 +150,7 @@ def _make_jobs(
     runs: Sequence[PathLike],
     recipe_text: str,
     survey: Path,
-    lanes: Sequence[PathLike] | None,
+    lanes: Sequence[PathLike | Lane] | None,
     model: PathLike | None,
     section: float | None,
     others: Sequence[Mapping[str, PathLike]] | None,
@@ -162,13 +162,13 @@ def _make_jobs(
     recipe = parse_recipe(recipe_text)
     names = lane_names(runs)
     if lanes is not None and len(lanes) != len(runs):
-        raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
+        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {len(runs)} runs")
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
-        lane_file = None if lanes is None else lanes[number]
+        given_lane = None if lanes is None else lanes[number]
         other_runs = None if others is None else others[number]
         job = job_of_run(
-            run, recipe, recipe_text, survey / name, lane_file, other_runs, model, report, options
+            run, recipe, recipe_text, survey / name, given_lane, other_runs, model, report, options
         )
         jobs.append(job)
         check_free(survey / name)
@@ -185,7 +185,7 @@ def job_of_run(
     recipe: Recipe,
     recipe_text: str,
     output: PathLike,
-    lane_file: PathLike | None = None,
+    given_lane: PathLike | Lane | None = None,
     others: Mapping[str, PathLike] | None = None,
     model: PathLike | None = None,
     report: bool = True,
@@ -203,8 +203,8 @@ def job_of_run(
         Its TOML text.
     output : str or path
         Result folder to make.
-    lane_file : str or path, optional
-        File of the lane's borders.
+    given_lane : str, path or Lane, optional
+        The lane's borders, or their file.
     others : mapping of str to path, optional
         Runs taken together with it, by the names that the recipe gives them.
     model : str or path, optional
@@ -224,7 +224,7 @@ def job_of_run(
     ValueError
         If the recipe does not fit the run, or a run, the lane or the model is not valid.
     """
-    lane, lane_source = choose_lane(run, lane_file, recipe)
+    lane, lane_source = choose_lane(run, given_lane, recipe)
     area = area_of(open_run(run, options.max_memory), recipe, lane)
     return make_job(
         run,
@@ -241,14 +241,18 @@ def job_of_run(
 
 
 def _detect_at_once(
-    detect: Callable[[LaneJob], None], jobs: Sequence[LaneJob], at_once: int
+    detect: Callable[[LaneJob], None],
+    jobs: Sequence[LaneJob],
+    at_once: int,
+    executor: Executor,
 ) -> None:
-    """Detect on several lanes at once; the first error ends all."""
+    """Detect on several lanes at once; the first error, or an interrupt, ends all."""
     with ThreadPoolExecutor(at_once) as pool:
         try:
             for future in [pool.submit(detect, job) for job in jobs]:
                 future.result()
         except BaseException:
+            executor.stop()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

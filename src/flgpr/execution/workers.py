@@ -46,11 +46,25 @@ class LostWorkersError(ValueError):
     """Workers were lost time and again."""
 
 
+class StoppedError(RuntimeError):
+    """The work was stopped by another thread."""
+
+
 class Executor(AbstractContextManager["Executor"]):
     """Does pieces of work; at its exit the workers go, after an error before they have done all."""
 
     parallel = True
     """Whether work is done elsewhere, so that several callers may wait at once."""
+    _is_stopped = False
+
+    def stop(self) -> None:
+        """Let the callers in other threads end with a StoppedError at the next piece that is done."""
+        self._is_stopped = True
+
+    def _check_stopped(self) -> None:
+        """Raise a StoppedError if the work is to end."""
+        if self._is_stopped:
+            raise StoppedError("the work was stopped")
 
     @abstractmethod
     def run(
@@ -125,6 +139,7 @@ class Processes(Executor):
         """
         left = list(arguments)
         for _ in range(_TRIALS):
+            self._check_stopped()
             pool = self._pool or self._begin(None)
             waiting: dict[Future[Report], tuple[Any, ...]] = {}
             try:
@@ -136,6 +151,7 @@ class Processes(Executor):
             broken = submitted < len(left)
             undone = left[submitted:]
             for future in as_completed(waiting):
+                self._check_stopped()
                 try:
                     yield future.result()
                 except BrokenProcessPool:
@@ -164,6 +180,7 @@ class Processes(Executor):
 
 def _begin_worker(threads: int) -> None:
     """Set up a process with its share of threads. It ends with its parent."""
+    system.end_at_interrupt()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     threadpool_limits(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -230,6 +247,7 @@ class Cluster(Executor):
                 futures, loop=self._client.loop, with_results=True
             )
             for future, report in done:
+                self._check_stopped()
                 future.release()
                 yield report
         except self._distributed.KilledWorker as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,12 @@ _LOWEST_FREQUENCY = 1e6
 # Poses and times of runs of one vehicle agree to so much, m and rad, and s.
 _POSE_TOLERANCE = 1e-6
 _TIME_TOLERANCE = 1e-3
+
+
+@xr.register_dataset_accessor("flgpr")  # type: ignore[no-untyped-call, untyped-decorator]
+def _accessor(run: xr.Dataset) -> Any:
+    """Return ``run.flgpr``, plots and checks of a run; their modules are loaded for the first."""
+    return import_module("flgpr.accessor").RunAccessor(run)
 
 
 def make_run(

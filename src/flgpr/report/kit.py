@@ -8,6 +8,7 @@ from io import BytesIO
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -22,8 +23,8 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
 
     The page is self-contained. Text is escaped, and a value that the template uses must be given.
     Beside Jinja's own filters there are ``fmt``, Python's ``format``; ``metres``, which writes a
-    length to the centimetre; and ``data_url``, which turns a figure or its PNG into the address of
-    an image.
+    length to the centimetre; ``data_url``, which turns a figure or its PNG into the address of an
+    image; and ``css_text``, which writes text as a string of a style sheet.
 
     Parameters
     ----------
@@ -49,7 +50,12 @@ def _environment(package: str) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"fmt": format, "metres": _metres, "data_url": _data_url}
+    environment.filters |= {
+        "fmt": format,
+        "metres": _metres,
+        "data_url": _data_url,
+        "css_text": _css_text,
+    }
     return environment
 
 
@@ -71,6 +77,19 @@ def _metres(value: float) -> str:
     """Return a length in m to the centimetre, without trailing zeros."""
     text = f"{value:.2f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
+
+
+def _css_text(text: str) -> Markup:
+    """Return text as a string of CSS; all but plain letters and digits are escaped.
+
+    Nothing in the text can end the string or the style sheet, whose text HTML does not unescape. A
+    blank is escaped, too: after an escape CSS would drop it.
+    """
+    escaped = []
+    for letter in text:
+        is_plain = letter.isascii() and letter.isalnum()
+        escaped.append(letter if is_plain else f"\\{ord(letter):06x}")
+    return Markup('"' + "".join(escaped) + '"')  # noqa: S704 - nothing unescaped is left
 
 
 def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:

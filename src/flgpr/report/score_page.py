@@ -22,12 +22,14 @@ from flgpr.report.figures import (
 )
 from flgpr.report.kit import render
 from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
+from flgpr.report.trial_block import score_block
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
 from flgpr.results.score import roc_json
 from flgpr.scoring import Rules, Score, score
 from flgpr.store import write_whole
 from flgpr.trials import figure_bytes, patch_figure, roc_figure
+from flgpr.trials.standards import checklist_rows, source_rows
 
 if TYPE_CHECKING:
     from flgpr.scoring.matching import LaneLike
@@ -220,6 +222,9 @@ def report_html(
         values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
         values["bands"] = bands or {}
         values["provenance"] = {**scored[0].rules_summary(), **(notes or {})}
+        scored_name = title or str(values["run"].get("title", "")) if result else title
+        values["trial"] = score_block(scored[0], notes or {}, scored_name or "alarm list")
+        values["standards"] = {"rows": checklist_rows(), "sources": source_rows()}
         values["in_words"] = in_words
         alarms = scored[0].labels
     values |= _alarm_values(alarms)

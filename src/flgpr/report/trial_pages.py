@@ -16,15 +16,16 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model import Lane
 from flgpr.report.kit import render
 from flgpr.report.score_page import in_words
+from flgpr.report.trial_block import NOT_STATED, blind_block, comparison_block
 from flgpr.scoring import SideBySide
-from flgpr.trials import BlindScore, roc_figure
-from flgpr.trials.figures import COLOURS
+from flgpr.trials import BlindScore
+from flgpr.trials.figures import COLOURS, MARKS, compared_roc_figure
+from flgpr.trials.standards import checklist_rows, source_rows
 
 _STRIP = 30.0  # length of lane in a row of the map, m
 _STRIPS = 4  # rows in a picture: half a printed page
 # Mines are emplaced to the centimetre; depths have a digit more.
 _DIGITS = {"depth_m": ".3f"}
-_MARKERS = "osD^vP*X"
 _POINT = (
     "{n_detected:.0f} of {n_targets:.0f}",
     "{pd:.2f}",
@@ -159,7 +160,7 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
 def _marker_style(number: int) -> dict[str, Any]:
     """Return the marker of a kind of target by its number."""
     return {
-        "marker": _MARKERS[number % len(_MARKERS)],
+        "marker": MARKS[number % len(MARKS)],
         "color": COLOURS[number % len(COLOURS)],
         "mfc": "white",
         "mew": 1.6,
@@ -227,6 +228,8 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         picture=points_figure(points_by_group),
         targets=_target_texts(blind.targets),
         notes={name: _head_in_words(value) for name, value in notes.items()},
+        trial=blind_block(blind, notes),
+        standards={"rows": checklist_rows(), "sources": source_rows()},
     )
 
 
@@ -254,6 +257,7 @@ def comparison_html(
     curves: Mapping[str, pd.DataFrame],
     rules: Mapping[str, Any],
     notes: Mapping[str, Any],
+    lanes: Mapping[str, Lane] | None = None,
 ) -> str:
     """Return the page of detectors side by side.
 
@@ -267,6 +271,8 @@ def comparison_html(
         Rules of the scores.
     notes : mapping
         Provenance to print, by detector.
+    lanes : mapping of str to Lane, optional
+        Lanes by name; none where they are sealed.
     """
     records = comparison.points.to_dict("records")
     points = []
@@ -280,21 +286,36 @@ def comparison_html(
     if comparison.means is not None:
         means = [_cells(row, _MEAN) for row in comparison.means.to_dict("records")]
     by_detector = comparison.points.groupby("detector", sort=False)
+    names = list(dict.fromkeys(comparison.points["detector"]))
+    unranked = [name for name in names if "ranking" in notes.get(name, {})]
+    roc = None
+    if curves:
+        labels = {name: _curve_label(name, notes.get(name, {})) for name in curves}
+        roc = compared_roc_figure(curves, labels, comparison.points, rules["far_max"])
     return render(
         "comparison.html",
-        names=list(dict.fromkeys(comparison.points["detector"])),
+        names=names,
+        unranked=unranked,
         head=[">allowed FAR (per m²)", "detector", *POINT_HEAD],
         points=points,
         pairs=sorted(pairs, key=_far_of),
         means=means,
         tests=len(comparison.pairs),
         picture=points_figure({str(name): table for name, table in by_detector}),
-        roc=roc_figure(dict(curves)) if curves else None,
+        roc=roc,
         rules={name: in_words(value) for name, value in rules.items()},
         level=f"{100 * rules['level']:g}",
         far_max=f"{rules['far_max']:g}",
         notes=notes,
+        trial=comparison_block(names, lanes or {}, rules, notes),
+        standards={"rows": checklist_rows(), "sources": source_rows()},
     )
+
+
+def _curve_label(name: str, notes: Mapping[str, Any]) -> str:
+    """Return the name of a curve in a legend: the vendor, where one is stated, and the list."""
+    vendor = notes.get("vendor", NOT_STATED)
+    return name if vendor == NOT_STATED else f"{vendor}: {name}"
 
 
 def _far_of(pair: list[str]) -> float:
@@ -315,7 +336,7 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
         offset = (number - (len(groups) - 1) / 2) * step
         position = np.searchsorted(allowed, points["far_allowed"]) + offset
         colour = COLOURS[number % len(COLOURS)]
-        marker = _MARKERS[number % len(_MARKERS)]
+        marker = MARKS[number % len(MARKS)]
         axes.vlines(position, points["pd_low"], points["pd_high"], color=colour, lw=1.6)
         label = f"{name} ({points['n_targets'].iloc[0]:.0f} targets)"
         axes.plot(position, points["pd"], marker, color=colour, ms=5, label=label)

@@ -61,6 +61,11 @@ class Result:
     detections: list[Detection]  #: that of its recipe first, then those of recipes beside it
     recipe_text: str = ""  #: TOML of the recipe
 
+    @property
+    def alarms(self) -> pd.DataFrame:
+        """Alarms of the result's own recipe, the most mine-like first."""
+        return self.detections[0].alarms
+
     def files(self) -> Folder:
         """Return the folder's files, as the manifest that was read lists them."""
         return listed_files(self.folder, self.manifest)

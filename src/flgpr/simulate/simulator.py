@@ -43,7 +43,7 @@ from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
 from flgpr.simulate.ground.shadow import Shadows, Strip, shadow_strips
 from flgpr.simulate.ground.subsurface import subsurface_layers
 from flgpr.simulate.ground.terrain import Terrain
-from flgpr.simulate.radar.impair import Impairments
+from flgpr.simulate.radar.impair import Impairments, signature_end
 from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene.scene import Scene, SceneObject, Soil, Surface, Target
 from flgpr.simulate.scene.scene_tables import Grass
@@ -177,6 +177,20 @@ class Simulator:
             "sensor": self.sensor.name,
             "seed": self.seed,
             "simulated": "flgpr",
+        }
+
+    def limits(self) -> dict[str, Any]:
+        """Return where the simulated echoes end, which those of a real radar do not.
+
+        ``footprint_m`` are the least and the largest x and y of the ground that scatters, in the
+        vehicle frame, m; ``own_echoes_path_m`` is the path at which the echoes of the vehicle
+        itself end, m, or None where there are none.
+        """
+        errors = self.sensor.errors
+        has_own_echoes = self._errors is not None and errors.self_signature_db is not None
+        return {
+            "footprint_m": list(self.sensor.footprint),
+            "own_echoes_path_m": signature_end(self.sensor) if has_own_echoes else None,
         }
 
     def run(self, bodies: bool = False) -> xr.Dataset:

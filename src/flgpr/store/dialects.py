@@ -103,6 +103,8 @@ class TableReading:
     columns: Mapping[str, str] = field(default_factory=dict)
     #: takes longitude and latitude, or easting and northing, to the lane
     anchor: EarthAnchor | None = None
+    #: whether alarms may lack confidences: then all alarms of the list rank equal
+    unranked: bool = False
 
 
 def parse_columns_option(text: str) -> dict[str, str]:

@@ -121,6 +121,21 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
+def naming_output(output: Path) -> Iterator[None]:
+    """Make a system error about a folder beside an output name the output, as a user typed it.
+
+    The folder has the name of the output with an ending, such as ``.work``.
+    """
+    try:
+        yield
+    except OSError as error:
+        if str(error.filename or "").startswith(f"{output}."):
+            error.filename = str(output)
+            error.filename2 = None
+        raise
+
+
+@contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
     """Turn an error about the content of a file into a ValueError that names the file."""
     try:

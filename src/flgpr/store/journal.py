@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from flgpr.store.files import canonical_json, sha256
 
 JOURNAL = "journal.jsonl"
 _FORMAT = "flgpr-journal-1"
+_DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 class WrittenScan(NamedTuple):
@@ -32,7 +34,10 @@ class WrittenScan(NamedTuple):
 
 
 class JournalError(ValueError):
-    """A journal belongs to another run, or another process holds it."""
+    """A journal belongs to another run, or another process holds it.
+
+    The message does not name the folder, which is a temporary one: the writer names its output.
+    """
 
 
 class OtherRunError(JournalError):
@@ -65,7 +70,7 @@ class Journal:
             self._log = AppendLog(self.path)
         except LogHeldError:
             raise JournalError(
-                f"{folder}: another process is writing this run: wait until it is done, "
+                "another process is writing this run: wait until it is done, "
                 "or choose another output"
             ) from None
         self.scans: list[WrittenScan] = []
@@ -106,7 +111,7 @@ class Journal:
             return
         different = difference(contents[0]["about"], parse_json(canonical_json(about)))
         if different:
-            raise OtherRunError(f"{self.path.parent} holds another unfinished run: {different}")
+            raise OtherRunError(f"another unfinished run is there: {different}")
         for content in contents[1:]:
             try:
                 self.scans.append(_scan(content))
@@ -138,17 +143,27 @@ def _scan(line: dict[str, Any]) -> WrittenScan:
     return WrittenScan(line["sha256"], pose, time, valid)
 
 
-def difference(old: dict[str, Any], new: dict[str, Any], prefix: str = "") -> str:
-    """Return a description of the first entry in which two dicts differ; empty if none does."""
+def difference(old: dict[str, Any], new: dict[str, Any]) -> str:
+    """Return a description of the first entry in which two dicts differ; empty if none does.
+
+    Of an entry in a nested dict only the last name is given: it is the one that a user knows.
+    """
     for key in sorted({*old, *new}):
         old_entry = old.get(key)
         new_entry = new.get(key)
         if old_entry == new_entry:
             continue
         if isinstance(old_entry, dict) and isinstance(new_entry, dict):
-            return difference(old_entry, new_entry, f"{prefix}{key}.")
-        return f"its {prefix}{key} is {_short(old_entry)}, this one's {_short(new_entry)}"
+            return difference(old_entry, new_entry)
+        if _is_digest(old_entry) or _is_digest(new_entry):
+            return f"it has another {key.removesuffix('_sha256')}"
+        return f"its {key} is {_short(old_entry)}, this one's {_short(new_entry)}"
     return ""
+
+
+def _is_digest(value: Any) -> bool:
+    """Return whether a value is a SHA-256, which tells a user nothing."""
+    return isinstance(value, str) and _DIGEST.fullmatch(value) is not None
 
 
 def _short(value: Any) -> str:

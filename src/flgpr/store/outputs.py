@@ -61,12 +61,14 @@ def output_exists_error(
 
 
 @contextmanager
-def locked_folder(folder: Path, wait: bool = False) -> Iterator[None]:
+def locked_folder(folder: Path, wait: bool = False, output: Path | None = None) -> Iterator[None]:
     """Lock a folder, made if need be, so that no other process writes there.
 
-    If one does already, that is a BusyError, or with ``wait`` this process waits for it.
+    If one does already, that is a BusyError, or with ``wait`` this process waits for it. The error
+    names the ``output`` that is made in the folder, by default the folder itself.
     """
-    handle = _hold(folder, wait) if system.OPENS_FOLDERS else _hold_beside(folder, wait)
+    hold = _hold if system.OPENS_FOLDERS else _hold_beside
+    handle = hold(folder, wait, output or folder)
     try:
         yield
     finally:
@@ -76,7 +78,7 @@ def locked_folder(folder: Path, wait: bool = False) -> Iterator[None]:
                 _lock_file_of(folder).unlink()
 
 
-def _hold(folder: Path, wait: bool) -> int:
+def _hold(folder: Path, wait: bool, output: Path) -> int:
     """Open and lock a folder, again and again while other processes remove it meanwhile."""
     while True:
         folder.mkdir(exist_ok=True)
@@ -85,7 +87,7 @@ def _hold(folder: Path, wait: bool) -> int:
         except FileNotFoundError:
             continue
         try:
-            _lock(handle, folder, wait)
+            _lock(handle, output, wait)
         except BusyError:
             os.close(handle)
             raise
@@ -97,13 +99,13 @@ def _hold(folder: Path, wait: bool) -> int:
         os.close(handle)
 
 
-def _lock(handle: int, folder: Path, wait: bool) -> None:
-    """Lock what stands for a folder; a lock of another process is a BusyError."""
+def _lock(handle: int, output: Path, wait: bool) -> None:
+    """Lock what stands for a folder; a lock of another process is a BusyError on the output."""
     try:
         system.lock(handle, wait=wait)
     except BlockingIOError:
         raise BusyError(
-            f"{folder}: another process is writing here: wait until it is done, "
+            f"{output}: another process is writing here: wait until it is done, "
             "or choose another output"
         ) from None
 
@@ -113,12 +115,12 @@ def _lock_file_of(folder: Path) -> Path:
     return folder.with_name(folder.name + ".lock")
 
 
-def _hold_beside(folder: Path, wait: bool) -> int:
+def _hold_beside(folder: Path, wait: bool, output: Path) -> int:
     """Make a folder and lock a file beside it, where a folder cannot be opened."""
     folder.mkdir(exist_ok=True)
     handle = os.open(_lock_file_of(folder), os.O_RDWR | os.O_CREAT | system.PLAIN, 0o666)
     try:
-        _lock(handle, folder, wait)
+        _lock(handle, output, wait)
     except BusyError:
         os.close(handle)
         raise
@@ -156,7 +158,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
         If it cannot be written; the error names the output.
     """
     partial = _partial_of(path)
-    with writing(path), locked_folder(partial):
+    with writing(path), locked_folder(partial, output=path):
         _empty(partial)
         temporary = partial / path.name
         try:

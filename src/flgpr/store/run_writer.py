@@ -26,6 +26,7 @@ from flgpr.store.files import (
     sha256,
     sync_file,
     write_whole,
+    writing,
 )
 from flgpr.store.journal import (
     JOURNAL,
@@ -68,7 +69,8 @@ class RunExistsError(FileExistsError):
         else:
             content = "which holds something else or a damaged store"
         super().__init__(
-            f"path must not exist yet, got {path}, {content}: move it away or choose another output"
+            f"output must not exist yet, got {path}, {content}: "
+            "move it away or choose another output"
         )
 
 
@@ -97,6 +99,10 @@ class RunWriter:
     inputs : dict, optional
         What else the scans depend on (digests of input files, versions), as JSON values. Resuming
         requires the same inputs. A complete store records them, but they are no part of the run.
+    limits : dict, optional
+        What ends in the scans because of how they were made, such as the edge of simulated ground,
+        as JSON values. A complete store with ``inputs`` records it for :func:`read_limits`. It is
+        no part of the run, and not compared when a writer resumes.
 
     Raises
     ------
@@ -120,8 +126,10 @@ class RunWriter:
         *,
         resume: bool = False,
         inputs: dict[str, Any] | None = None,
+        limits: dict[str, Any] | None = None,
     ) -> None:
         self.path = Path(path)
+        self._limits = limits or {}
         self._frequency = np.asarray(frequency, dtype=np.float64)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
         self._tx = np.asarray(tx_position, dtype=np.float64)
@@ -171,9 +179,10 @@ class RunWriter:
         """Return the journal of this run, which no other process holds."""
         self._check_free(overwrite)
         try:
-            journal = Journal(self._partial, self._about, resume)
+            with writing(self.path):
+                journal = Journal(self._partial, self._about, resume)
         except JournalError as error:
-            raise RunStoreError(str(error)) from error
+            raise RunStoreError(f"{self.path}: {error}") from error
         try:
             # Another process may have committed the run before the journal was free.
             self._check_free(overwrite)
@@ -276,6 +285,8 @@ class RunWriter:
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
             made_of = {"commit": digest, "about": self._about}
+            if self._limits:
+                made_of["limits"] = self._limits
             write_whole(self._partial / MADE_OF, canonical_json(made_of) + b"\n")
         replace_folder(self._partial, self.path)
         self._committed = True
@@ -509,6 +520,20 @@ def _describe(
         "attrs": attrs,
         "inputs": inputs or {},
     }
+
+
+def read_limits(root: str | Path) -> dict[str, Any]:
+    """Return what ends in a store's scans because of how they were made.
+
+    It is empty where the store does not record it, or records it for other scans.
+    """
+    try:
+        stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
+        is_current = stored["commit"] == read_manifest(Path(root))["sha256"]
+        limits = stored["limits"] if is_current else {}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return limits if isinstance(limits, dict) else {}
 
 
 def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:

@@ -88,7 +88,10 @@ def parse_table(
     """Read a table as :func:`read_table` does from the bytes of a file, which errors name."""
     with faults_of(path):
         if reading is None and _is_own_dialect(data, kind):
-            return _CHECKS[kind](parse_columns(data, *_ID_COLUMNS))
+            table = parse_columns(data, *_ID_COLUMNS)
+            if kind == "alarms":
+                _require_confidences(table)
+            return _CHECKS[kind](table)
         checked, notes = _parse_dialect(data, kind, reading or TableReading())
     for note in notes:
         log_note(f"{Path(path).name}: {note}")
@@ -118,7 +121,51 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
             text_columns.append(header[number])
     columns = parse_columns(body.encode(), *text_columns)
     table, notes_on_columns = named_columns(columns, targets, reading.anchor)
-    return _CHECKS[kind](table), notes + notes_on_columns
+    notes += notes_on_columns
+    if kind == "alarms" and not reading.unranked:
+        _require_confidences(table)
+    elif kind == "alarms":
+        table, notes_on_ranks = _with_equal_ranks(table)
+        notes += notes_on_ranks
+    return _CHECKS[kind](table), notes
+
+
+def _missing_confidences(table: pd.DataFrame) -> int:
+    """Return how many alarms have no confidence: all of them without that column."""
+    if "confidence" not in table.columns:
+        return len(table)
+    return int(table["confidence"].isna().sum())
+
+
+def _require_confidences(table: pd.DataFrame) -> None:
+    """Refuse alarms without confidences, and name the way to score them all the same."""
+    if not {"x", "y"} <= set(table.columns):
+        return  # the check of all columns names what is missing
+    way = "flgpr score --unranked takes such a list and ranks all its alarms equal"
+    if "confidence" not in table.columns:
+        names = ", ".join(map(str, table.columns))
+        raise ValueError(f"alarms must have the columns confidence; got {names}; {way}")
+    missing = _missing_confidences(table)
+    if missing:
+        raise ValueError(
+            f"alarms.confidence must be a number in every row, got {missing} of {len(table)} rows "
+            f"without one; {way}"
+        )
+
+
+def _with_equal_ranks(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """Return alarms that rank equal where any of them lacks a confidence, and a note that says so.
+
+    ``attrs["unranked"]`` of the table is true then.
+    """
+    missing = _missing_confidences(table)
+    if "confidence" in table.columns and not missing:
+        return table, []
+    equal = table.assign(confidence=1.0)
+    equal.attrs["unranked"] = True
+    return equal, [
+        f"{missing} of {len(table)} alarms have no confidence: all alarms of the list rank equal"
+    ]
 
 
 def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:

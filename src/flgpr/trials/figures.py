@@ -21,6 +21,11 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 _MOST_BANDS = 2
 _PANELS_WIDE = 3
 DASHES = ("-", "--", "-.", ":")
+GREY_ORDERED = ("#000000", "#d55e00", "#0072b2", "#cc79a7", "#009e73", "#56b4e9")
+"""Colours of curves that are compared; neighbours differ in grey, too."""
+_COMPARED_DASHES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)))  # dots alone are chance
+MARKS = "osD^vP*X"
+_DODGE = 0.006  # of the axis, by which the intervals of detectors stand apart
 _NO_METADATA: dict[str, Any] = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
@@ -96,6 +101,88 @@ def roc_figure(
     figure.supxlabel("false alarms per m²", fontsize=10)
     figure.supylabel("probability of detection", fontsize=10)
     return figure
+
+
+def compared_roc_figure(
+    curves: Mapping[str, pd.DataFrame],
+    labels: Mapping[str, str],
+    points: pd.DataFrame,
+    far_max: float = 0.1,
+) -> Figure:
+    """Draw the ROC curves of several detectors over one another, with intervals of Pd.
+
+    Every detector has a line, a mark and a grey level of its own, so that the figure can be read
+    without colour. Bars are the exact intervals at the operating points; those of different
+    detectors stand a little beside one another. The last alarm of a list that ends before the axis
+    does has a mark. A list of a single operating point is that mark alone. Chance is dotted.
+
+    Parameters
+    ----------
+    curves : mapping of str to DataFrame
+        ROC tables by detector.
+    labels : mapping of str to str
+        Names of the legend by detector.
+    points : DataFrame
+        Operating points: ``detector``, ``far_allowed`` (per m²), ``pd``, ``pd_low``, ``pd_high``.
+    far_max : float
+        End of the axis, per m²; it lies farther out where a list of a single operating point does.
+    """
+    single = [float(curve["far"].iloc[-1]) for curve in curves.values() if len(curve) == 2]
+    end = max([far_max, *[1.08 * far for far in single]])
+    figure = _new_figure(figsize=(8.2, 4.6), dpi=150)
+    axes = figure.add_subplot()
+    step = _DODGE * end
+    for number, (name, curve) in enumerate(curves.items()):
+        style: dict[str, Any] = {
+            "color": GREY_ORDERED[number % len(GREY_ORDERED)],
+            "ls": _COMPARED_DASHES[number % len(_COMPARED_DASHES)],
+            "lw": 1.7,
+        }
+        mark = MARKS[number % len(MARKS)]
+        rows = points[points["detector"] == name]
+        if len(curve) > 2:
+            _draw_steps(axes, curve, "pd", end, **style)
+            if "chance" in curve:
+                _draw_steps(axes, curve, "chance", end, **style | {"ls": (0, (1, 2)), "lw": 1.0})
+        else:  # a single operating point: no rate below it says anything of this detector
+            rows = rows[:0]
+        offset = (number - (len(curves) - 1) / 2) * step
+        _draw_intervals(axes, curve, rows, offset, end, style, mark)
+        count = int(curve.attrs["n_targets"])
+        axes.plot(
+            [], [], marker=mark, mfc="white", ms=6, label=f"{labels[name]} ({count})", **style
+        )
+    axes.plot([], [], color="0.3", ls=(0, (1, 2)), lw=1.0, label="chance")
+    axes.set(xlim=(0, end), ylim=(-0.02, 1.02))
+    axes.set(xlabel="false alarms per m²", ylabel="probability of detection")
+    axes.grid(alpha=0.3)
+    figure.legend(
+        title="detector (targets)", fontsize=8, title_fontsize=8, loc="outside right upper"
+    )
+    return figure
+
+
+def _draw_intervals(
+    axes: Axes,
+    curve: pd.DataFrame,
+    points: pd.DataFrame,
+    offset: float,
+    end: float,
+    style: Mapping[str, Any],
+    mark: str,
+) -> None:
+    """Draw the intervals of a detector at its operating points, and at its last alarm."""
+    rows = points[["far_allowed", "pd", "pd_low", "pd_high"]].set_axis(
+        ["far", "pd", "pd_low", "pd_high"], axis=1
+    )
+    last = curve.iloc[[-1]][["far", "pd", "pd_low", "pd_high"]]
+    if not np.isclose(rows["far"], last["far"].iloc[0], rtol=1e-6).any():
+        rows = pd.concat([rows, last])
+    rows = rows[rows["far"] <= end]
+    far = np.clip(rows["far"] + offset, 0, end)
+    colour = style["color"]
+    axes.vlines(far, rows["pd_low"], rows["pd_high"], color=colour, lw=1.0, alpha=0.75)
+    axes.plot(far, rows["pd"], mark, color=colour, mfc="white", ms=6, mew=1.4)
 
 
 def _draw_band(axes: Axes, band: pd.DataFrame, colour: str) -> None:

@@ -18,6 +18,16 @@ from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.scene.draw import stream
 
 _KNOT = 6  # scans between the knots of slow drift
+_SIGNATURE_REACH = 2.2  # of the far edge of the ground in view: just beyond its last echo; assumed
+
+
+def signature_end(sensor: Sensor) -> float:
+    """Return the path at which the simulated self-signature ends, m, there and back.
+
+    A real one fades into the noise. A simulated one stops at once, a little beyond the last echo of
+    the ground in view: a B-scan shows a step there.
+    """
+    return _SIGNATURE_REACH * sensor.footprint[3]
 
 
 class Impairments:
@@ -101,8 +111,9 @@ class Impairments:
         span = SPEED_OF_LIGHT / (self.frequency[1] - self.frequency[0])
         path = np.arange(2 * tones) / (2 * tones) * span
         slant = np.maximum(path / 2, 1.2 * self.sensor.height)
-        farthest = 2.2 * self.sensor.footprint[3]
-        envelope = np.where(path < farthest, (slant / self.errors.noise_range) ** -2.0, 0)
+        envelope = np.where(
+            path < signature_end(self.sensor), (slant / self.errors.noise_range) ** -2.0, 0
+        )
         shape = (4, self.pairs, path.size)
         echo = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / math.sqrt(2) * envelope
         echo[1:3] *= 0.3  # cross-polarized echoes are weaker

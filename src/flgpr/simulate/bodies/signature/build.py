@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from flgpr import system
 from flgpr.archive import array_bytes, npy_header
 from flgpr.door import Folder
 from flgpr.simulate.bodies.signature import table as nodes
@@ -106,11 +107,15 @@ def _solve_pieces(
             _solve_and_store(body, folder, piece)
             yield
         return
-    with ProcessPoolExecutor(workers) as pool:
+    with ProcessPoolExecutor(workers, initializer=system.end_at_interrupt) as pool:
         futures = [pool.submit(_solve_and_store, body, folder, piece) for piece in ordered]
-        for future in as_completed(futures):
-            future.result()
-            yield
+        try:
+            for future in as_completed(futures):
+                future.result()
+                yield
+        except BaseException:  # pieces that have not begun would be waited for
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _solve_and_store(body: Body, folder: Path, piece: _Piece) -> None:

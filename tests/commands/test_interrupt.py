@@ -1,0 +1,186 @@
+"""Ctrl-C ends a command in one line with exit status 130, and the same command goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.commands.app import COMMANDS, GROUPS, app
+from flgpr.simulate import Simulator
+from flgpr.store import save_run
+from small_lane import LANE_TOML, TARGETS, small_recipe, small_run
+
+SCENE = (
+    'name = "yard"\nsite = "gravel"\nlength = 6.0\n[surface]\ndensity = 2.0\n'
+    "[track]\npositions = [0.0, 0.5, 1.0]\n"
+    '[[draws]]\nkind = "metal"\ndepth = 0.05\ncount = 1\n'
+)
+GOES_ON = "stopped; the same command goes on"
+RESUMING = {
+    "benchmark run",
+    "detect",
+    "import gprmax",
+    "import mapped",
+    "reproduce",
+    "simulate",
+    "train",
+}
+"""Commands that go on where they were interrupted."""
+
+
+def call(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def files_of(folder):
+    """Return the bytes of all files of a folder by their names."""
+    contents = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            contents[path.relative_to(folder).as_posix()] = path.read_bytes()
+    return contents
+
+
+def interrupted_at(calls, function):
+    """Return a function that interrupts the program where it is called for the n-th time."""
+    left = [calls]
+
+    def call_or_interrupt(*arguments, **options):
+        left[0] -= 1
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        return function(*arguments, **options)
+
+    return call_or_interrupt
+
+
+@pytest.fixture(scope="module")
+def lane(tmp_path_factory):
+    """Folder of a run of two blocks, its recipe, lane and truth."""
+    folder = tmp_path_factory.mktemp("lane")
+    save_run(small_run(scans=24, step=0.3), folder / "lane.zarr")
+    recipe = small_recipe().replace("variants = true\n", "")
+    (folder / "small.toml").write_text(recipe)
+    (folder / "lane.toml").write_text(LANE_TOML)
+    rows = [f"t{number},{x},{y},metal,0\n" for number, (x, y) in enumerate(TARGETS)]
+    (folder / "truth.csv").write_text("target_id,x,y,kind,depth\n" + "".join(rows))
+    return folder
+
+
+def test_these_commands_go_on():
+    functions = dict(COMMANDS)
+    for (group, _), commands in GROUPS.items():
+        for name, function in commands.items():
+            functions[f"{group} {name}"] = function
+    resuming = {name for name, function in functions.items() if function.command.resumes}
+    assert resuming == RESUMING
+
+
+def test_an_interrupted_detection_goes_on_to_the_same_bytes(lane, tmp_path, monkeypatch):
+    from flgpr.execution import pass_runner
+
+    words = ["detect", lane / "lane.zarr", "--recipe", lane / "small.toml", "-o"]
+    output = tmp_path / "result"
+    with monkeypatch.context() as patched:
+        patched.setattr(pass_runner, "do_block", interrupted_at(4, pass_runner.do_block))
+        stopped = call(*words, output)
+    assert stopped.exit_code == 130
+    assert stopped.stderr.splitlines()[-1] == GOES_ON
+    assert not output.exists()
+    assert list((tmp_path / "result.work").glob("*.arrays"))
+
+    assert call(*words, output).exit_code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["result"]
+    assert call(*words, tmp_path / "again").exit_code == 0
+    alarms = (output / "alarms.csv").read_bytes()
+    assert alarms == (tmp_path / "again" / "alarms.csv").read_bytes()
+
+
+def test_an_interrupted_training_leaves_no_model(lane, tmp_path, monkeypatch):
+    from flgpr.execution import pass_runner
+
+    words = ["train", lane / "lane.zarr", "--truth", lane / "truth.csv", "--lane"]
+    words += [lane / "lane.toml", "--recipe", lane / "small.toml", "-o", tmp_path / "model"]
+    with monkeypatch.context() as patched:
+        patched.setattr(pass_runner, "do_block", interrupted_at(2, pass_runner.do_block))
+        stopped = call(*words)
+    assert stopped.exit_code == 130
+    assert stopped.stderr.splitlines()[-1] == GOES_ON
+    assert not (tmp_path / "model").exists()
+    assert not list(tmp_path.glob(".partial*"))
+
+
+def test_an_interrupted_simulation_goes_on_and_another_seed_names_restart(tmp_path, monkeypatch):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE)
+    store = tmp_path / "lane.zarr"
+    words = ["simulate", scene, "-o", store]
+    with monkeypatch.context() as patched:
+        patched.setattr(Simulator, "scan", interrupted_at(2, Simulator.scan))
+        stopped = call(*words)
+    assert stopped.exit_code == 130
+    assert stopped.stderr.splitlines()[-1] == GOES_ON
+    assert not store.exists()
+
+    other = call(*words, "--seed", 2)
+    assert other.exit_code == 2
+    assert other.stderr == (
+        f"error: {store}: another unfinished run is there: its seed is 1, this one's 2; "
+        "--restart begins again, or choose another output\n"
+    )
+    with monkeypatch.context() as patched:
+        patched.setattr(Simulator, "scan", interrupted_at(1, Simulator.scan))
+        stopped = call(*words, "--seed", 2, "--restart")
+    assert stopped.stderr.splitlines()[-1] == f"{GOES_ON}, without --restart"
+    assert call(*words, "--seed", 2).exit_code == 0
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    assert call("simulate", scene, "-o", elsewhere / "lane.zarr", "--seed", 2).exit_code == 0
+    assert files_of(store) == files_of(elsewhere / "lane.zarr")
+
+
+def test_a_command_that_does_not_go_on_only_says_that_it_stopped(lane, monkeypatch):
+    monkeypatch.setattr("flgpr.commands.run_report.run_info", interrupted_at(1, None))
+    stopped = call("info", lane / "lane.zarr")
+    assert stopped.exit_code == 130
+    assert stopped.stderr == "stopped\n"
+
+
+def test_ctrl_c_on_a_terminal_ends_workers_without_a_traceback(lane, tmp_path):
+    """The signal reaches the command and its workers, two lanes being worked on at once."""
+    save_run(small_run(scans=60, step=0.1), tmp_path / "a.zarr")
+    save_run(small_run(scans=60, step=0.1), tmp_path / "b.zarr")
+    words = ["detect", tmp_path / "a.zarr", tmp_path / "b.zarr", "--recipe", lane / "small.toml"]
+    words += ["--lane", lane / "lane.toml", "--lane", lane / "lane.toml"]
+    words += ["--workers", "2", "-o", tmp_path / "all"]
+    command = [sys.executable, "-m", "flgpr", *map(str, words)]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        while not list((tmp_path / "all").glob("*.work/*.arrays")) and process.poll() is None:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate()
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert errors.splitlines()[-1] == GOES_ON
+    assert not list((tmp_path / "all").glob("*/manifest.json"))
+
+
+@pytest.mark.parametrize(
+    ("words", "work"),
+    [
+        (["benchmark", "run", "wang2007", "--quick"], "flgpr.proving_ground.run_benchmark"),
+        (["reproduce", "wang2007", "--quick"], "flgpr_papers.reproduce"),
+        (["reproduce", "worlds", "--quick"], "flgpr_papers.map_worlds"),
+    ],
+)
+def test_a_study_that_is_interrupted_says_that_it_goes_on(words, work, tmp_path, monkeypatch):
+    monkeypatch.setattr(work, interrupted_at(1, None))
+    stopped = call(*words, "-o", tmp_path / "work")
+    assert stopped.exit_code == 130
+    assert stopped.stderr == f"{GOES_ON}\n"
