@@ -67,6 +67,24 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(run, tmp_path):
     assert (tmp_path / "notes" / "own.txt").read_text() == "own"
 
 
+def test_recipes_share_passes_through_a_cache_and_find_what_they_find_alone(run, tmp_path):
+    cache = tmp_path / "cache"
+    other_recipe = small_recipe().replace("density = 0.75", "density = 0.5")
+    first = make_job(run, small_recipe(), LANE, tmp_path / "first", False, pass_cache=cache)
+    second = make_job(run, other_recipe, LANE, tmp_path / "second", False, pass_cache=cache)
+    alone = make_job(run, other_recipe, LANE, tmp_path / "alone", False)
+    reports = []
+    with InProcess() as executor:
+        detect_lane(first, executor)
+        detect_lane(second, executor, note=reports.append)
+        detect_lane(alone, executor)
+    passes_with_blocks = {report["stage"] for report in reports if report["block"] >= 0}
+    assert passes_with_blocks == {"features"}  # other alarms, on the same background and run-view
+    assert second.recipe != first.recipe
+    for name in ("alarms.csv", "features.csv"):
+        assert (tmp_path / "second" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+
+
 def test_passes_without_explanations_leave_their_results_in_the_lane(run, tmp_path):
     job = job_of(run, tmp_path / "result")
     with InProcess() as executor, passes_of_lane(job, executor) as lane:

@@ -124,8 +124,8 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     as_json=_as_json,
     python_values=_passphrase,
     panels={
-        "Truth and rules": ("truth", "objects", "lane", "halo", "far", "unranked"),
-        "Other dialects": ("columns", "truth_columns", "anchor"),
+        "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
+        "Lists of others": ("columns", "truth_columns", "anchor", "vendor", "unranked"),
         "Sealed truth": ("seal", "show", "sealed"),
         "Register": ("recipe", "book", "witness"),
         "Analysts": ("agreement",),
