@@ -33,7 +33,7 @@ from flgpr.chain.stages import (
     Table,
 )
 from flgpr.door import parse_toml, read_named
-from flgpr.model import POLARIZATIONS, Grid, Lane, complete_scans, scan_to_lane
+from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.faults import describe_fault, no_preset
 from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
@@ -361,6 +361,8 @@ def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
     """Return the ground that so many scans see to its end, as wide as :func:`lane_of` searches it."""
     if recipe.image.frames == "all":
         return _aperture_ground(run, recipe)
+    from flgpr.model import complete_scans  # a command that lists recipes needs no xarray
+
     # A scan with missing sweeps, or with a pose that no vehicle reaches, has no image.
     imaged = complete_scans(plausible_run(run, recipe.motion))
     if not imaged.any():
