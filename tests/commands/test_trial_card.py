@@ -72,7 +72,7 @@ def test_without_a_card_a_page_says_that_nothing_is_stated(scoring_files):
     files = [scoring_files / name for name in ("alarms.csv", "truth.csv", "lane.toml")]
     score_alarms(*files, folder)
     assert "vendor" not in json.loads((folder / "roc.json").read_text())["notes"]
-    assert "<td>vendor</td><td>not stated</td>" in (folder / "report.html").read_text()
+    assert "<dt>vendor</dt><dd>not stated</dd>" in (folder / "report.html").read_text()
 
 
 def test_lists_without_confidences_rank_equal_and_have_one_operating_point(scoring_files):
@@ -172,6 +172,6 @@ def test_rules_of_a_passphrase_are_shown_before_it_is_typed(scoring_files):
     assert told.exit_code == 0, told.output
     assert told.output.index("counted in its log") < told.output.index("passphrase:")
     page = (scoring_files / "s-b" / "report.html").read_text()
-    assert "<td>vendor</td><td>ACME</td>" in page
+    assert "<dt>vendor</dt><dd>ACME</dd>" in page
     assert "sealed with the truth" in page
     assert "x -2 to 2 m" not in page

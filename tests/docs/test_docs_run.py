@@ -169,6 +169,7 @@ FOLLOWED = {
     "rvm": ("reference/rvm",),
     "scoring": (
         "guide/scoring",
+        "guide/trial-report",
         "guide/compare-detectors",
         "guide/plan-a-test",
         "guide/blind-test",

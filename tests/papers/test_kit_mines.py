@@ -180,7 +180,7 @@ def test_the_page_has_every_mix_as_it_is_declared():
 
 
 def test_the_page_s_air_is_what_the_masses_leave():
-    rows = rows_of_page("How much air")
+    rows = rows_of_page("Air inside the mines")
     assert [row[0].lower() for row in rows] == list(MASSES)
     for row, (name, (mass, charge, density)) in zip(rows, MASSES.items(), strict=True):
         assert row[1] == f"{mass}, {charge}"
@@ -199,7 +199,7 @@ def test_the_page_s_air_is_what_the_masses_leave():
 
 def test_the_page_s_levels_are_those_of_the_tables():
     """Mean power of HH and VV, in the soils of the columns; a box has no surface and many aspects."""
-    rows = rows_of_page("How much air", 1)
+    rows = rows_of_page("Air inside the mines", 1)
     assert {row[0].strip("`") for row in rows} == set().union(
         *(mix.parts for mix in MIXES.values())
     )

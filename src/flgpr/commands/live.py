@@ -126,6 +126,7 @@ def _no_event(_: str) -> None:
     shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
     python_values=_events,
     panels={
+        "Where scans come from": ("socket", "tcp", "rate"),
         "Recipe and lane": ("recipe", "model", "lane", "anchor"),
         "Detection": ("looks", "warm_up", "span", "worth"),
         "Vehicle": ("speed", "reaction", "deceleration", "front"),

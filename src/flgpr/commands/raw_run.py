@@ -406,26 +406,27 @@ def _simulated_paths(
     ``limits`` are those of :meth:`flgpr.simulate.Simulator.limits`, from a store that anybody may
     have written; ``height`` is that of the array over the mean ground, m.
     """
-    footprint = limits.get("footprint_m")
-    if _are_numbers(footprint, 4):
+    footprint = _numbers_of(limits.get("footprint_m"), 4)
+    if footprint:
         x_min, x_max, y_min, y_max = footprint
         corners = np.array([(x, y, -height) for x in (x_min, x_max) for y in (y_min, y_max)])
         paths = np.linalg.norm(corners - tx, axis=1) + np.linalg.norm(corners - rx, axis=1)
         yield float(paths.max()), f"the simulated ground ends, {y_max:g} m ahead of the array"
-    own_path = limits.get("own_echoes_path_m")
-    if _are_numbers([own_path], 1):
-        yield float(own_path), "the simulated echoes of the vehicle itself end; beyond is noise"
+    for own_path in _numbers_of([limits.get("own_echoes_path_m")], 1):
+        yield own_path, "the simulated echoes of the vehicle itself end; beyond is noise"
 
 
-def _are_numbers(values: Any, count: int) -> bool:
-    """Return whether a value of JSON is a list of so many finite numbers."""
+def _numbers_of(values: Any, count: int) -> list[float]:
+    """Return a list of so many lengths from a value of JSON; empty where it is none."""
     if not isinstance(values, list) or len(values) != count:
-        return False
+        return []
+    numbers = []
     for value in values:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if not (is_number and abs(value) < _LARGEST_LENGTH):
-            return False
-    return True
+            return []
+        numbers.append(float(value))
+    return numbers
 
 
 def _tone_levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:

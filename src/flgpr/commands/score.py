@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -125,7 +125,7 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     python_values=_passphrase,
     panels={
         "Truth and rules": ("truth", "objects", "lane", "halo", "far"),
-        "Other dialects": ("columns", "truth_columns", "anchor"),
+        "Lists of others": ("columns", "truth_columns", "anchor", "vendor", "unranked"),
         "Sealed truth": ("seal", "show", "sealed"),
         "Register": ("recipe", "book", "witness"),
         "Analysts": ("agreement",),
@@ -214,7 +214,7 @@ def score(
         anchor_option("for lists and truth by longitude and latitude"),
     ] = None,
     vendor: Annotated[
-        OneOrMorePaths | None,
+        str | Sequence[str] | None,
         Option(
             help="Whose alarms they are, for the head of every page; once per alarm list. By "
             "default what a comment at the head of the list says: # vendor: NAME."

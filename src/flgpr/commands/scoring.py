@@ -540,7 +540,7 @@ def write_comparison(
 ) -> None:
     """Write the page and the JSON of a comparison; lanes that are secret are not given."""
     files = {
-        "comparison.html": comparison_html(comparison, curves, rules, provenance, lanes or {}),
+        "comparison.html": comparison_html(comparison, curves, rules, provenance, lanes),
         "comparison.json": comparison_json(comparison, rules, provenance),
     }
     write_score_files(Path(output), files, overwrite)

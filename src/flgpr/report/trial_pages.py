@@ -257,7 +257,7 @@ def comparison_html(
     curves: Mapping[str, pd.DataFrame],
     rules: Mapping[str, Any],
     notes: Mapping[str, Any],
-    lanes: Mapping[str, Lane],
+    lanes: Mapping[str, Lane] | None = None,
 ) -> str:
     """Return the page of detectors side by side.
 
@@ -271,8 +271,8 @@ def comparison_html(
         Rules of the scores.
     notes : mapping
         Provenance to print, by detector.
-    lanes : mapping of str to Lane
-        Lanes by name; empty where they are sealed.
+    lanes : mapping of str to Lane, optional
+        Lanes by name; none where they are sealed.
     """
     records = comparison.points.to_dict("records")
     points = []
@@ -307,7 +307,7 @@ def comparison_html(
         level=f"{100 * rules['level']:g}",
         far_max=f"{rules['far_max']:g}",
         notes=notes,
-        trial=comparison_block(names, lanes, rules, notes),
+        trial=comparison_block(names, lanes or {}, rules, notes),
         standards={"rows": checklist_rows(), "sources": source_rows()},
     )
 

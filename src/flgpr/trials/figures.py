@@ -133,7 +133,7 @@ def compared_roc_figure(
     axes = figure.add_subplot()
     step = _DODGE * end
     for number, (name, curve) in enumerate(curves.items()):
-        style = {
+        style: dict[str, Any] = {
             "color": GREY_ORDERED[number % len(GREY_ORDERED)],
             "ls": _COMPARED_DASHES[number % len(_COMPARED_DASHES)],
             "lw": 1.7,

@@ -81,7 +81,10 @@ def response_name(response: str) -> str:
 def design_table() -> pd.DataFrame:
     """Tabulate what the declared fraction can decide."""
     worlds = design_worlds()
-    table = pd.DataFrame({axis: [getattr(world, axis) for world in worlds] for axis in AXES})
+    levels = {}
+    for axis in AXES:
+        levels[axis] = [getattr(world, axis) for world in worlds]
+    table = pd.DataFrame(levels)
     names = {"term": "effect", "effects": "degrees of freedom", "error": "error of a difference"}
     return decidable(table, AXES, CROSSED).round(2).rename(columns=names)
 

@@ -1,4 +1,4 @@
-"""The parts of the map of worlds, in order, each with its tables, figures and section."""
+"""Run the parts of the map of worlds, in order, each with its tables, figures and section."""
 
 from __future__ import annotations
 
