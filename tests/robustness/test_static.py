@@ -129,6 +129,7 @@ JUST_WRITTEN = "it writes the file, or reads what it has just written"
 LOCKED = "a folder that is locked and not read"
 RECORDING = "a recording that a user named: `existing` refuses pipes, and its own headers bound what is read of it"
 GUARDED = "a library reads it, of a file that `existing` let pass; of damaged ones a child process tries that before"
+BROWSER = "the browser opens a page that this process wrote"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
@@ -138,6 +139,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
     "model/faults.py load_preset": ({"read_bytes"}, OWN),
+    "commands/browser.py open_page": ({"open"}, BROWSER),
     "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
     "simulate/scene/scene.py site_tables": ({"read_text", "tomllib.loads"}, OWN),
     "simulate/bodies/signature/table.py load_table": ({"read_bytes"}, OWN),
@@ -147,9 +149,11 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/cphd.py write_cphd": ({"open"}, JUST_WRITTEN),
     "store/files.py sync_file": ({"open"}, JUST_WRITTEN),
     "store/files.py _open_alone": ({"open"}, JUST_WRITTEN),
+    "store/files.py _write_under_own_name": ({"open"}, JUST_WRITTEN),
     "geo/export.py _check_written": ({"open"}, JUST_WRITTEN),
     "geo/export.py write_geotiff": ({"open"}, JUST_WRITTEN),
     "store/outputs.py _hold": ({"open"}, LOCKED),
+    "store/outputs.py _hold_beside": ({"open"}, LOCKED),
     "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),

@@ -7,14 +7,13 @@ recording; only the clock is that of today.
 from __future__ import annotations
 
 import gzip
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flgpr.door import check_expansion, read_named
+from flgpr.door import check_expansion, parse_json, read_named
 from flgpr.live.event_rate import Event
 from flgpr.live.events import EVENT_FILE, EventFile
 
@@ -50,7 +49,7 @@ def read_recording(path: str | Path) -> tuple[list[Event], list[RecordedScan], l
     scans: list[RecordedScan] = []
     after: list[Event] = []
     for line in lines:
-        event: dict[str, Any] = json.loads(line)
+        event: dict[str, Any] = parse_json(line)
         if event["event"] == "scan":
             scans.append(RecordedScan(float(event["latency_ms"]) / 1e3))
         if event["event"] == "end":

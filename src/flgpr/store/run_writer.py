@@ -554,10 +554,11 @@ def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
 
 def _consolidate(root: Path) -> None:
     """Let the group's description repeat those of its arrays."""
+    folder = Folder(root)
     arrays = {}
     for name in DIMS:
-        arrays[name] = parse_json((root / name / GROUP).read_bytes())
-    group = parse_json((root / GROUP).read_bytes())
+        arrays[name] = folder.json(f"{name}/{GROUP}")
+    group = folder.json(GROUP)
     text = json.dumps(consolidated_group(group, arrays), indent=2)
     write_whole(root / GROUP, text)
 
