@@ -69,7 +69,7 @@ def test_what_an_import_writes_is_a_track_for_the_next(tmp_path):
     mapping = tmp_path / "m.toml"
     refused = imported(mapping, "-o", tmp_path / "r.zarr", "--track", tmp_path / "t.csv")
     assert refused.exit_code == 2
-    assert "max_gap = 1 s, got none for 6.5 s" in refused.output
+    assert "--max-gap = 1 s, got none for 6.5 s" in refused.output
     first = imported(
         mapping, "-o", tmp_path / "r.zarr", "--track", tmp_path / "t.csv", "--max-gap", "7"
     )

@@ -81,12 +81,12 @@ def test_these_commands_go_on():
 
 
 def test_an_interrupted_detection_goes_on_to_the_same_bytes(lane, tmp_path, monkeypatch):
-    from flgpr.execution import pass_runner
+    from flgpr.execution import driver
 
     words = ["detect", lane / "lane.zarr", "--recipe", lane / "small.toml", "-o"]
     output = tmp_path / "result"
     with monkeypatch.context() as patched:
-        patched.setattr(pass_runner, "do_block", interrupted_at(4, pass_runner.do_block))
+        patched.setattr(driver, "do_block", interrupted_at(4, driver.do_block))
         stopped = call(*words, output)
     assert stopped.exit_code == 130
     assert stopped.stderr.splitlines()[-1] == GOES_ON
@@ -101,12 +101,12 @@ def test_an_interrupted_detection_goes_on_to_the_same_bytes(lane, tmp_path, monk
 
 
 def test_an_interrupted_training_leaves_no_model(lane, tmp_path, monkeypatch):
-    from flgpr.execution import pass_runner
+    from flgpr.execution import driver
 
     words = ["train", lane / "lane.zarr", "--truth", lane / "truth.csv", "--lane"]
     words += [lane / "lane.toml", "--recipe", lane / "small.toml", "-o", tmp_path / "model"]
     with monkeypatch.context() as patched:
-        patched.setattr(pass_runner, "do_block", interrupted_at(2, pass_runner.do_block))
+        patched.setattr(driver, "do_block", interrupted_at(2, driver.do_block))
         stopped = call(*words)
     assert stopped.exit_code == 130
     assert stopped.stderr.splitlines()[-1] == GOES_ON

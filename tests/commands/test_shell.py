@@ -63,10 +63,10 @@ def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
         (["info", "nowhere.zarr"], ["nowhere.zarr"]),
         (["detect", RUN, "--recipe", "none", "-o", "x"], ["recipe", "demo"]),
         (["detect", RUN, "--lane", "no.toml", "-o", "x"], ["no.toml"]),
-        (["score", "no-result", "--truth", "t.csv"], ["manifest.json"]),
+        (["score", "no-result", "--truth", "t.csv"], ["no-result", "not found"]),
         (["import", "fullwave", "no.npz", "-o", "x.zarr"], ["no.npz"]),
         (["import", "gprmax", "decks", "-o", "x.zarr"], ["decks", "not found"]),
-        (["score", "a.csv", "--truth", "t.csv"], ["--lane", "a.csv"]),
+        (["score", "a.csv", "--truth", "t.csv"], ["a.csv", "not found"]),
         (["design", "sri-array", "--site", "moon"], ["site", "arid-sand", "'moon'"]),
     ],
 )
@@ -145,10 +145,21 @@ def test_a_plan_is_drawn_registered_and_counted(tmp_path):
 
 def test_nobody_types_a_passphrase_in_vain(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    told = call("score", "plan.csv", "--seal", "--lane", "lane.toml", "-o", tmp_path / "sealed")
-    assert told.exit_code == 2
-    assert "passphrase" not in told.output
-    assert "flgpr[seal]" in told.output
+    plan = tmp_path / "plan.csv"
+    plan.write_text("target_id,x,y,kind\na,0,1,metal\n")
+    refused = call("score", plan, "--seal", "--lane", "lane.toml", "-o", tmp_path / "sealed")
+    assert refused.exit_code == 2
+    assert "passphrase" not in refused.output
+    assert "flgpr[seal]" in refused.output
+
+
+def test_an_alarm_list_needs_a_lane(tmp_path):
+    alarms = tmp_path / "a.csv"
+    alarms.write_text("x,y,confidence\n0,1,2\n")
+    refused = call("score", alarms, "--truth", "t.csv")
+    assert refused.exit_code == 2
+    assert "--lane" in refused.stderr
+    assert "a.csv" in refused.stderr
 
 
 def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):

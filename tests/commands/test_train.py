@@ -16,12 +16,16 @@ TRUTH = sample_lane() / "truth.csv"
     [
         ([RUN, RUN], [TRUTH], None, "got 2 runs and 1 truths"),
         ([], [], None, "got 0 runs and 0 truths"),
-        ([RUN], [TRUTH], ["a.toml", "b.toml"], "got 1 runs and 1 truths"),
     ],
 )
 def test_every_run_has_its_truth(runs, truths, lanes, counts):
     with pytest.raises(ValueError, match=f"train needs one truth per run, {counts}"):
         train(runs, truths, lanes=lanes)
+
+
+def test_every_run_has_its_lane():
+    with pytest.raises(ValueError, match="lane must be given once per run, got 2 for 1 runs"):
+        train([RUN], [TRUTH], lanes=["a.toml", "b.toml"])
 
 
 @pytest.mark.parametrize("recipe", ["demo", "demo-mean-self-signature"])

@@ -355,7 +355,7 @@ def test_the_command_measures_where_it_is_asked_to():
         (["--signal-to-clutter", "--depth", "3"], "depth must lie between 0 and 1 m, got 3.0"),
         (
             ["--signal-to-clutter", "--permittivity", "4"],
-            "loss_tangent must be given with permittivity",
+            "--loss-tangent must be given with permittivity",
         ),
     ],
 )

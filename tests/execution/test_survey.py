@@ -25,7 +25,7 @@ def test_lanes_are_named_after_their_runs():
 
 
 def test_several_lanes_at_once_need_others_who_work(tmp_path):
-    with pytest.raises(ValueError, match="lanes-at-once needs workers or a scheduler"):
+    with pytest.raises(ValueError, match="lanes_at_once needs workers or a scheduler"):
         detect_survey(["a.zarr"], small_recipe(), tmp_path / "survey", at_once=2)
     assert not (tmp_path / "survey").exists()
 

@@ -689,7 +689,8 @@ def test_a_work_folder_takes_nothing_else_up(work, name, damage, tmp_path):
             )
             assert set(left) == expected
         else:
-            with pytest.raises((ValueError, OSError), match=str(work)):
+            # The error names the output, and the work folder as that beside it.
+            with pytest.raises((ValueError, OSError), match=str(work.with_suffix(""))):
                 answered(taken_up, work)
     if damage is link_to_file:
         assert (tmp_path / "outside" / name).read_bytes() == whole

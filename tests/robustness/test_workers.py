@@ -224,7 +224,7 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     assert content(again.folders[1]) == content(first.folders[1])
     with pytest.raises(ValueError, match="different names"):
         flgpr.detect([tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2")
-    with pytest.raises(ValueError, match="at once"):
+    with pytest.raises(ValueError, match="lanes_at_once needs workers"):
         flgpr.detect(*where, lanes_at_once=2)
 
 

@@ -189,7 +189,7 @@ def test_results_bring_their_lane_and_lists_must_be_given_one(demo, files):
     assert "+0.00 (-0.66 to +0.66); alone found 0 and 0, McNemar's p = 1" in told.stdout
     for one, message in (
         (files / "vendorA.csv", "alarm lists need --lane to be compared"),
-        (files / "nothing", "alarms file not found"),
+        (files / "nothing", "alarm list or result not found"),
         (folder, "alarms must be different lists to be compared"),
     ):
         refused = call("score", folder, one, "--truth", truth, "-o", files / "x")

@@ -257,7 +257,8 @@ def score(
     from flgpr.commands.trial_card import TrialCard, checked_vendors, day_of_score
 
     lists = [_path_of(entry) for entry in one_or_more(alarms)]
-    _require_lists(lists, seal)
+    if not agreement:
+        _require_lists(lists, seal)
     recipes = one_or_more(recipe)
     vendors = [str(name) for name in one_or_more(vendor)]
     # Options that have no effect are refused, not dropped without a word.

@@ -120,7 +120,7 @@ def detect_survey(
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(
-            f"lanes-at-once needs workers or a scheduler to be more than 1, got {at_once}"
+            f"lanes_at_once needs workers or a scheduler to be more than 1, got {at_once}"
         )
     jobs = _make_jobs(
         runs, recipe_text, survey, lanes, model, section, others, report, options, overwrite
