@@ -150,25 +150,36 @@ def test_a_command_that_does_not_go_on_only_says_that_it_stopped(lane, monkeypat
     assert stopped.stderr == "stopped\n"
 
 
-def test_ctrl_c_on_a_terminal_ends_workers_without_a_traceback(lane, tmp_path):
-    """The signal reaches the command and its workers, two lanes being worked on at once."""
-    save_run(small_run(scans=60, step=0.1), tmp_path / "a.zarr")
-    save_run(small_run(scans=60, step=0.1), tmp_path / "b.zarr")
-    words = ["detect", tmp_path / "a.zarr", tmp_path / "b.zarr", "--recipe", lane / "small.toml"]
-    words += ["--lane", lane / "lane.toml", "--lane", lane / "lane.toml"]
-    words += ["--workers", "2", "-o", tmp_path / "all"]
-    command = [sys.executable, "-m", "flgpr", *map(str, words)]
+def interrupted_detection(words, output):
+    """Run a survey, interrupt it once its work has begun; return its exit status and last words."""
+    command = [sys.executable, "-m", "flgpr", *map(str, words), "-o", str(output)]
     with subprocess.Popen(
         command, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
-        while not list((tmp_path / "all").glob("*.work/*.arrays")) and process.poll() is None:
+        while not list(output.glob("*.work/*.arrays")) and process.poll() is None:
             time.sleep(0.02)
-        os.killpg(process.pid, signal.SIGINT)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate()
-    assert process.returncode == 130, errors
+    return process.returncode, errors
+
+
+def test_ctrl_c_on_a_terminal_ends_workers_without_a_traceback(lane, tmp_path):
+    """The signal reaches the command and its workers, two lanes being worked on at once."""
+    save_run(small_run(scans=300, step=0.02), tmp_path / "a.zarr")
+    save_run(small_run(scans=300, step=0.02), tmp_path / "b.zarr")
+    words = ["detect", tmp_path / "a.zarr", tmp_path / "b.zarr", "--recipe", lane / "small.toml"]
+    words += ["--lane", lane / "lane.toml", "--lane", lane / "lane.toml", "--workers", "2"]
+    # On a busy machine the survey may be over before the signal comes: then it is tried again.
+    for attempt in range(5):
+        output = tmp_path / f"survey-{attempt}"
+        status, errors = interrupted_detection(words, output)
+        if status != 0:
+            break
+    assert status == 130, errors
     assert "Traceback" not in errors
     assert errors.splitlines()[-1] == GOES_ON
-    assert not list((tmp_path / "all").glob("*/manifest.json"))
+    assert not (output / "survey.json").exists()
 
 
 @pytest.mark.parametrize(
