@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from flgpr.commands.app import COMMANDS, GROUPS, app
@@ -148,6 +149,24 @@ def test_a_command_that_does_not_go_on_only_says_that_it_stopped(lane, monkeypat
     stopped = call("info", lane / "lane.zarr")
     assert stopped.exit_code == 130
     assert stopped.stderr == "stopped\n"
+
+
+def test_an_interrupt_while_a_passphrase_is_typed_is_one_word(tmp_path, monkeypatch):
+    """The prompt has its own exception, for Ctrl-C and for the end of its input."""
+    pytest.importorskip("cryptography")
+
+    def interrupted(*_, **__):
+        raise typer.Abort
+
+    monkeypatch.setattr(typer, "prompt", interrupted)
+    truth = tmp_path / "truth.csv"
+    truth.write_text("target_id,x,y,kind,depth\na,0,10,metal,0.05\n")
+    borders = tmp_path / "lane.toml"
+    borders.write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")
+    stopped = call("score", truth, "--seal", "--lane", borders, "-o", tmp_path / "sealed")
+    assert stopped.exit_code == 130
+    assert stopped.stderr.splitlines()[-1] == "stopped"
+    assert not (tmp_path / "sealed").exists()
 
 
 def interrupted_detection(words, output):

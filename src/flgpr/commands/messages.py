@@ -41,7 +41,7 @@ def plain_errors(
         with warnings.catch_warnings(), unchanged, reading:
             warnings.showwarning = _show_warning
             yield
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):  # the second at a prompt, whose input may end, too
         typer.echo(stopped, err=True)
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:  # the program that read the output has ended
