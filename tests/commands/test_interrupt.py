@@ -173,7 +173,12 @@ def interrupted_detection(words, output):
     """Run a survey, interrupt it once its work has begun; return its exit status and last words."""
     command = [sys.executable, "-m", "flgpr", *map(str, words), "-o", str(output)]
     with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # What a shell starts in the background ignores interrupts, and so would the command.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         while not list(output.glob("*.work/*.arrays")) and process.poll() is None:
             time.sleep(0.02)
