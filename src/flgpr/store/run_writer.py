@@ -101,7 +101,7 @@ class RunWriter:
         requires the same inputs. A complete store records them, but they are no part of the run.
     limits : dict, optional
         What ends in the scans because of how they were made, such as the edge of simulated ground,
-        as JSON values. A complete store with ``inputs`` records it for :func:`read_limits`. It is
+        as JSON values. A complete store with ``inputs`` records it for ``read_limits``. It is
         no part of the run, and not compared when a writer resumes.
 
     Raises
