@@ -110,7 +110,7 @@ def play_drive(
     Parameters
     ----------
     recording : path
-        The recording, see ``flgpr.live.recording.play_recording``.
+        The recording, see ``play_recording``.
     folder : path
         Folder for the file of events.
     stop : threading.Event

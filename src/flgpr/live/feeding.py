@@ -118,7 +118,7 @@ def feed(
         What a radar gets wrong, see :class:`Fault`. The vehicle drives on while scans are lost.
     tcp : str, optional
         TCP address that is listened on: port, or address and port, see
-        ``flgpr.live.tcp.parse_tcp``.
+        ``parse_tcp``.
 
     Raises
     ------
