@@ -30,7 +30,7 @@ def independent_reader(root):
         raise Refused("no commit.json")
     manifest = json.loads(manifest_file.read_bytes())
     content = {name: value for name, value in manifest.items() if name != "sha256"}
-    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(canonical.encode()).hexdigest() != manifest["sha256"]:
         raise Refused("commit.json differs from its own digest")
     if (manifest["format"], manifest["version"]) != ("flgpr-run", 1):

@@ -6,7 +6,6 @@ purpose: what a crash of the machine damages is found and made again.
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 from collections import ChainMap
@@ -22,8 +21,8 @@ from flgpr import system
 from flgpr.chain.engine import Gatherer
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
-from flgpr.store.bundle import MOST_BUNDLE, PARTIAL
-from flgpr.store.files import naming_output
+from flgpr.store.bundle import MOST_BUNDLE
+from flgpr.store.files import PARTIAL, naming_output, own_temporary
 
 SUFFIX = ".arrays"
 WORK_SUFFIX = ".work"
@@ -144,8 +143,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             other.bundle(name).check()
         except (OSError, BundleError):
             return False
-        unique = f".{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}"
-        partial = self.path(as_name).with_suffix(unique)
+        partial = own_temporary(self.path(as_name))
         try:
             partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
         except OSError:

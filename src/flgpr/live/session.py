@@ -67,8 +67,7 @@ from flgpr.store import (
     read_lane,
     sha256,
 )
-from flgpr.store.bundle import PARTIAL
-from flgpr.store.files import write_whole
+from flgpr.store.files import PARTIAL, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.scan_file import RUN_FILE

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.door import Folder, parse_json
-from flgpr.store.files import canonical_json, sha256, writing
+from flgpr.store.files import canonical_json, own_temporary, sha256, writing
 
-PARTIAL = ".partial"
 _KINDS = "biufcU"
 _TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")
 """Types of numbers and text as NumPy spells them.
@@ -88,7 +87,7 @@ def write_bundle(
         offset += _aligned(data.size)
     head = canonical_json({"about": dict(about or {}), "arrays": entries})
     # Several processes may write the same bundle at once, each under a name of its own.
-    temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+    temporary = own_temporary(path)
     try:
         with writing(path), temporary.open("wb") as file:
             file.write(f"{len(head)} {sha256(head)}\n".encode())

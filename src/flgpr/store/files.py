@@ -20,6 +20,8 @@ from flgpr import system
 from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, open_own, parse_json
 
+PARTIAL = ".partial"
+"""Ending of the name of a file that is being written."""
 _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
 
@@ -198,6 +200,11 @@ def _holds(path: Path, content: bytes) -> bool:
         return file.read() == content
 
 
+def own_temporary(path: Path) -> Path:
+    """Return a temporary name of a file that no other process, and no other call, uses."""
+    return path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+
+
 def _write_under_own_name(path: Path, content: bytes) -> None:
     """Write a file where an open file cannot be renamed.
 
@@ -207,7 +214,7 @@ def _write_under_own_name(path: Path, content: bytes) -> None:
     with writing(path):
         if _holds(path, content):
             return
-        temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}.partial")
+        temporary = own_temporary(path)
         try:
             with temporary.open("xb") as file:
                 file.write(content)

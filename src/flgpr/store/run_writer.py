@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -522,15 +523,20 @@ def _describe(
     }
 
 
+def _made_of(root: Path, manifest: Mapping[str, Any]) -> Any:
+    """Return the record of what a store was made of; None if it is of another commit."""
+    stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
+    return stored if stored["commit"] == manifest["sha256"] else None
+
+
 def read_limits(root: str | Path) -> dict[str, Any]:
     """Return what ends in a store's scans because of how they were made.
 
     It is empty where the store does not record it, or records it for other scans.
     """
     try:
-        stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
-        is_current = stored["commit"] == read_manifest(Path(root))["sha256"]
-        limits = stored["limits"] if is_current else {}
+        stored = _made_of(Path(root), read_manifest(root))
+        limits = {} if stored is None else stored["limits"]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
     return limits if isinstance(limits, dict) else {}
@@ -542,10 +548,10 @@ def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
     It is empty if there is none, and None if the store is incomplete or does not record it.
     """
     try:
-        stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
         manifest = read_manifest(root)
+        stored = _made_of(root, manifest)
         CommittedFiles(root, manifest["files"]).check_sizes()
-        if stored["commit"] != manifest["sha256"]:
+        if stored is None:
             return None
         return difference(stored["about"], parse_json(canonical_json(about)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

@@ -14,7 +14,7 @@ from typing import Any
 import xarray as xr
 from xarray.backends import BackendEntrypoint
 
-from flgpr.store.run_store import FORMAT, MANIFEST, open_run, read_manifest
+from flgpr.store.run_store import open_run, read_manifest
 from flgpr.store.store_layout import MAX_MEMORY, VARIABLE_ATTRS
 
 
@@ -67,9 +67,8 @@ class RunStoreBackend(BackendEntrypoint):
         if not isinstance(filename_or_obj, str | os.PathLike):
             return False
         root = Path(filename_or_obj)
-        if not (root / MANIFEST).is_file():
-            return False
         try:
-            return bool(read_manifest(root)["format"] == FORMAT)
+            read_manifest(root)
         except (OSError, ValueError):
             return False
+        return True
