@@ -94,18 +94,17 @@ def start_method() -> str:
     return "forkserver" if "forkserver" in methods else "spawn"
 
 
-def end_at_interrupt() -> None:
-    """Let an interrupt end this process, which works for another one, at once and in silence.
+def begin_worker() -> None:
+    """Set up this process to work for another one, without a word of its own when it is ended.
 
-    Ctrl-C on a terminal reaches every process of a command: only the first has something to say.
+    Ctrl-C on a terminal reaches every process of a command, and only the first has something to
+    say. The others end at once, wherever they are, and a pool ends them when the first of them is
+    gone. What their libraries made must not outlast them then: Python would warn of named locks
+    below the last line of the command.
     """
-    signal.signal(signal.SIGINT, _end)
+    import multiprocessing
 
-
-def _end(*_: object) -> None:
-    """End this process, after the locks that its libraries made are given back to the system."""
-    import multiprocessing.util
-
-    # As it does where a process ends by itself.
-    multiprocessing.util._exit_function()  # type: ignore[attr-defined]
-    os._exit(1)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if "fork" in multiprocessing.get_all_start_methods():
+        # Locks for children that are forked have no name. This process starts no others.
+        multiprocessing.set_start_method("fork", force=True)

@@ -206,6 +206,50 @@ def test_ctrl_c_on_a_terminal_ends_workers_without_a_traceback(lane, tmp_path):
     assert not (output / "survey.json").exists()
 
 
+BUSY_WORKERS = """
+import multiprocessing
+import sys
+from pathlib import Path
+
+from flgpr.execution.workers import Processes
+
+
+def make_lock_and_count(folder, limit):
+    lock = multiprocessing.Lock()
+    Path(folder, str(limit)).touch()
+    while lock:
+        sum(range(limit))
+
+
+if __name__ == "__main__":
+    with Processes(2) as processes:
+        list(processes.run(make_lock_and_count, [(sys.argv[1], 1), (sys.argv[1], 10**9)]))
+"""
+
+
+def test_workers_that_are_ended_in_compiled_code_leave_nothing_and_say_nothing(tmp_path):
+    """Once a worker is gone its pool terminates the other, which has not seen the interrupt yet."""
+    script = tmp_path / "busy.py"
+    script.write_text(BUSY_WORKERS)
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    with subprocess.Popen(
+        [sys.executable, str(script), str(marks)],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        while len(list(marks.iterdir())) < 2 and process.poll() is None:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate()
+    # The first process is a script here, which has its own traceback to show.
+    assert errors.splitlines()[-1] == "KeyboardInterrupt"
+    assert errors.count("Traceback") == 1
+    assert "leaked" not in errors
+
+
 @pytest.mark.parametrize(
     ("words", "work"),
     [

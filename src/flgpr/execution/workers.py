@@ -180,7 +180,7 @@ class Processes(Executor):
 
 def _begin_worker(threads: int) -> None:
     """Set up a process with its share of threads. It ends with its parent."""
-    system.end_at_interrupt()
+    system.begin_worker()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     threadpool_limits(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -107,7 +107,7 @@ def _solve_pieces(
             _solve_and_store(body, folder, piece)
             yield
         return
-    with ProcessPoolExecutor(workers, initializer=system.end_at_interrupt) as pool:
+    with ProcessPoolExecutor(workers, initializer=system.begin_worker) as pool:
         futures = [pool.submit(_solve_and_store, body, folder, piece) for piece in ordered]
         try:
             for future in as_completed(futures):
