@@ -13,8 +13,7 @@ from flgpr.chain.progress import silent
 from flgpr.execution.checkpoint import begin
 from flgpr.execution.driver import PassRunner, PassToRun, detect_lane, passes_of_lane
 from flgpr.execution.job import LaneJob, make_job
-from flgpr.execution.pieces import do_block, do_finish, do_merge
-from flgpr.execution.workers import InProcess
+from flgpr.execution.workers import InProcess, do_block, do_finish, do_merge
 from flgpr.results.result import read_result
 from flgpr.store import save_run
 from small_lane import LANE, small_recipe, small_run

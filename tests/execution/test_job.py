@@ -18,6 +18,7 @@ from flgpr.execution.job import (
     is_whole,
     lasting_identity,
     make_job,
+    open_lane,
     processor,
 )
 from flgpr.execution.workers import InProcess
@@ -126,6 +127,14 @@ def test_detect_takes_the_lane_beside_the_run_and_says_so(tmp_path):
     assert result.lane == LANE
     assert result.manifest["run"]["searched"]["source"] == "road-lane.toml beside the run"
     assert "Searched: x -0.75 to 0.75 m" in (output / "report.html").read_text()
+
+
+# What a job names, opened
+
+
+def test_another_run_at_the_path_of_the_drivers_is_refused(job):
+    with pytest.raises(ValueError, match="must see the run of the driver, got another at"):
+        open_lane(replace(job, store_sha256="other"))
 
 
 # Whether a result is there and whole, before anything is computed

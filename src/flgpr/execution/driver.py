@@ -2,7 +2,7 @@
 
 A caller makes a job. :func:`plan_lane` opens its lane and refuses what does not fit;
 :func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
-nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks. An
+nothing: the pieces of work (``execution/workers.py``) are done by whoever the executor asks. An
 interrupted detection resumes.
 """
 
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.engine import block_name, group_of, not_shared
+from flgpr.chain.engine import group_of, not_shared
 from flgpr.chain.lane_setup import LaneSetup, array_table
 from flgpr.chain.memory import plan_sections, sizes_of, threads_within
 from flgpr.chain.method import engine_of
@@ -28,9 +28,23 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
-from flgpr.execution.job import LaneJob, holds_result, is_done, is_whole, lasting_identity
-from flgpr.execution.pieces import do_block, do_finish, do_merge, merged_blocks, open_lane
-from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
+from flgpr.execution.job import (
+    LaneJob,
+    holds_result,
+    is_done,
+    is_whole,
+    lasting_identity,
+    open_lane,
+)
+from flgpr.execution.workers import (
+    Executor,
+    OnReport,
+    Report,
+    do_block,
+    do_finish,
+    do_merge,
+    ignore_report,
+)
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
 from flgpr.results.sections import results_at, section_names, write_sections
@@ -116,8 +130,7 @@ def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
         If the recipe does not fit, or the memory does not suffice; nothing is written.
     """
     # The lane is opened before the work folder is made: what does not fit is refused first.
-    work = Checkpoint(job.work, job.largest)
-    lane = open_lane(job, work.with_shared(job.shared))
+    lane, _ = open_lane(job)
     sizes = sizes_of(lane.setup.run)
     sections = plan_sections(sizes, lane.recipe, lane.lane, job.max_memory, longest)
     threads = 1
@@ -255,11 +268,8 @@ class PassRunner:
         self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str
     ) -> list[Report]:
         """Do the blocks of a pass that the work folder lacks."""
-        merged = merged_blocks(work, planned.name)
-        pieces = []
-        for number in planned.numbers:
-            if number >= merged and block_name(planned.name, number) not in work:
-                pieces.append((job, planned.name, number))
+        missing = work.missing_blocks(planned.name, planned.numbers)
+        pieces = [(job, planned.name, number) for number in missing]
         reports: list[Report] = []
         if not pieces:
             return reports

@@ -1,9 +1,13 @@
-"""A job: a detection on one lane as plain values, and whether its result is there already."""
+"""A job: a detection on one lane as plain values, what it names, and whether its result exists.
+
+The driver and every worker open a lane by :func:`open_lane`.
+"""
 
 from __future__ import annotations
 
 import platform
 import shutil
+import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -12,22 +16,32 @@ from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
+import pandas as pd
 
 import flgpr
 from flgpr.chain.engine import BLOCK
-from flgpr.chain.model import MODEL_FILE, load_model, read_model
-from flgpr.chain.recipe import Recipe
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.model import MODEL_FILE, Model, load_model, read_model
+from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
 from flgpr.door import Folder, read_named
-from flgpr.execution.checkpoint import WORK_SUFFIX, begin, finish
+from flgpr.execution.checkpoint import WORK_SUFFIX, Checkpoint, begin, finish
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.result import MODEL, Result, read_result, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections, results_at, section_names
-from flgpr.store import MAX_MEMORY, canonical_json, read_lane, read_manifest, sha256
+from flgpr.store import (
+    MAX_MEMORY,
+    canonical_json,
+    open_run,
+    read_lane,
+    read_manifest,
+    sha256,
+)
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, output_exists_error
-from flgpr.store.tables import lane_file_of
+from flgpr.store.tables import lane_file_of, parse_table
 
 PathLike = str | Path
 _PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
@@ -150,6 +164,100 @@ def choose_lane(
     return None, ""
 
 
+def searched_area(
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe, max_memory: int = MAX_MEMORY
+) -> tuple[Lane, str]:
+    """Check that a recipe fits a stored run, and return the lane that is searched.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    given : str, path or Lane, optional
+        The lane's borders, or their file.
+    recipe : Recipe
+        The recipe.
+    max_memory : int
+        Bytes that reading the run may take.
+
+    Returns
+    -------
+    lane : Lane
+        That of :func:`choose_lane`; without any, the ground that the run sees.
+    source : str
+        Where its borders come from; "" is the recipe or the run.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit, or a run or a file is not valid.
+    """
+    lane, source = choose_lane(run, given, recipe)
+    return area_of(open_run(run, max_memory), recipe, lane), source
+
+
+def job_of_run(
+    run: PathLike,
+    recipe: Recipe,
+    recipe_text: str,
+    output: PathLike,
+    given_lane: PathLike | Lane | None = None,
+    others: Mapping[str, PathLike] | None = None,
+    model: PathLike | None = None,
+    report: bool = True,
+    max_memory: int = MAX_MEMORY,
+    pass_cache: PathLike | None = None,
+) -> LaneJob:
+    """Choose the lane that a run is searched in, and describe the detection as a job.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : Recipe
+        The recipe.
+    recipe_text : str
+        Its TOML text.
+    output : str or path
+        Result folder to make.
+    given_lane : str, path or Lane, optional
+        The lane's borders, or their file.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    model : str or path, optional
+        Folder of a trained model.
+    report : bool
+        Whether to write a report.
+    max_memory : int
+        Bytes that reading the run may take.
+    pass_cache : str or path, optional
+        Folder of passes that jobs of other recipes share.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or a run, the lane or the model is not valid.
+    """
+    area, lane_source = searched_area(run, given_lane, recipe, max_memory)
+    return make_job(
+        run,
+        recipe_text,
+        area,
+        output,
+        report=report,
+        model=model,
+        max_memory=max_memory,
+        others=others,
+        pass_cache=pass_cache,
+        lane_source=lane_source,
+    )
+
+
 def make_job(
     run: str | Path,
     recipe: str,
@@ -248,6 +356,70 @@ def code_versions() -> tuple[tuple[str, str], ...]:
 def processor() -> str:
     """Return the name of the processor, as the compiler sees it."""
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
+
+
+# What a job names, opened
+
+
+def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
+    """Open the run, the model and the truth that a job names, as the driver saw them.
+
+    Returns
+    -------
+    lane : LaneSetup
+        The lane. It reads the results of passes in the work folder, those that sections share
+        included.
+    work : Checkpoint
+        The work folder, which need not be there yet.
+
+    Raises
+    ------
+    ValueError
+        If this process sees others, or the recipe does not fit.
+    """
+    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
+        if read_manifest(path)["sha256"] != digest:
+            raise ValueError(
+                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
+                f"{path}"
+            )
+    work = Checkpoint(job.work, job.largest)
+    model = None if job.model is None else _model_of(job, job.model)
+    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    truth = _truth_of(job) if job.truth[0] else None
+    lane = LaneSetup(
+        run=open_run(job.run, job.max_memory),
+        recipe=parse_recipe(job.recipe),
+        lane=Lane(*job.lane),
+        model=model,
+        results=work.with_shared(job.shared),
+        section=job.section,
+        others=others,
+        truth=truth,
+        explains=job.explains,
+    )
+    return lane, work
+
+
+def _model_of(job: LaneJob, folder: str) -> Model:
+    """Load the model of a job."""
+    if sha256(read_model(folder)) != job.model_sha256:
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the model of the driver, got another at "
+            f"{folder}"
+        )
+    return load_model(folder, job.model_sha256)
+
+
+def _truth_of(job: LaneJob) -> pd.DataFrame:
+    """Read the targets of a training lane."""
+    path, digest = job.truth
+    data = read_named(path)
+    if sha256(data) != digest:
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
+        )
+    return parse_table(data, "truth", path)
 
 
 # Whether the result is there and whole, so that nothing is computed twice
