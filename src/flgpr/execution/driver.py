@@ -25,11 +25,13 @@ from flgpr.chain.lane_setup import LaneSetup, array_table
 from flgpr.chain.memory import plan_sections, sizes_of, threads_within
 from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
-from flgpr.execution.checkpoint import Checkpoint, begin, finish
+from flgpr.execution.checkpoint import Checkpoint, finish
 from flgpr.execution.job import (
     LaneJob,
+    begin_work,
     holds_result,
     is_done,
     is_whole,
@@ -48,7 +50,7 @@ from flgpr.execution.workers import (
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
 from flgpr.results.sections import results_at, section_names, write_sections
-from flgpr.store import lane_text, write_table
+from flgpr.store import lane_text, open_run, write_table
 from flgpr.store.files import listed_files, replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 from flgpr.store.tables import parse_own_table
@@ -139,6 +141,33 @@ def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
     return LanePlan(lane, sections, threads)
 
 
+def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True) -> None:
+    """Refuse a job that :func:`detect_lane` could not do, by what is known before it is begun.
+
+    Parameters
+    ----------
+    job : LaneJob
+        What to do.
+    longest : float, optional
+        Length of a section at most, m.
+    overwrite : bool
+        Whether another result is overwritten.
+
+    Raises
+    ------
+    ValueError
+        If the memory does not suffice.
+    FileExistsError
+        If the output holds something else and is not to be overwritten.
+    """
+    check_free(job.output)
+    recipe = parse_recipe(job.recipe)
+    sizes = sizes_of(as_imaged(open_run(job.run, job.max_memory), recipe))
+    sections = plan_sections(sizes, recipe, Lane(*job.lane), job.max_memory, longest)
+    if not overwrite:
+        holds_result(job, sections)
+
+
 def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
     """Do the passes of a lane in one piece and write its result.
 
@@ -151,7 +180,7 @@ def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
     runner : PassRunner
         Runs the passes.
     """
-    with begin(job.work, job.identity(), job.largest) as work:
+    with begin_work(job) as work:
         runner.run(job, work, passes_to_run(job, lane))
         runner.finish(job)
         finish(job.work)
@@ -172,7 +201,7 @@ def passes_of_lane(
     """
     job = replace(job, explains=False)
     plan = plan_lane(job, math.inf)
-    with begin(job.work, job.identity(), job.largest) as work:
+    with begin_work(job) as work:
         runner = PassRunner(executor, track, note, plan.threads)
         runner.run(job, work, passes_to_run(job, plan.lane), label)
         yield plan.lane
@@ -333,9 +362,7 @@ def run_sections(
     gathering = output.with_name(f"{output.name}.sections")
     names = section_names(len(sections))
     folders = [output / name for name in names]
-    identity = job.identity()
-    identity["rows"] = [[section.start, section.stop] for section in sections]
-    with begin(job.work, identity, job.largest) as shared:
+    with begin_work(job, sections) as shared:
         stopped_after_last_step = (
             "threshold" in shared
             and not gathering.exists()
@@ -389,13 +416,13 @@ def _find_threshold(lane: LaneSetup, section_jobs: Sequence[LaneJob], runner: Pa
     pixels_seen = 0
     for job in section_jobs:
         label = f"{Path(job.output).name}: "
-        with begin(job.work, job.identity(), job.largest) as work:
+        with begin_work(job) as work:
             passes = passes_to_run(job, _section_of(lane, job, work))
             until_alarms = [item for item in passes if item.name in ("view", "alarms")]
             runner.run(job, work, until_alarms, label)
-        raised = Checkpoint(job.work, job.largest)["alarms"]
-        tables.append(array_table(group_of(raised, "maximum")))
-        pixels_seen += int(raised["seen"])
+            raised = work["alarms"]
+            tables.append(array_table(group_of(raised, "maximum")))
+            pixels_seen += int(raised["seen"])
     maxima = pd.concat(tables, ignore_index=True)
     return lane_threshold(lane.recipe, lane.lane, maxima, pixels_seen)
 
@@ -408,7 +435,7 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
     if is_done(job):
         return
     label = f"{Path(job.output).name}: "
-    with begin(job.work, job.identity(), job.largest) as work:
+    with begin_work(job) as work:
         passes = passes_to_run(job, _section_of(lane, job, work))
         own_passes = [item for item in passes if not item.all_scans]
         runner.run(job, work, own_passes, label)

@@ -9,7 +9,8 @@ import platform
 import shutil
 import socket
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -29,8 +30,8 @@ from flgpr.door import Folder, read_named
 from flgpr.execution.checkpoint import WORK_SUFFIX, Checkpoint, begin, finish
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.results.result import MODEL, Result, read_result, read_result_manifest
-from flgpr.results.sections import SECTIONS, read_sections, results_at, section_names
+from flgpr.results.result import MODEL, Result, read_result
+from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.store import (
     MAX_MEMORY,
     canonical_json,
@@ -358,7 +359,7 @@ def processor() -> str:
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
 
 
-# What a job names, opened
+# What a job names, opened, and the folder that its work goes into
 
 
 def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
@@ -422,6 +423,24 @@ def _truth_of(job: LaneJob) -> pd.DataFrame:
     return parse_table(data, "truth", path)
 
 
+def begin_work(
+    job: LaneJob, sections: Sequence[Section] = ()
+) -> AbstractContextManager[Checkpoint]:
+    """Begin the work folder of a job, or continue it, see :func:`.checkpoint.begin`.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    sections : sequence of Section
+        Those that share the folder, where the lane is taken in several.
+    """
+    identity = job.identity()
+    if sections:
+        identity["rows"] = [[section.start, section.stop] for section in sections]
+    return begin(job.work, identity, job.largest)
+
+
 # Whether the result is there and whole, so that nothing is computed twice
 
 
@@ -462,16 +481,22 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
     folder = Path(job.output)
     if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
         return False
-    without_report = replace(job, report=False)
-    is_of_this_job = (
-        _has_sections(folder, sections) and is_whole(without_report) and _of_this_version(folder)
-    )
-    if not is_of_this_job:
+    manifests = _own_manifests(job)
+    rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
+    versions = {manifest["flgpr"] for manifest in manifests}
+    if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
         raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
-    if not is_whole(job):
+    if _lacks_report(job, manifests):
         return False
     _delete_leftovers(job)
     return True
+
+
+def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int] | None]:
+    """Return the rows that the manifests of a job's results name, a section or the lane each."""
+    if len(sections) == 1:
+        return [job.identity()["rows"]]
+    return [[section.start, section.stop] for section in sections]
 
 
 def _delete_leftovers(job: LaneJob) -> None:
@@ -479,49 +504,46 @@ def _delete_leftovers(job: LaneJob) -> None:
     for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(Path(job.output))):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
-        with begin(job.work, job.identity()):
+        with begin_work(job):
             finish(job.work)
-
-
-def _has_sections(folder: Path, sections: Sequence[Section]) -> bool:
-    """Return whether a lane was taken in these sections."""
-    if len(sections) == 1:
-        return not (folder / SECTIONS).is_file()
-    expected = {}
-    for name, section in zip(section_names(len(sections)), sections, strict=True):
-        expected[name] = [section.start, section.stop]
-    present = {}
-    try:
-        for result_folder in results_at(folder):
-            manifest = read_result_manifest(result_folder)
-            present[result_folder.name] = manifest.get("section", {}).get("rows")
-    except ResultError:
-        return False
-    return present == expected
-
-
-def _of_this_version(folder: Path) -> bool:
-    """Return whether this version of the program wrote the results of a lane."""
-    versions = [read_result_manifest(result)["flgpr"] for result in results_at(folder)]
-    return all(version == flgpr.__version__ for version in versions)
 
 
 def is_whole(job: LaneJob) -> bool:
     """Return whether the output of a job is a whole result of it."""
+    manifests = _own_manifests(job)
+    return bool(manifests) and not _lacks_report(job, manifests)
+
+
+def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
+    """Return the manifest of the whole result of a job, or those of its sections in order.
+
+    There is none if the result is not whole or was made of anything else.
+    """
+    manifests = []
     try:
         if Folder(job.output).has(SECTIONS):
             sections = read_sections(job.output)
-            for folder in sections.homes:
-                read_result(folder)
-            return bool(sections.identity == lasting_identity(job))
-        result = read_result(job.output)
+            if sections.identity == lasting_identity(job):
+                for folder in sections.homes:
+                    manifests.append(read_result(folder).manifest)
+        else:
+            result = read_result(job.output)
+            if _is_result_of(job, result):
+                manifests.append(result.manifest)
     except ResultError:
+        return []
+    return manifests
+
+
+def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether a job writes a report that its result lacks; one in sections is not asked."""
+    if not job.report or len(manifests) > 1:
         return False
-    return _is_result_of(job, result)
+    return None in manifests[0]["added"].get("report.html", [None])
 
 
 def _is_result_of(job: LaneJob, result: Result) -> bool:
-    """Return whether a result was made of what a job names."""
+    """Return whether a result was made of what a job names, with a report or without."""
     manifest = result.manifest
     identity = job.identity()
     section = manifest.get("section", {})
@@ -532,7 +554,6 @@ def _is_result_of(job: LaneJob, result: Result) -> bool:
     others = {}
     for name, described in manifest["run"].get("others", {}).items():
         others[name] = str(described["store_sha256"])
-    report_is_missing = None in manifest["added"].get("report.html", [None])
     return bool(
         manifest["run"].get("store_sha256") == job.store_sha256
         and manifest["recipe_sha256"] == identity["recipe"]
@@ -540,5 +561,4 @@ def _is_result_of(job: LaneJob, result: Result) -> bool:
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and section.get("rows") == identity["rows"]
         and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
-        and not (job.report and report_is_missing)
     )

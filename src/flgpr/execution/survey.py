@@ -8,17 +8,16 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track
-from flgpr.chain.recipe import as_imaged, parse_recipe
+from flgpr.chain.recipe import parse_recipe
 from flgpr.door import read_named
-from flgpr.execution.driver import detect_lane
-from flgpr.execution.job import LaneJob, holds_result, is_done, job_of_run
+from flgpr.execution.driver import check_job, detect_lane
+from flgpr.execution.job import LaneJob, is_done, job_of_run
 from flgpr.execution.workers import DEFAULTS, Executor, RunOptions
 from flgpr.model import Lane
-from flgpr.results.result import check_free, read_result
+from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
-from flgpr.store import open_run, write_whole
+from flgpr.store import write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 
 PathLike = str | Path
@@ -145,12 +144,7 @@ def _make_jobs(
             options.pass_cache,
         )
         jobs.append(job)
-        check_free(survey / name)
-        sizes = sizes_of(as_imaged(open_run(run, options.max_memory), recipe))
-        area = Lane(*job.lane)
-        sections = plan_sections(sizes, recipe, area, options.max_memory, section)
-        if not overwrite:
-            holds_result(job, sections)
+        check_job(job, section, overwrite)
     return jobs
 
 
