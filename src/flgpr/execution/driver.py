@@ -110,7 +110,7 @@ def detect_lane(
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
-    folder = check_free(job.output)
+    folder = check_free(job.folder)
     plan = plan_lane(job, longest)
     if not overwrite and holds_result(job, plan.sections):
         log_finished(folder, OVERWRITE)
@@ -160,7 +160,7 @@ def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
-    check_free(job.output)
+    check_free(job.folder)
     recipe = parse_recipe(job.recipe)
     sizes = sizes_of(as_imaged(open_run(job.run, job.max_memory), recipe))
     sections = plan_sections(sizes, recipe, Lane(*job.lane), job.max_memory, longest)
@@ -313,7 +313,7 @@ class PassRunner:
         if not work.take(Checkpoint(Path(job.pass_cache), job.largest), shared, name):
             return False
         report = Folder(job.pass_cache).json(f"{shared}.json")
-        self.note(report | {"lane": Path(job.output).name})
+        self.note(report | {"lane": job.name})
         return True
 
     def _leave(
@@ -358,16 +358,15 @@ def run_sections(
     list of Path
         The result folders of the sections, in their order.
     """
-    output = Path(job.output)
-    gathering = output.with_name(f"{output.name}.sections")
+    gathering = job.folder.with_name(f"{job.name}.sections")
     names = section_names(len(sections))
-    folders = [output / name for name in names]
+    folders = [job.folder / name for name in names]
     with begin_work(job, sections) as shared:
         stopped_after_last_step = (
             "threshold" in shared
             and not gathering.exists()
             and is_whole(job)
-            and results_at(output) == folders
+            and results_at(job.folder) == folders
         )
         if stopped_after_last_step:
             finish(job.work)
@@ -415,7 +414,7 @@ def _find_threshold(lane: LaneSetup, section_jobs: Sequence[LaneJob], runner: Pa
     tables = []
     pixels_seen = 0
     for job in section_jobs:
-        label = f"{Path(job.output).name}: "
+        label = f"{job.name}: "
         with begin_work(job) as work:
             passes = passes_to_run(job, _section_of(lane, job, work))
             until_alarms = [item for item in passes if item.name in ("view", "alarms")]
@@ -434,7 +433,7 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
     job = replace(job, section=replace(job.section, threshold=threshold))
     if is_done(job):
         return
-    label = f"{Path(job.output).name}: "
+    label = f"{job.name}: "
     with begin_work(job) as work:
         passes = passes_to_run(job, _section_of(lane, job, work))
         own_passes = [item for item in passes if not item.all_scans]
@@ -471,7 +470,7 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
     write_table(alarms, gathering / "alarms.csv")
     write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
     write_sections(gathering, names, lasting_identity(job))
-    replace_folder(gathering, Path(job.output))
+    replace_folder(gathering, job.folder)
 
 
 def _alarms_of(folder: Path) -> pd.DataFrame:

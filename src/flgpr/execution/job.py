@@ -75,10 +75,19 @@ class LaneJob:
     pass_cache: str = ""
 
     @property
+    def folder(self) -> Path:
+        """The result folder to make."""
+        return Path(self.output)
+
+    @property
+    def name(self) -> str:
+        """Name of the lane where work is reported: that of its result folder."""
+        return self.folder.name
+
+    @property
     def work(self) -> Path:
-        """The work folder beside the output."""
-        output = Path(self.output)
-        return output.with_name(output.name + WORK_SUFFIX)
+        """The work folder beside the result folder."""
+        return self.folder.with_name(self.name + WORK_SUFFIX)
 
     @property
     def largest(self) -> int:
@@ -478,14 +487,13 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
     FileExistsError
         If the output holds any other result.
     """
-    folder = Path(job.output)
-    if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+    if not any((job.folder / name).is_file() for name in ("manifest.json", SECTIONS)):
         return False
     manifests = _own_manifests(job)
     rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
     versions = {manifest["flgpr"] for manifest in manifests}
     if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
-        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
+        raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
     if _lacks_report(job, manifests):
         return False
     _delete_leftovers(job)
@@ -501,7 +509,7 @@ def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int
 
 def _delete_leftovers(job: LaneJob) -> None:
     """Delete what a kill left beside a result that is whole."""
-    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(Path(job.output))):
+    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(job.folder)):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
         with begin_work(job):
@@ -521,13 +529,13 @@ def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
     """
     manifests = []
     try:
-        if Folder(job.output).has(SECTIONS):
-            sections = read_sections(job.output)
+        if Folder(job.folder).has(SECTIONS):
+            sections = read_sections(job.folder)
             if sections.identity == lasting_identity(job):
                 for folder in sections.homes:
                     manifests.append(read_result(folder).manifest)
         else:
-            result = read_result(job.output)
+            result = read_result(job.folder)
             if _is_result_of(job, result):
                 manifests.append(result.manifest)
     except ResultError:

@@ -95,7 +95,7 @@ def detect_survey(
         log_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
-        track = _labelled(options.track, Path(job.output).name)
+        track = _labelled(options.track, job.name)
         detect_lane(job, executor, track, options.note, section, overwrite)
 
     with executor:
@@ -105,7 +105,7 @@ def detect_survey(
                 detect(job)
         else:
             _detect_at_once(detect, unfinished, at_once, executor)
-    folders = [Path(job.output) for job in jobs]
+    folders = [job.folder for job in jobs]
     _write_summary(survey, runs, folders)
     return folders
 

@@ -347,7 +347,7 @@ def do_block(job: LaneJob, name: str, number: int) -> Report:
             checkpoint.drop()
         size = work.size(block)
         work.merge_ahead(engine, name)
-        return report(Path(job.output).name, name, number, begun, size)
+        return report(job.name, name, number, begun, size)
 
 
 def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
@@ -378,7 +378,7 @@ def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
             work[name] = result
         if not keep_blocks:
             work.drop_blocks(name)
-        return report(Path(job.output).name, name, -1, begun, work.size(name))
+        return report(job.name, name, -1, begun, work.size(name))
 
 
 def do_finish(job: LaneJob) -> Report:
@@ -396,7 +396,7 @@ def do_finish(job: LaneJob) -> Report:
         borders = section_lane(lane.recipe, lane.lane, lane.section)
         section = section_note(lane.lane, lane.section) if job.section else None
         folder = write_result(
-            job.output,
+            job.folder,
             [detection],
             job.recipe,
             borders,
@@ -407,7 +407,7 @@ def do_finish(job: LaneJob) -> Report:
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # frees the memory of the run-views
-        done = report(Path(job.output).name, "finish", -1, begun, 0)
+        done = report(job.name, "finish", -1, begun, 0)
         return done | {"alarms": len(detection.alarms)}
 
 
