@@ -27,7 +27,8 @@ from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live import forecast
-from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
+from flgpr.live.causal_steps import check_causal
+from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.event_rate import Event
 from flgpr.live.events import (
     EVENT_FILE,
@@ -389,7 +390,7 @@ class LiveRun:
         detector = LiveDetector(description, recipe, self._lane, self._model, self.options.settings)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
-            self._waiting = set(detector.alarms)
+            self._waiting = set(detector.alarms.open)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
@@ -449,7 +450,7 @@ class LiveRun:
         if update.anew and pose is not None:
             lines.append(anew_event(scan.number, update, pose))
             self._started = self._started and detector.lane is not None and not update.forgotten
-            self._waiting &= detector.alarms.keys()
+            self._waiting &= detector.alarms.open.keys()
         if update.outcome in ("held", "implausible", "duplicate"):
             return lines
         if not self._started and detector.first_pose is not None:
@@ -480,9 +481,9 @@ class LiveRun:
         # The last event of some alarms advised to wait for a look that did not come. They are
         # reported again where waiting is no longer worth it.
         changed = {alarm.alarm_id for alarm in update.alarms}
-        unchanged = detector.alarms.keys() - changed
+        unchanged = detector.alarms.open.keys() - changed
         for alarm_id in self._waiting & unchanged:
-            alarm = replace(detector.alarms[alarm_id], state="update")
+            alarm = replace(detector.alarms.open[alarm_id], state="update")
             event = self._alarm_event(alarm, scan, pose, latency)
             if event.get("wait") is False:
                 events.append(event)
