@@ -27,7 +27,8 @@ from flgpr.live.forecast import (
     foresees,
     learn,
 )
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import describe_for_live, save_run
 from live_lane import LANE, make_lane_run, small_recipe
