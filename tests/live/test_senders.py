@@ -31,11 +31,20 @@ def listening(path, limits=QUICK):
     return watching(SocketWatch, path, limits)
 
 
+def is_connected(sender, path):
+    """Try to connect; the address is there a moment before anybody listens on it."""
+    try:
+        sender.connect(str(path))
+    except ConnectionRefusedError:
+        return False
+    return True
+
+
 @contextlib.contextmanager
 def sending(path, data=b""):
     with socket.socket(socket.AF_UNIX) as sender:
         sender.settimeout(20)
-        sender.connect(str(path))
+        wait_for(lambda: is_connected(sender, path))
         if data:
             sender.sendall(data)
         yield sender
