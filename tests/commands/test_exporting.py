@@ -111,6 +111,18 @@ def test_every_format_is_written(result, anchor, tmp_path):
         exporting.export_result(result, tmp_path / "b.csv", "csv", anchor, detection="best")
 
 
+def test_a_geotiff_names_the_recipe_and_result_that_it_is_of(result, anchor, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    exporting.export_result(result, tmp_path / "a.tif", "geotiff", anchor)
+    manifest = json.loads((result / "manifest.json").read_text())
+    with rasterio.open(tmp_path / "a.tif") as file:
+        tags = file.tags()
+        assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+    assert tags["flgpr_recipe_sha256"] == manifest["recipe_sha256"]
+    assert tags["flgpr_result_identity"] == manifest["identity"]
+    assert tags["flgpr_detection"] == "main"
+
+
 def test_a_result_that_knows_its_place_needs_no_anchor(anchor, tmp_path):
     pytest.importorskip("geopandas")
     here = written(tmp_path / "here", georeference=read_anchor(anchor).georeference())

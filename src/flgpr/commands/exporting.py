@@ -141,7 +141,7 @@ def export_result(
         return _write_points(chosen.alarms, target, to, lane_anchor, "alarms", identity, time)
     target = check_parent_folder(output)
     with atomic_output(target) as partial:
-        georeferenced.write_geotiff(chosen.view, partial, lane_anchor, identity)
+        _write_view(loaded, chosen, partial, lane_anchor)
     return target
 
 
@@ -272,7 +272,7 @@ def export_qgis(
         for kind, rows in tables.items():
             if rows is not None and len(rows):
                 layers.append(_point_layer(rows, kind, folder, lane_anchor, identity, time))
-        layers += _lane_layers(loaded, chosen, folder, lane_anchor, identity)
+        layers += _lane_layers(loaded, chosen, folder, lane_anchor)
         project = _project(loaded, chosen, lane_anchor, identity, layers)
         (folder / "lane.qgs").write_bytes(project)
         with (
@@ -301,12 +301,12 @@ def _point_layer(
 
 
 def _lane_layers(
-    result: Result, detection: Detection, folder: Path, anchor: Anchor, identity: str
+    result: Result, detection: Detection, folder: Path, anchor: Anchor
 ) -> Iterator[qgis.Layer]:
     """Write the outline of the lane and the run-view, and yield their layers."""
     georeferenced.write_outline(result.lane, folder / "lane.gpkg", anchor)
     yield qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline())
-    georeferenced.write_geotiff(detection.view, folder / "run-view.tif", anchor, identity)
+    _write_view(result, detection, folder / "run-view.tif", anchor)
     style = _shading(result, detection)
     yield qgis.Layer("run-view", "run-view.tif", anchor.utm(), "", style)
 
@@ -372,6 +372,16 @@ def detection_of(result: Result, name: str) -> Detection:
 def _processing_id(result: Result) -> str:
     """Return the id of the processing that every exported point has."""
     return f"{result.manifest['recipe_sha256'][:16]}-{result.manifest['identity'][:16]}"
+
+
+def _write_view(result: Result, detection: Detection, path: Path, anchor: Anchor) -> None:
+    """Write the run-view of a detection as GeoTIFF, with the digests of what it came from."""
+    tags = {
+        "flgpr_detection": detection.name,
+        "flgpr_recipe_sha256": result.manifest["recipe_sha256"],
+        "flgpr_result_identity": result.manifest["identity"],
+    }
+    georeferenced.write_geotiff(detection.view, path, anchor, _processing_id(result), tags=tags)
 
 
 def _write_points(
