@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from flgpr.commands.importing import check_parent_folder
 from flgpr.commands.positions import needed_anchor
 from flgpr.door import read_named
 from flgpr.formats.cphd import write_cphd
+from flgpr.formats.sigmf_writer import write_sigmf
 from flgpr.geo import export as georeferenced
 from flgpr.geo import qgis
 from flgpr.geo.anchor import Anchor, transform_lonlat
@@ -50,6 +52,53 @@ def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) 
     with atomic_output(target) as partial:
         write_cphd(dataset, partial, lane_anchor)
     return target
+
+
+def export_sigmf(
+    run: PathLike, output: PathLike, anchor: PathLike | None = None, time: str | None = None
+) -> Path:
+    """Export a stored run as a SigMF recording, with a mapping that takes it back.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    output : path
+        Folder to make.
+    anchor : path, optional
+        TOML that ties the lane to the Earth, by default the georeference of the run; without
+        either the recording has no places.
+    time : str, optional
+        When the first scan was recorded, ISO 8601 with a time zone; without it the recording has
+        no dates.
+
+    Raises
+    ------
+    ValueError
+        If the run or the time is not valid.
+    FileExistsError
+        If something else is at the output.
+    """
+    target = check_parent_folder(output)
+    begin = None if time is None else _moment(time)
+    dataset = open_run(run)
+    reference = dataset.attrs.get("georeference")
+    lane_anchor = None
+    if anchor is not None or reference is not None:
+        lane_anchor = needed_anchor(anchor, reference, run)
+    return write_sigmf(dataset, target, lane_anchor, begin)
+
+
+def _moment(time: str) -> datetime:
+    """Return a time of ISO 8601 with a time zone."""
+    rule = f"time must be ISO 8601 with a time zone, got {time!r}"
+    try:
+        moment = datetime.fromisoformat(time)
+    except ValueError:
+        raise ValueError(rule) from None
+    if moment.tzinfo is None:
+        raise ValueError(rule)
+    return moment
 
 
 def export_table(
