@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import MOST_JSON, Folder, parse_json, read_named
+from flgpr.door import MOST_JSON, MOST_VALUES, Folder, parse_json, read_named
 
 VERSION = "1.2.5"
 """Version of the specification that is written."""
@@ -30,6 +31,7 @@ NAMESPACE = "flgpr"
 """Extension whose entries hold what a run has besides samples, see ``flgpr.sigmf-ext.md``."""
 _DATATYPE = re.compile(r"([cr])(?:(i8|u8)|(f32|f64|i32|i16|u32|u16)_(le|be))")
 _LARGEST = 2**63 - 1
+_MOST_NAMES = 1000  # of entries in one part of the metadata
 _MOST_TEXT = 2**22  # characters of an array of text
 _LONGEST_LINE = 200  # characters
 _UNITS = {
@@ -159,14 +161,13 @@ class SigmfRecording:
         of_channels = "1 channel" if samples.channels == 1 else f"{samples.channels} channels"
         lines = [
             f"{samples.count} samples of {of_channels}, {self._global['core:datatype']}, "
-            f"in {samples.name}",
+            f"in {_printable(samples.name)}",
             f"captures: {len(self._starts)}",
         ]
         for name in _DESCRIPTIONS:
             text = self._global.get(f"core:{name}")
             if isinstance(text, str) and text:
-                printable = "".join(letter if letter.isprintable() else " " for letter in text)
-                lines.append(f"{name}: {printable[:_LONGEST_LINE]}")
+                lines.append(f"{name}: {_printable(text[:_LONGEST_LINE])}")
         digest = "is checked when they are read" if samples.sha512 else "is not stated"
         lines.append(f"the SHA-512 of the samples {digest}")
         return lines + self._unread
@@ -229,7 +230,7 @@ class SigmfRecording:
             if header:
                 headers.append((self._start(capture), header))
         with self._folder.open(name, self._limit) as file:
-            size = file.seek(0, 2)
+            size = file.seek(0, os.SEEK_END)
 
         left = size - trailing - sum(length for _, length in headers)
         width = number.itemsize * (2 if is_complex else 1) * channels
@@ -281,9 +282,16 @@ class SigmfRecording:
     def _take_entries(self, scope: str, objects: Sequence[Mapping[str, Any]]) -> None:
         """Take the numbers, lists and texts of the metadata as arrays."""
         names = dict.fromkeys(key for entries in objects for key in entries)
-        for key in names:
-            if (scope == "global" and key in _OF_THE_FILE) or key in _ELSEWHERE:
-                continue
+        if scope == "global":
+            names = dict.fromkeys(key for key in names if key not in _OF_THE_FILE)
+        keys = [key for key in names if key not in _ELSEWHERE]
+        # Every name takes a value of every object, also where most do not have it.
+        most = min(_MOST_NAMES, max(MOST_VALUES // max(len(objects), 1), 1))
+        if len(keys) > most:
+            self._unread.append(
+                f"{scope}: {len(keys) - most} names after the first {most}: not read"
+            )
+        for key in keys[:most]:
             name = f"{scope}/{key.removeprefix('core:')}"
             column = [entries.get(key) for entries in objects]
             values = _column_of(column)
@@ -298,7 +306,7 @@ class SigmfRecording:
     def _take_times_and_places(self) -> None:
         """Take times and places of captures as numbers."""
         times = self._arrays.get("captures/datetime")
-        if times is not None:
+        if times is not None and times.dtype.kind == "U" and times.ndim == 1:
             seconds = np.array([_seconds(str(text)) for text in times])
             self._arrays["captures/time"] = seconds
             self._units["captures/time"] = "s"
@@ -349,7 +357,10 @@ class SigmfRecording:
         It adds the tones, and the entries of the first capture of every sweep, to the arrays.
         """
         frequency = self._arrays.get("captures/frequency")
-        if not self._segment or frequency is None or not np.isfinite(frequency).all():
+        if not self._segment or frequency is None:
+            return 0
+        is_list = frequency.ndim == 1 and frequency.dtype.kind in "iuf"
+        if not is_list or not np.isfinite(frequency).all():
             return 0
         again = np.flatnonzero(frequency[1:] == frequency[0])
         tones = int(again[0]) + 1 if again.size else frequency.size
@@ -419,6 +430,11 @@ def _without_headers(
     if not taken and not position:
         return content
     return removed + content[position : position + length - taken]
+
+
+def _printable(text: str) -> str:
+    """Return a text with spaces for characters that a terminal would obey."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _refuse_constant(name: str) -> None:
