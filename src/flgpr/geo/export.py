@@ -324,7 +324,7 @@ def write_geotiff(
     anchor: Anchor,
     processing_id: str,
     crs: str | None = None,
-    quantity: str = RUN_VIEW_QUANTITY,
+    quantity: str | None = None,
     tags: Mapping[str, str] | None = None,
 ) -> float:
     """Write magnitudes as Cloud Optimized GeoTIFF, one band per polarization and sub-band.
@@ -348,8 +348,8 @@ def write_geotiff(
         What the view came from, a tag of the file.
     crs : str, optional
         A projected reference system, by default the UTM zone.
-    quantity : str
-        What the values are and in which unit, a tag of the file.
+    quantity : str, optional
+        What the values are and in which unit, a tag of the file; by default those of a run-view.
     tags : mapping of str to str, optional
         Further tags of the file.
 
@@ -381,7 +381,7 @@ def write_geotiff(
     all_tags = {
         **dict(tags or {}),
         "flgpr_processing_id": processing_id,
-        "flgpr_quantity": quantity,
+        "flgpr_quantity": quantity or RUN_VIEW_QUANTITY,
         "flgpr_anchor_sigma_m": f"{sigma:.4g}",
         "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
         "flgpr_statement": STATEMENT,
