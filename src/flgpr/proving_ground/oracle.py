@@ -18,8 +18,7 @@ from scipy.special import ive
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import engine_of
 from flgpr.chain.recipe import load_recipe
-from flgpr.execution.survey import DEFAULTS, RunOptions
-from flgpr.execution.workers import Report
+from flgpr.execution.workers import DEFAULTS, Report, RunOptions
 from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import SEALED, passphrase, read_ground

@@ -23,9 +23,9 @@ import pandas as pd
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.door import Folder
 from flgpr.execution.job import code_versions
-from flgpr.execution.survey import DEFAULTS, RunOptions, detect_survey
+from flgpr.execution.survey import detect_survey
 from flgpr.execution.training import train_on_lanes, training_lanes
-from flgpr.execution.workers import Report
+from flgpr.execution.workers import DEFAULTS, Report, RunOptions
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.run_writer import is_finished
