@@ -146,7 +146,7 @@ def candidate_echoes(setup, lane: GroundLane, mine, point: np.ndarray) -> np.nda
         simulators.append(Simulator(scene, lane.sensor, lane.seed))
     looks = []
     for index, scan in enumerate(cleaned.imager.scans.tolist()):
-        numbers, places = places_in_sight(setup, point[None], setup.pose(index))
+        numbers, places = places_in_sight(setup, point[None], setup.setup.pose(index))
         if not len(numbers):
             continue
         level = cleaned.gains[index][..., None, None] * cleaned.background.gain
@@ -468,7 +468,7 @@ def draw(rows: pd.DataFrame, least: float, path: Path) -> None:
     figure.savefig(path, dpi=85, metadata={"Software": None})
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Climb the ladder, or tell of what was found."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("ground", type=Path)
@@ -479,7 +479,7 @@ def main() -> None:
     parser.add_argument("--recipe", default="wang2007", help="whose images are looked at")
     parser.add_argument("--summary", action="store_true")
     parser.add_argument("--figure", type=Path)
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     tiers = read_ground(given.ground).chosen_tiers(given.tier)
     log = given.out / "looks.jsonl"

@@ -56,6 +56,7 @@ from validate_fullwave import lane_scene  # noqa: E402
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
 HALO = 0.5  # m, as everywhere on this lane
 ALLOWED = 1  # false alarms
+NEAR = 0.8  # m from a target, within which the strongest alarm is taken for its own
 CLEAR = 0.6  # m about targets in which no clutter is learnt: the lane is 2 m wide
 FOLDS = ((2.0, 3.4), (3.4, 4.8), (4.8, 6.2))  # m along the lane
 SURFACES = {  # rms height and correlation length, m
@@ -317,15 +318,19 @@ def experiment_lanes(twins: int, known: list[LaneData], found: list[dict]) -> No
 
 
 def add(found, world, seed, detector, alarms, data) -> None:
-    """Add the false alarms before each target."""
-    for target, count in zip(data.targets["target_id"], before_targets(alarms, data), strict=True):
+    """Add the false alarms before each target, and how far behind it the strongest alarm near it lies."""
+    for target, count in zip(data.targets.itertuples(), before_targets(alarms, data), strict=True):
+        off = np.hypot(alarms["x"] - target.x, alarms["y"] - target.y)
+        near = alarms[off <= NEAR].sort_values("confidence")
+        behind = near["y"].iloc[-1] - target.y if len(near) else np.nan
         found.append(
             {
                 "world": world,
                 "seed": seed,
                 "detector": detector,
-                "target": target,
+                "target": target.target_id,
                 "false_alarms": count,
+                "behind": behind,
             }
         )
 
@@ -589,7 +594,9 @@ def report_found(table: pd.DataFrame) -> None:
     print(
         "\nFalse alarms before each target of the full-wave lane; in the twins the median and how often found at one\n"
     )
-    print("| detector | full wave | twins, mine 1 | mine 2 | mine 3 |\n|---|---|---|---|---|")
+    print(
+        "| detector | full wave | twins, mine 1 | mine 2 | mine 3 | mine 2 behind, m |\n|---|---|---|---|---|---|"
+    )
     for detector, rows in table.groupby("detector", sort=False):
         real = rows[rows["world"] == "full wave"].set_index("target")["false_alarms"]
         cells = [", ".join("never" if np.isinf(count) else f"{count:.0f}" for count in real)]
@@ -599,6 +606,16 @@ def report_found(table: pd.DataFrame) -> None:
             k = int((counts <= ALLOWED).sum())
             low, high = clopper_pearson(k, len(counts))
             cells.append(f"{k} of {len(counts)} ({low:.2f} to {high:.2f})" if len(counts) else "")
+        second = real.index[1]
+        real_behind = rows.loc[
+            (rows["world"] == "full wave") & (rows["target"] == second), "behind"
+        ].item()
+        behind = twins.loc[twins["target"] == second, "behind"].dropna()
+        spread = ""
+        if len(behind):
+            low, middle, high = np.percentile(behind, [2.5, 50, 97.5])
+            spread = f"; twins {middle:.2f} ({low:.2f} to {high:.2f})"
+        cells.append(f"{real_behind:.2f}{spread}")
         print(f"| {detector} | " + " | ".join(cells) + " |")
 
 
@@ -740,28 +757,35 @@ def main() -> None:
     parser.add_argument(
         "--known", type=int, default=24, help="training lanes of the proving ground"
     )
+    parser.add_argument(
+        "--summary", action="store_true", help="tables and figure of what is in OUT"
+    )
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    known = known_lanes(given.known)
-    found: list[dict] = []
-    experiment_lanes(given.twins, known, found)
-    experiment_covariance(given.twins, known, found)
-    alone = pd.DataFrame(by_difference())
-    rows, levels, (scale, spread) = in_the_lane(max(given.twins // 2, 2))
-    tables = {
-        "found": pd.DataFrame(found),
-        "by-difference": alone,
-        "in-the-lane": pd.DataFrame(rows),
-        "ground": pd.DataFrame(levels),
-    }
-    for name, table in tables.items():
-        table.to_csv(given.out / f"{name}.csv", index=False, float_format="%.6g")
-    print(f"scale {scale:.4g} of the data by the direct wave, {spread:.3f} dB rms over pairs")
+    if not given.summary:
+        for name, rows in measure(given.twins, given.known).items():
+            table = pd.DataFrame(rows)
+            table.to_csv(given.out / f"{name}.csv", index=False, float_format="%.6g")
+    tables = {}
+    for name in ("found", "by-difference", "in-the-lane", "ground"):
+        tables[name] = pd.read_csv(given.out / f"{name}.csv")
     report_found(tables["found"])
-    report_signatures(alone, tables["in-the-lane"], tables["ground"])
+    report_signatures(tables["by-difference"], tables["in-the-lane"], tables["ground"])
     if given.figure is not None:
         draw(tables["found"], tables["in-the-lane"], tables["ground"], given.figure)
+
+
+def measure(twins: int, known_count: int) -> dict[str, list[dict]]:
+    """Run the experiments and return the rows of their tables."""
+    known = known_lanes(known_count)
+    found: list[dict] = []
+    experiment_lanes(twins, known, found)
+    experiment_covariance(twins, known, found)
+    alone = by_difference()
+    lane, ground, (scale, spread) = in_the_lane(max(twins // 2, 2))
+    print(f"scale {scale:.4g} of the data by the direct wave, {spread:.3f} dB rms over pairs")
+    return {"found": found, "by-difference": alone, "in-the-lane": lane, "ground": ground}
 
 
 if __name__ == "__main__":
