@@ -33,12 +33,10 @@ from flgpr.chain.recipe_choice import (
     view_x,
     window_of,
 )
-from flgpr.chain.recipe_fit import Band, FloatArray, RadarSetup, allow_features
+from flgpr.chain.recipe_fit import FITTED_MAP, Band, FloatArray, RadarSetup, allow_features
 from flgpr.door import parse_toml
 
 Tables = dict[str, Any]
-FITTED_MAP = "likelihood"
-"""The map whose entries follow from an array: it simulates its own signatures."""
 _CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
 _WHY_NOT = {
     "clutter.masks": "its edges and its roadside are places ahead of its own array",
