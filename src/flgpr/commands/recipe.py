@@ -75,7 +75,7 @@ def recipe_for(
     output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
     like: Annotated[
         PathLike | None,
-        Option(help="Recipe whose method it has, such as fused; wang2007's in part by default."),
+        Option(help="Recipe whose method it has, such as fused; by default parts of wang2007."),
         ShellType(str),
     ] = None,
 ) -> str:
