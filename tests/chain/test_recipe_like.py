@@ -144,6 +144,9 @@ def test_sub_bands_are_fuseds_or_the_lowest_of_the_tones(tones, bands):
 def test_too_few_tones_are_refused_with_the_rule():
     with pytest.raises(ValueError, match="frequency must hold neighbouring tones"):
         fit_recipe(bare_run(tones=np.array([1e9])), like="fused")
+    for tones in (1e9 + 200e6 * np.arange(10), np.array([0.3e9, 0.5e9])):
+        with pytest.raises(ValueError, match=r"frequency must have tones at most [\d.]+ MHz apart"):
+            fit_recipe(bare_run(tones=tones), like="fused")
     with pytest.raises(ValueError, match=r"frequency must have tones at most [\d.]+ MHz apart"):
         fit_recipe(bare_run(tones=0.5e9 + 50e6 * np.arange(20)), like="fused")
 

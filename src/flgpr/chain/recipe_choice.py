@@ -173,6 +173,11 @@ def _clear_end(
     Less than the ``least`` is a ValueError.
     """
     inside = [setup.tones[(setup.tones >= low) & (setup.tones <= high)] for low, high in bands]
+    fewest = min(tones.size for tones in inside)
+    if fewest < 2:
+        raise ValueError(
+            f"run.frequency must have two tones or more in every sub-band, got {fewest} in one"
+        )
     cell = SPEED_OF_LIGHT / min(float(np.ptp(tones)) for tones in inside)
     longest = (min(unambiguous_path(tones) for tones in inside) - cell) / 2
     ends = np.concatenate([setup.tx, setup.rx])

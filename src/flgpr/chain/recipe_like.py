@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -128,23 +129,26 @@ def like_text(setup: RadarSetup, like: str | Path, antennas: str = "") -> str:
 
 def _choose(setup: RadarSetup, model: Recipe) -> Choice:
     """Choose the figures for a model's method: as many sub-bands as leave the images clear."""
-    lengths = {
-        "patch": model.contrast.size * model.contrast.spacing,
-        "mean": model.background.mean,
-        "blur": 1 if _window(setup, model) == "boxcar" else 2,
-    }
+    method = Method(
+        patch=model.contrast.size * model.contrast.spacing,
+        mean=model.background.mean,
+        blur=1 if _window(setup, model) == "boxcar" else 2,
+    )
     if model.map is None:
-        return choose(setup, Method(**lengths))
-    pieces_of(setup.tones)  # refuses lone tones
+        return choose(setup, method)
     bands = model.image.subbands
-    fault = ValueError("no sub-band")
-    for count in range(len(bands), 0, -1):
-        fitted = _low_bands(setup.tones, bands, count)
+    for count in range(len(bands), 1, -1):
         try:
-            return choose(setup, Method(**lengths, bands=fitted, subband=list(fitted)[-1]))
-        except ValueError as error:
-            fault = error
-    raise fault
+            return choose(setup, _with_bands(method, setup, bands, count))
+        except ValueError:
+            continue  # fewer sub-bands are wider and have more tones
+    return choose(setup, _with_bands(method, setup, bands, 1))
+
+
+def _with_bands(method: Method, setup: RadarSetup, model: Mapping[str, Band], count: int) -> Method:
+    """Return a method with at most so many low sub-bands, of which the last limits the looks."""
+    bands = _low_bands(setup.tones, model, count)
+    return replace(method, bands=bands, subband=list(bands)[-1])
 
 
 def _window(setup: RadarSetup, model: Recipe) -> str:
@@ -169,6 +173,8 @@ def _low_bands(tones: FloatArray, model: Mapping[str, Band], count: int) -> dict
     if piece[-1] > lowest:
         low = max(low, lowest)
     high = min(low * highest / lowest, float(piece[-1]))
+    if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
+        low, high = float(piece[0]), float(piece[-1])
     count = max(min(count, int((high - low) / narrowest)), 1)
     edges = np.geomspace(low, high, count + 1)
     edges[0], edges[-1] = low, high
