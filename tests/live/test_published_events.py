@@ -15,7 +15,8 @@ from flgpr.live.events import (
     problem_event,
     view_event,
 )
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
