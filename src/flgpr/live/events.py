@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,13 +131,15 @@ def alarm_event(
     return event
 
 
-def add_places_on_earth(events: Sequence[AlarmEvent], anchor: Anchor) -> None:
+def add_places_on_earth(
+    events: Sequence[AlarmEvent] | Sequence[dict[str, Any]], anchor: Anchor
+) -> None:
     """Add ``latitude`` and ``longitude`` (WGS 84, degrees) to the events of alarms.
 
     Parameters
     ----------
     events : sequence of dict
-        Events of :func:`alarm_event`, with x and y on the ground of their lane.
+        Events of :func:`alarm_event`, or alarms of a result, with x and y on the ground of their lane.
     anchor : Anchor
         Where the lane lies. All places are found at once, which takes as long as one.
     """
