@@ -234,3 +234,10 @@ def test_the_table_of_sizes_names_packages_that_are_installed():
     known = {plain(line.partition("==")[0]) for line in pinned} | {"flgpr"}
     assert {name for name in named - known if "small" not in name} == set()
     assert len(named) > 20
+
+
+def test_the_page_of_the_installation_lists_every_extra():
+    page = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")
+    table = page.partition("| extra | for what |")[2].partition("\n\n")[0]
+    listed = re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)
+    assert sorted(listed) == sorted(PROJECT["optional-dependencies"])
