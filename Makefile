@@ -17,7 +17,7 @@ LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo benchmark quick test lint docs robustness clean
+.PHONY: demo benchmark quick test lint docs robustness sbom clean
 
 # Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
@@ -56,6 +56,22 @@ robustness: $(VENV)/.test
 docs: $(VENV)/.docs
 	$(BIN)/codespell *.md docs src tests benchmarks evidence examples viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
+# The bill of materials (CycloneDX) of what `pip install flgpr` installs: an environment that holds nothing else, and the
+# tool that reads it in another.
+SBOM := $(VENV)/sbom
+
+sbom:
+	rm -rf $(SBOM)
+	$(PYTHON) -m venv $(SBOM)/tool
+	$(SBOM)/tool/bin/python -m pip install --quiet --disable-pip-version-check 'cyclonedx-bom~=7.5'
+	$(PYTHON) -m venv --without-pip $(SBOM)/core
+	$(SBOM)/tool/bin/python -m pip --python $(SBOM)/core/bin/python install --quiet --disable-pip-version-check \
+	    -c constraints.txt .
+	mkdir -p dist
+	$(SBOM)/tool/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --short-PURLs \
+	    --output-file dist/flgpr.cdx.json $(SBOM)/core/bin/python
+	rm -rf $(SBOM)
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
