@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from flgpr.model.plausible import Step
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
+
+AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
+"""Event of an alarm, or an alarm of a result."""
 
 EVENT_FILE = "live.jsonl"
 _BLOCK = 65536  # bytes that are searched for a line's end at once
@@ -131,9 +134,7 @@ def alarm_event(
     return event
 
 
-def add_places_on_earth(
-    events: Sequence[AlarmEvent] | Sequence[dict[str, Any]], anchor: Anchor
-) -> None:
+def add_places_on_earth(events: Sequence[AnyAlarm], anchor: Anchor) -> None:
     """Add ``latitude`` and ``longitude`` (WGS 84, degrees) to the events of alarms.
 
     Parameters
