@@ -52,6 +52,7 @@ from flgpr.live.state import (
 )
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
+from flgpr.live.unix_sockets import check_unix_sockets
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
@@ -147,6 +148,8 @@ class LiveRun:
                 "live needs a folder, a socket, a TCP address or a recording to take scans from, "
                 "got none"
             )
+        if options.socket is not None:
+            check_unix_sockets(Path(options.socket))
         if options.rate is not None and options.played is None:
             raise ValueError(f"rate goes with a recording that is played, got {options.rate:g}")
         if options.threshold is not None and not np.isfinite(options.threshold):
