@@ -7,7 +7,8 @@ sources="$(cd "$(dirname "$0")/.." && pwd)"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 install() {
-    "$work/$1/bin/python" -m pip install --quiet --disable-pip-version-check "${@:2}"
+    # Modules are compiled when they are imported, which most never are.
+    "$work/$1/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile "${@:2}"
 }
 
 cd "$sources"
