@@ -15,8 +15,8 @@ from flgpr.append_log import AppendLog, LogHeldError, read_log
 from flgpr.door import DoorError, Folder, open_own
 from flgpr.live import unix_sockets
 from flgpr.live.feeding import feed
-from flgpr.live.senders import SocketWatch
 from flgpr.live.options import LiveOptions
+from flgpr.live.senders import SocketWatch
 from flgpr.live.watch import Inbox
 from flgpr.store import sample_lane, save_run
 from flgpr.store.files import write_whole
