@@ -50,7 +50,7 @@ sender = threading.Thread(target=play)
 sender.start()
 report = live.run()
 sender.join()
-print(sum(report.counts.values()))
+print(report.counts["received"])
 """
 
 
