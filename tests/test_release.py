@@ -34,15 +34,54 @@ def commands_of(name):
     return "\n".join(commands)
 
 
+WORKFLOW = workflow("test")
+MAKEFILE = (ROOT / "Makefile").read_text()
+
+
 def test_workflows_run_the_checks_that_contributors_run():
     commands = commands_of("test")
     assert ".ci/run" in commands
     assert (ROOT / ".ci" / "run").stat().st_mode & 0o100
     assert "flgpr demo" in commands
+    ci = (ROOT / ".ci" / "run").read_text()
+    targets = re.findall(r"^(?:- run: )?make ([a-z-]+)", f"{commands}\n{ci}", re.MULTILINE)
+    assert {"test", "docs", "wheel-check"} <= set(targets)
+    for target in targets:
+        assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), target
+
+
+def test_the_oldest_and_newest_versions_are_tried_on_the_oldest_and_newest_python():
+    versions = WORKFLOW["jobs"]["versions"]
+    assert any("make ${{ matrix.target }}" in step.get("run", "") for step in versions["steps"])
+    tried = {}
+    for environment in versions["strategy"]["matrix"]["include"]:
+        assert re.search(rf"^{environment['target']}:", MAKEFILE, re.MULTILINE)
+        tried[environment["target"]] = environment["python"]
+    pythons = WORKFLOW["jobs"]["demo"]["strategy"]["matrix"]["python"]
+    assert tried == {"oldest": pythons[0], "newest": pythons[-1]}
+    assert f"OLDEST_PYTHON ?= python{pythons[0]}" in MAKEFILE
+
+
+def test_the_tests_that_make_names_exist():
+    for name in ("QUICK", "SLOW", "ROBUSTNESS", "VERSIONS", "NOT_VERSIONS"):
+        (value,) = re.findall(rf"^{name} := ((?:.*\\\n)*.*)$", MAKEFILE, re.MULTILINE)
+        (prefix, listed) = ("commands/test_", r"\$\(addprefix commands/test_,([^)]*)\)")
+        files = [prefix + file for group in re.findall(listed, value) for file in group.split()]
+        files += re.sub(listed, "", value).replace("\\\n", " ").split()
+        assert files
+        for file in files:
+            assert (ROOT / "tests" / file).exists(), file
+
+
+def test_every_dependency_states_its_oldest_version():
+    listed = [*PROJECT["dependencies"]]
+    for extra in PROJECT["optional-dependencies"].values():
+        listed.extend(extra)
+    assert [line for line in listed if ">=" not in line and not line.startswith("flgpr[")] == []
 
 
 def test_versions_of_python_are_the_same_everywhere():
-    tried = workflow("test")["jobs"]["demo"]["strategy"]["matrix"]["python"]
+    tried = WORKFLOW["jobs"]["demo"]["strategy"]["matrix"]["python"]
     stated = [
         line.rpartition(" ")[2]
         for line in PROJECT["classifiers"]
