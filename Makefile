@@ -14,10 +14,20 @@ PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
+# The checks go on beside the tests; what they say comes last.
+# $(1): the command of the tests.
+define beside_the_checks
+@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & checks=$$!; \
+trap 'kill $$checks 2> /dev/null; rm -f $$log' EXIT; trap 'exit 130' INT TERM; \
+$(1); tests=$$?; wait $$checks; lint=$$?; cat $$log; \
+test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
+exit $$((lint || tests))
+endef
+
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo benchmark quick test lint docs robustness clean
+.PHONY: demo benchmark quick test test-slow test-full lint docs robustness clean
 
 # Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
@@ -27,16 +37,17 @@ demo: $(VENV)/.core
 benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
 
-quick: lint
-	$(PYTEST) -q $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(SLOW))
+quick: $(VENV)/.test
+	$(call beside_the_checks,$(PYTEST) -q -m "not slow" $(addprefix tests/,$(QUICK)))
 
-# The checks go on beside the tests; what they say comes last.
 test: $(VENV)/.test
-	@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & checks=$$!; \
-	trap 'kill $$checks 2> /dev/null; rm -f $$log' EXIT; trap 'exit 130' INT TERM; \
-	$(PYTEST); tests=$$?; wait $$checks; lint=$$?; cat $$log; \
-	test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
-	exit $$((lint || tests))
+	$(call beside_the_checks,$(PYTEST) -m "not slow")
+
+# What `make test` leaves out: pyproject.toml says what "slow" means.
+test-slow: $(VENV)/.test
+	$(PYTEST) -m slow
+
+test-full: test test-slow
 
 lint: $(VENV)/.test
 	$(LINT)
