@@ -7,7 +7,6 @@ CASES ?= 10000
 # What a change needs every time: it takes about a minute.
 QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_method.py chain/test_recipe.py \
     simulate/test_spread.py simulate/test_echoes.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
-SLOW := jit/test_compiled.py kernels/test_ahead.py trials/test_register.py
 
 # Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
@@ -43,7 +42,7 @@ quick: $(VENV)/.test
 test: $(VENV)/.test
 	$(call beside_the_checks,$(PYTEST) -m "not slow")
 
-# What `make test` leaves out: pyproject.toml says what "slow" means.
+# What `make test` leaves out; pyproject.toml says what "slow" means.
 test-slow: $(VENV)/.test
 	$(PYTEST) -m slow
 

@@ -23,6 +23,8 @@ from io_gpr import section, write_dt1
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 from take import take_text
 
+pytestmark = pytest.mark.slow("follows whole guides")
+
 TINY = """
 length = 8.0
 [[draws]]

@@ -23,6 +23,8 @@ from flgpr.trials import open_truth, read_register
 from robust import digests
 from systems.lanes import SENSOR, small_recipe
 
+pytestmark = pytest.mark.slow("trains and runs detectors on lanes of both tiers")
+
 TIERS = ("smooth", "rough")
 GROUND = """
 name = "tiers"
