@@ -59,7 +59,7 @@ ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_command
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
     store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
 
-# Many more random kills and damaged files than `make test` tries.
+# Many more random kills and damaged files than `make test-slow` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
