@@ -291,6 +291,11 @@ COMMANDS = [
         "export {in}/few.zarr -o {out}/a.cphd --to cphd --anchor {in}/turned.toml",
     ),
     Command(
+        "export sigmf",
+        "export {in}/few.zarr -o {out}/a --to sigmf --anchor {in}/anchor.toml",
+        "export {in}/few.zarr -o {out}/a --to sigmf --anchor {in}/turned.toml",
+    ),
+    Command(
         "detect",
         "detect {in}/lane.zarr --recipe {in}/small.toml --lane {in}/lane.toml -o {out}/result",
         "detect {in}/lane.zarr --recipe {in}/other.toml --lane {in}/lane.toml -o {out}/result",

@@ -20,7 +20,7 @@ import flgpr
 import io_gpr
 from every_command import make_cheap, make_inputs
 from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
-from flgpr.execution import checkpoint, pieces
+from flgpr.execution import checkpoint
 from flgpr.results.result import ResultError, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run
@@ -177,7 +177,7 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
-        pieces.FOLD_BYTES = 1
+        checkpoint.FOLD_BYTES = 1
         flgpr.detect(run, recipe, output, area, report=False, section=self.section)
 
 

@@ -11,12 +11,11 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 import flgpr
@@ -27,8 +26,19 @@ from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live import forecast
-from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
-from flgpr.live.event_rate import Event
+from flgpr.live.causal_steps import check_causal
+from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.live.event_types import (
+    AlarmEvent,
+    EndEvent,
+    Event,
+    LaneBorders,
+    ReportEntries,
+    ResumeEvent,
+    ScanEvent,
+    StartEvent,
+    VehicleEntries,
+)
 from flgpr.live.events import (
     EVENT_FILE,
     EventFile,
@@ -37,9 +47,12 @@ from flgpr.live.events import (
     anew_event,
     as_line,
     position_events,
+    problem_event,
     view_event,
 )
 from flgpr.live.intake import Intake
+from flgpr.live.options import LiveOptions
+from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
 from flgpr.live.state import (
@@ -52,7 +65,7 @@ from flgpr.live.state import (
 )
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
-from flgpr.live.updates import LiveAlarm, LiveUpdate
+from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
@@ -73,7 +86,6 @@ from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.tables import write_table
 
-PathLike = str | Path
 _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
@@ -82,46 +94,6 @@ LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """Options of a live run."""
-
-    recipe: PathLike | None  #: packaged recipe or TOML file; None makes one for the run
-    output: PathLike  #: folder for events, snapshot and alarms
-    incoming: PathLike | None = None
-    socket: PathLike | None = None  #: unix socket to listen on
-    model: PathLike | None = None  #: what the recipe's stages have learnt
-    lane: PathLike | None = None  #: TOML of the lane
-    anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
-    settings: LiveSettings = field(default_factory=LiveSettings)
-    vehicle: Vehicle = field(default_factory=Vehicle)
-    snapshot: int = 20  #: a snapshot is written after that many scans; 0 writes only the last
-    idle: float | None = None  #: end after so many seconds without a scan
-    threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
-    fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
-    #: an alarm advises to wait for the next look if that changes the decision with at least this
-    #: probability
-    worth: float = 0.1
-    #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
-    tcp: str | None = None
-    played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
-    rate: float | None = None  #: scans per second of that run; None plays it as it was recorded
-
-
-@dataclass(frozen=True)
-class LiveReport:
-    """Outcome of a live run."""
-
-    counts: dict[str, int]  #: see ``COUNTS`` in ``live.intake``
-    #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and the
-    #: number of ``scans``
-    latency_ms: dict[str, float]
-    alarms: int  #: alarms that stand at the end
-    #: frames processed per second between the first and the last one of this process; NaN with
-    #: fewer than two
-    rate: float
 
 
 class LiveRun:
@@ -141,27 +113,11 @@ class LiveRun:
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
-        sources = (options.incoming, options.socket, options.tcp, options.played)
-        if all(source is None for source in sources):
-            raise ValueError(
-                "live needs a folder, a socket, a TCP address or a recording to take scans from, "
-                "got none"
-            )
-        if options.rate is not None and options.played is None:
-            raise ValueError(f"rate goes with a recording that is played, got {options.rate:g}")
-        if options.threshold is not None and not np.isfinite(options.threshold):
-            raise ValueError(f"threshold must be finite, got {options.threshold}")
-        if not 0 <= options.worth <= 1:
-            raise ValueError(f"worth must be a probability, 0 to 1, got {options.worth}")
-        if options.snapshot < 0:
-            raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options = options
         self._tcp = None if options.tcp is None else parse_tcp(options.tcp)
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
         self._send_line = tell
-        if options.recipe is None and options.model is not None:
-            raise ValueError("recipe must be given with a model: it names the model's stages")
         digest = "" if options.model is None else sha256(read_model(options.model))
         self._model = Model() if options.model is None else load_model(options.model, digest)
         self._recipe: Recipe | None = None
@@ -216,7 +172,7 @@ class LiveRun:
         recipe = self._use_recipe(text, "fitted")
         write_whole(self.output / RECIPE_FILE, text)
         words = f"no recipe was given: {RECIPE_FILE} was made for this run and is used"
-        events.append([{"event": "problem", "name": RECIPE_FILE, "words": words}])
+        events.append([problem_event(RECIPE_FILE, words)])
         return recipe
 
     def stop(self) -> None:
@@ -326,7 +282,7 @@ class LiveRun:
             name = f"senders_{outcome}"
             self._senders[name] += count
             words = f"senders {outcome}: {count}, {self._senders[name]} in all; {SENDERS[outcome]}"
-            events.append([{"event": "problem", "name": SOCKET, "words": words}])
+            events.append([problem_event(SOCKET, words)])
 
     def _take_description(self, arrival: Arrival, events: EventFile) -> None:
         """Take a description of this run.
@@ -342,7 +298,7 @@ class LiveRun:
         except ValueError as error:
             if arrival.name != SOCKET:
                 raise ValueError(f"{arrival.name}: {error}") from None
-            events.append([{"event": "problem", "name": arrival.name, "words": str(error)}])
+            events.append([problem_event(arrival.name, str(error))])
 
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
@@ -377,7 +333,7 @@ class LiveRun:
             self._anchor = _anchor_on_earth(reference)
         except ValueError as error:
             words = f"alarms have places in the lane alone: {error}"
-            events.append([{"event": "problem", "name": RUN_FILE, "words": words}])
+            events.append([problem_event(RUN_FILE, words)])
 
     def _build(
         self, recipe: Recipe, intake: Intake, events: EventFile, snapshot: Snapshot | None
@@ -389,10 +345,11 @@ class LiveRun:
         detector = LiveDetector(description, recipe, self._lane, self._model, self.options.settings)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
-            self._waiting = set(detector.alarms)
+            self._waiting = set(detector.alarms.open)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
-            events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
+            resumed: ResumeEvent = {"event": "resume", "scan": newest, "counts": intake.counts}
+            events.append([resumed])
         rehearse(description, recipe, self._model)
         self._detector = detector
         self._intake = intake
@@ -404,7 +361,7 @@ class LiveRun:
         intake = self._intake
         if intake is None:
             reason = arrival.value or "left out: it came before the description of its run"
-            events.append([{"event": "problem", "name": arrival.name, "words": str(reason)}])
+            events.append([problem_event(arrival.name, str(reason))])
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
@@ -413,9 +370,7 @@ class LiveRun:
         scan, problem = _admitted(arrival, intake)
         if detector is None:
             if scan is None:
-                events.append(
-                    [{"event": "problem", "name": arrival.name, "words": problem or _NO_POSE}]
-                )
+                events.append([problem_event(arrival.name, problem or _NO_POSE)])
                 return False
             recipe = self._fit_recipe(scan, intake.description, events)
             detector = self._build(recipe, intake, events, None)
@@ -425,7 +380,7 @@ class LiveRun:
         if scan is not None and update is not None:
             lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
-            lines.append({"event": "problem", "name": arrival.name, "words": problem})
+            lines.append(problem_event(arrival.name, problem))
         if _faults(counts_before) != _faults(intake.counts):
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
@@ -444,12 +399,12 @@ class LiveRun:
     ) -> list[Event]:
         """Return the events of what a scan changed, and of the scans held back that it released."""
         latency = max(time.time() - arrival.when, 0.0)
-        lines = position_events(arrival.name, update)
+        lines: list[Event] = [*position_events(arrival.name, update)]
         pose = detector.newest_pose if detector.newest_pose is not None else scan.pose
         if update.anew and pose is not None:
             lines.append(anew_event(scan.number, update, pose))
             self._started = self._started and detector.lane is not None and not update.forgotten
-            self._waiting &= detector.alarms.keys()
+            self._waiting &= detector.alarms.open.keys()
         if update.outcome in ("held", "implausible", "duplicate"):
             return lines
         if not self._started and detector.first_pose is not None:
@@ -457,7 +412,9 @@ class LiveRun:
             lines.append(self._start_event(detector, intake.description))
         settled = [*update.released, (scan, update)]
         for settled_scan, change in settled:
-            lines.append(_scan_event(settled_scan, change.outcome, arrival, latency))
+            # Scans that are released, and one that was not left out, are settled.
+            outcome = cast(SettledOutcome, change.outcome)
+            lines.append(_scan_event(settled_scan, outcome, arrival, latency))
         if pose is not None:
             lines += self._alarm_events(update, scan.number, pose, latency, detector)
         for _, change in settled:
@@ -474,15 +431,15 @@ class LiveRun:
         pose: NDArray[np.float64],
         latency: float,
         detector: LiveDetector,
-    ) -> list[Event]:
+    ) -> list[AlarmEvent]:
         """Return the events of alarms that changed, and send their lines to the callback."""
         events = [self._alarm_event(alarm, scan, pose, latency) for alarm in update.alarms]
         # The last event of some alarms advised to wait for a look that did not come. They are
         # reported again where waiting is no longer worth it.
         changed = {alarm.alarm_id for alarm in update.alarms}
-        unchanged = detector.alarms.keys() - changed
+        unchanged = detector.alarms.open.keys() - changed
         for alarm_id in self._waiting & unchanged:
-            alarm = replace(detector.alarms[alarm_id], state="update")
+            alarm = replace(detector.alarms.open[alarm_id], state="update")
             event = self._alarm_event(alarm, scan, pose, latency)
             if event.get("wait") is False:
                 events.append(event)
@@ -498,20 +455,21 @@ class LiveRun:
 
     def _alarm_event(
         self, alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], latency: float
-    ) -> Event:
+    ) -> AlarmEvent:
         """Return an alarm's event, with a forecast where the model has one."""
         event = alarm_event(alarm, scan, pose, self.options.vehicle, latency)
-        if self._forecast is not None and self._detector is not None:
-            threshold = 0.0 if self.options.threshold is None else self.options.threshold
-            event |= forecast.forecast_event(
-                self._forecast,
-                self._detector,
-                alarm,
-                event.get("margin_m"),
-                threshold,
-                self.options.worth,
-            )
-        return event
+        if self._forecast is None or self._detector is None:
+            return event
+        threshold = 0.0 if self.options.threshold is None else self.options.threshold
+        entries = forecast.forecast_event(
+            self._forecast,
+            self._detector,
+            alarm,
+            event.get("margin_m"),
+            threshold,
+            self.options.worth,
+        )
+        return {**event, **entries}
 
     def _judge(
         self, scan: Scan, detector: LiveDetector, intake: Intake
@@ -531,11 +489,10 @@ class LiveRun:
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
         return update, update.words
 
-    def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
+    def _start_event(self, detector: LiveDetector, description: RunDescription) -> StartEvent:
         """Return the event that detection starts."""
         recipe = detector.recipe
         screen = recipe.prescreen
-        vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
         if self.options.anchor is not None and self._anchor is not None:
             reference = self._anchor.georeference()
@@ -543,12 +500,12 @@ class LiveRun:
             "event": "start",
             "title": description.title,
             "recipe": recipe.name,
-            "lane": None if detector.lane is None else asdict(detector.lane),
+            "lane": _lane_borders(detector.lane),
             "grid": detector.view_grid(),
             "channel": [screen.polarization, screen.subband],
             "georeference": reference,
             "threshold": self.options.threshold,
-            "vehicle": asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance},
+            "vehicle": _vehicle_entries(self.options.vehicle),
         }
 
     def _snapshot(self) -> Snapshot:
@@ -565,7 +522,7 @@ class LiveRun:
         detector = self._detector
         intake = self._intake
         if detector is None or intake is None:
-            return LiveReport({}, _percentiles([]), 0, float("nan"))
+            return LiveReport({}, latency_percentiles([]), 0, float("nan"))
         self._report_senders(events)
         for name, count in self._senders.items():
             intake.counts[name] += count
@@ -574,12 +531,15 @@ class LiveRun:
         table = detector.table()
         if not self._frames and (self.output / REPORT_FILE).is_file():
             log_finished(self.output, "--fresh makes it again")
-            return LiveReport(counts, _percentiles([]), len(table), float("nan"))
+            return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
-        report = LiveReport(counts, _percentiles(self._latency), len(table), self._rate())
-        end = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
-        events.append([end | counts])
-        entries = asdict(report) | {
+        report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
+        end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
+        events.append([{**end, **counts}])
+        entries: ReportEntries = {
+            "counts": report.counts,
+            "latency_ms": report.latency_ms,
+            "alarms": report.alarms,
             "rate": report.rate if np.isfinite(report.rate) else None,
             "recipe": detector.recipe.name,
         }
@@ -615,7 +575,25 @@ def _anchor_on_earth(reference: Any) -> Anchor:
     return anchor
 
 
-def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
+def _lane_borders(lane: Lane | None) -> LaneBorders | None:
+    """Return the borders of a lane as the event ``start`` states them."""
+    if lane is None:
+        return None
+    return {"x_min": lane.x_min, "x_max": lane.x_max, "y_min": lane.y_min, "y_max": lane.y_max}
+
+
+def _vehicle_entries(vehicle: Vehicle) -> VehicleEntries:
+    """Return a vehicle as the event ``start`` states it."""
+    return {
+        "speed": vehicle.speed,
+        "reaction": vehicle.reaction,
+        "deceleration": vehicle.deceleration,
+        "front": vehicle.front,
+        "stopping_distance": vehicle.stopping_distance,
+    }
+
+
+def _scan_event(scan: Scan, outcome: SettledOutcome, arrival: Arrival, latency: float) -> ScanEvent:
     """Return the event of what became of a scan."""
     pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
     return {
@@ -631,23 +609,6 @@ def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> E
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
-
-
-def _percentiles(latency: list[float]) -> dict[str, float]:
-    """Return median, 95th percentile and largest of latencies (s) in ms, and their number."""
-    if not latency:
-        return {"scans": 0}
-    return {
-        "median": _milliseconds(np.median(latency)),
-        "p95": _milliseconds(np.percentile(latency, 95)),
-        "largest": _milliseconds(np.max(latency)),
-        "scans": len(latency),
-    }
-
-
-def _milliseconds(seconds: Any) -> float:
-    """Return a duration in ms with one decimal."""
-    return round(1e3 * float(seconds), 1)
 
 
 def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
