@@ -30,6 +30,8 @@ from robust import digests
 from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
 
+pytestmark = pytest.mark.slow("trains and runs detectors on the lanes of a proving ground")
+
 GROUND = """
 name = "small"
 version = 3

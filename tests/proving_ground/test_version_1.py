@@ -60,6 +60,7 @@ def test_its_lanes_and_titles_are_as_they_were(quick, title):
     assert digest(lane_lines(ground)) == LANES[quick]
 
 
+@pytest.mark.slow("simulates a lane in full")
 def test_a_lane_of_it_is_simulated_as_it_was(tmp_path):
     ground = load_ground(True, NAME)
     name = "arid-test-1"
