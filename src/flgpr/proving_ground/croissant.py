@@ -29,8 +29,7 @@ from flgpr.proving_ground.citing import (
 from flgpr.proving_ground.ground import GROUNDS, Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import PRINTS, SEALED, read_ground
 from flgpr.proving_ground.table import packaged_fingerprints
-from flgpr.store import sha256, write_whole
-from flgpr.store.outputs import log_finished
+from flgpr.store.outputs import write_new
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS
 
 CONFORMS_TO = "http://mlcommons.org/croissant/1.0"
@@ -179,18 +178,8 @@ def _description(ground: Ground) -> str:
 
 
 def _distribution(ground: Ground, folder: str | Path | None) -> Iterator[Node]:
-    """Yield the description's file, the sets of files, and the single files that are there."""
-    yield {
-        "@type": "cr:FileObject",
-        "@id": "description",
-        "name": "ground.toml",
-        "description": "the declared design: sites, lanes, targets, sensor, splits",
-        "contentUrl": "ground.toml",
-        "contentSize": f"{len(ground.text.encode())} B",
-        "encodingFormat": "application/toml",
-        "sha256": sha256(ground.text.encode()),
-    }
-    stored = {
+    """Yield the sets of files that the command makes, and the single files that are there."""
+    sets = {
         "run-stores": ("lanes/*.zarr/**", ZARR, "a run store per lane: what the radar receives"),
         "run-manifests": (
             "lanes/*.zarr/commit.json",
@@ -214,7 +203,7 @@ def _distribution(ground: Ground, folder: str | Path | None) -> Iterator[Node]:
             "digest of every run store, and rms of its echoes by polarization",
         ),
     }
-    for name, (pattern, encoding, text) in stored.items():
+    for name, (pattern, encoding, text) in sets.items():
         yield {
             "@type": "cr:FileSet",
             "@id": name,
@@ -230,13 +219,11 @@ def _distribution(ground: Ground, folder: str | Path | None) -> Iterator[Node]:
 def _files(ground: Ground, root: Path) -> Iterator[Node]:
     """Yield the files of the lanes that are there, with digest and size."""
     folder = Folder(root)
-    names = [f"lanes/{SEALED}", f"lanes/{PRINTS}"]
-    for lane in ground.lanes:
-        names += [
-            f"lanes/{lane}.zarr/commit.json",
-            f"lanes/{lane}-lane.toml",
-            f"lanes/{lane}-truth.csv",
-        ]
+    names = ["ground.toml", f"lanes/{SEALED}", f"lanes/{PRINTS}"]
+    for name, lane in ground.lanes.items():
+        names += [f"lanes/{name}.zarr/commit.json", f"lanes/{name}-lane.toml"]
+        if lane.part != "test":
+            names.append(f"lanes/{name}-truth.csv")
     encodings = {".json": "application/json", ".toml": "application/toml", ".csv": "text/csv"}
     stored = {
         f"lanes/{name}.zarr/commit.json" for name, lane in ground.lanes.items() if lane.stored
@@ -492,6 +479,8 @@ def write_croissant(
     ------
     ValueError
         If the folder is none of a ground, or the ground is not valid.
+    FileExistsError
+        If the file is there with other content, as after lanes were added: delete it first.
     """
     if folder is not None:
         described_ground = read_ground(Path(folder))
@@ -500,8 +489,6 @@ def write_croissant(
     described = describe_ground(described_ground, folder, url, licence)
     path = Path(output) if output is not None else Path(folder or ".") / CROISSANT
     text = json.dumps(described, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    if path.is_file() and path.read_bytes() == text.encode():
-        log_finished(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text)
+    write_new(path, text)
     return path, missing_properties(described)

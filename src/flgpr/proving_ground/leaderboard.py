@@ -30,6 +30,9 @@ from flgpr.store import write_whole
 from flgpr.store.outputs import log_finished
 
 _KINDS = ("metal", "plastic", "ap")
+_MARK = b'<meta name="generator" content="flgpr leaderboard">'
+"""In the template: by which an older page is known, which a newer one replaces."""
+_HEAD = 2000  # bytes of a page in which the mark stands
 
 
 def write_leaderboard(folders: Sequence[str | Path], output: str | Path) -> Path:
@@ -49,14 +52,23 @@ def write_leaderboard(folders: Sequence[str | Path], output: str | Path) -> Path
 
     Raises
     ------
+    FileExistsError
+        If the file is there and is no leaderboard.
     ValueError
         If a folder is no such, its tables or cards break a rule, or they are of different grounds.
     """
     board = read_board([Path(folder) for folder in folders])
     path = Path(output)
     page = leaderboard_html(board)
-    if path.is_file() and read_named(path) == page.encode():
-        log_finished(path)
+    if path.exists():
+        earlier = read_named(path)
+        if earlier == page.encode():
+            log_finished(path)
+        elif _MARK not in earlier[:_HEAD]:
+            raise FileExistsError(
+                f"output must not exist yet or be an older leaderboard, got {path}, which holds "
+                "something else"
+            )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, page)
     return path

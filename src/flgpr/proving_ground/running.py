@@ -28,6 +28,7 @@ from flgpr.execution.training import train_on_lanes, training_lanes
 from flgpr.execution.workers import Report
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
+from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import seal_truth
@@ -574,7 +575,11 @@ def make_ground(
     tiers = chosen.chosen_tiers(tier)
     folder = Path(output)
     begin_folder(chosen, folder)
-    make_lanes(chosen, folder / "lanes", how, tiers)
+    lanes = folder / "lanes"
+    before = Folder(lanes).read(PRINTS) if Folder(lanes).has(PRINTS) else None
+    make_lanes(chosen, lanes, how, tiers)
+    if Folder(lanes).read(PRINTS) == before:
+        log_finished(lanes)
     return folder
 
 
