@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from flgpr.proving_ground import check_submission, load_ground, submission
+from flgpr.proving_ground.table import packaged_fingerprints
 from submitted import CARD, prints_of, write_ground, write_submission
 
 
@@ -65,7 +66,7 @@ def test_a_lane_without_alarms_has_a_header_alone(tmp_path, ground):
     [
         ("x,y\n1,2\n", "must have the columns x, y (m, in the lane frame) and confidence, got x, y"),
         ("x_cm,y_cm,score\n1,2,3\n", "`flgpr import table` converts other names and units"),
-        ("x,y,confidence\n0,1,2\n0,2,inf\n0,3,-inf\n", "confidence must be a finite number, got 'inf' in line 3 (2 rows)"),
+        ("x,y,confidence\n0,1,2\n0,2,inf\n0,3,-inf\n", "must be a finite number, got 'inf' in line 3 (2 rows)"),
         ("x,y,confidence\nzero,1,2\n", "x must be a finite number, got 'zero' in line 2 (1 row)"),
         ("x,y,confidence\n,1,2\n", "x must be a finite number, got 'nan' in line 2 (1 row)"),
         (
@@ -145,7 +146,7 @@ def test_lanes_with_other_echoes_are_refused(tmp_path):
     table.to_csv(folder / "fingerprints.csv", index=False)
     [fault] = check_submission(folder).faults
     assert "lanes must be those of proving-ground-2-quick, got 8 with other echoes" in fault
-    known = submission.packaged_fingerprints(quick)
+    known = packaged_fingerprints(quick)
     known.assign(sha256="f" * 64).reset_index().to_csv(folder / "fingerprints.csv", index=False)
     found = check_submission(folder)
     assert found.faults == ()
