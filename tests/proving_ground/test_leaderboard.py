@@ -100,6 +100,10 @@ def test_the_packaged_scores_are_those_of_the_evidence():
 def test_the_quick_form_and_other_grounds_have_no_packaged_scores(ground):
     assert packaged_board(load_ground(True)).scores.empty
     assert packaged_board(ground).scores.empty
+    text = load_ground().text.replace("length = 243.0", "length = 242.0")
+    renamed = load_ground(False, text)
+    assert renamed.title == "proving-ground-2"
+    assert packaged_board(renamed).scores.empty
 
 
 def folder_of(home, path, scores):
@@ -128,7 +132,7 @@ def test_a_page_of_a_folder_replaces_an_older_one_and_nothing_else(tmp_path, gro
     ("column", "value"),
     [
         ("n_detected", 300), ("n_detected", -1), ("n_detected", "many"), ("n_targets", 0),
-        ("chance", np.inf), ("split", "average"), ("tier", "moon"),
+        ("n_detected", 0.5), ("chance", np.inf), ("split", "average"), ("tier", "moon"), ("entry", None),
     ],
 )  # fmt: skip
 def test_a_table_of_scores_that_cannot_be_is_refused(column, value, tmp_path, ground):

@@ -18,6 +18,7 @@ import pandas as pd
 
 from flgpr.door import Folder
 from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, RECORD, Card, parse_card
+from flgpr.proving_ground.citing import is_packaged
 from flgpr.proving_ground.ground import MINES, Ground
 from flgpr.proving_ground.running import ORACLES, SEALED, read_ground
 from flgpr.scoring import clopper_pearson
@@ -39,6 +40,8 @@ _MOST_ENTRIES = 500
 _MOST_TABLE_BYTES = 64 * 2**20
 _KEYS = ("tier", "entry", "split", "group", "far_allowed")
 _COUNTS = ("n_detected", "n_targets", "n_false", "area", "chance")
+_WHOLE = ("n_detected", "n_targets", "n_false")
+_LARGEST_COUNT = 1e9
 _PAIRED = ("only", "reference_only", "p")
 
 
@@ -114,10 +117,9 @@ def packaged_board(ground: Ground) -> Board:
     They are those of the authors' full run. For another ground, or the quick form, there are none.
     """
     package = resources.files("flgpr.proving_ground")
+    if not is_packaged(ground) or not (package / f"scores-{ground.title}.csv").is_file():
+        return Board(ground, pd.DataFrame(columns=[*_KEYS, *_COUNTS, *_PAIRED]), {}, {})
     scores_file = package / f"scores-{ground.title}.csv"
-    empty = pd.DataFrame(columns=[*_KEYS, *_COUNTS, *_PAIRED])
-    if not ground.title.startswith("proving-ground-") or not scores_file.is_file():
-        return Board(ground, empty, {}, {})
     scores = _checked_scores(scores_file.read_bytes(), ground, scores_file.name)
     costs = _checked_costs((package / f"costs-{ground.title}.csv").read_bytes())
     sources = dict.fromkeys(scores["entry"], PACKAGED)
@@ -197,12 +199,17 @@ def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
     chosen = table[[*_KEYS, *_COUNTS, *_PAIRED]].copy()
     for column in ("far_allowed", *_COUNTS, *_PAIRED):
         chosen[column] = pd.to_numeric(chosen[column], errors="coerce")
-    known = chosen["split"].isin(list(ground.table.splits))
-    known &= chosen["tier"].isin(list(ground.table.tiers) or [""])
-    counts = chosen[list(_COUNTS)].to_numpy(float)
-    is_count = np.isfinite(counts).all(axis=1) & (counts >= 0).all(axis=1)
+    is_known = chosen["split"].isin(list(ground.table.splits))
+    is_known &= chosen["tier"].isin(list(ground.table.tiers) or [""])
+    is_known &= chosen["entry"].notna() & chosen["group"].notna()
+    is_count = is_known.to_numpy(copy=True)
+    for column in _COUNTS:
+        values = chosen[column].to_numpy(float)
+        is_count &= np.isfinite(values) & (values >= 0) & (values <= _LARGEST_COUNT)
+        if column in _WHOLE:
+            is_count &= values == np.floor(values)
     is_count &= (chosen["n_detected"] <= chosen["n_targets"]).to_numpy()
-    is_count &= (chosen["n_targets"] >= 1).to_numpy() & known.to_numpy()
+    is_count &= (chosen["n_targets"] >= 1).to_numpy()
     if not is_count.all():
         raise ValueError(
             f"{name} must have counts of targets of splits and tiers of {ground.title} in every "
@@ -253,7 +260,8 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
     """
     scores = scores_at(board, tier, split, board.ground.table.far)
     ordered = scores.sort_values(["pd", "entry"], ascending=[False, True], kind="stable")
-    is_ranked = ~ordered["entry"].isin(list(board.not_ranked))
+    not_ranked = board.not_ranked
+    is_ranked = ~ordered["entry"].isin(list(not_ranked))
     ranked = ordered[is_ranked]
     low = ranked["pd_low"].to_numpy()
     high = ranked["pd_high"].to_numpy()
@@ -261,7 +269,7 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
     for score in ordered.to_dict("records"):
         name = str(score["entry"])
         source = board.sources.get(name, RUN_HERE)
-        if name in board.not_ranked:
+        if name in not_ranked:
             rows.append(Row(name, source, score))
             continue
         ahead = low > score["pd_high"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import flgpr
 from flgpr.proving_ground.card import Card
-from flgpr.proving_ground.ground import GROUNDS, Ground
+from flgpr.proving_ground.ground import GROUNDS, Ground, load_ground
 
 CREATOR = "The flgpr developers"
 """Who made the packaged grounds, as CITATION.cff names them."""
@@ -41,8 +41,12 @@ SOFTWARE_LICENCE = Licence(
 
 
 def is_packaged(ground: Ground) -> bool:
-    """Return whether a ground is one that comes with the package, or its quick form."""
-    return ground.title.removesuffix("-quick") in GROUNDS
+    """Return whether a ground is one that comes with the package, or its quick form.
+
+    One of somebody else that has the name of a packaged one is none.
+    """
+    name = ground.title.removesuffix("-quick")
+    return name in GROUNDS and load_ground(ground.quick, name).table == ground.table
 
 
 def licences(ground: Ground) -> list[Licence]:

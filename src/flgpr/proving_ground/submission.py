@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.door import DoorError, Folder
 from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card, printable
@@ -39,7 +40,6 @@ HALOS_OUTSIDE = 2.0
 """Radii of the halo that an alarm may lie outside its lane."""
 _SHOWN = 3  # names in a line that counts more
 _REQUIRED = ("x", "y", "confidence")
-_MARK = ("", "s")
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,9 @@ class _Check:
         if self.not_read:
             names = _some(self.not_read)
             count = len(self.not_read)
-            self.notes.append(f"{count} other file{_MARK[count > 1]} not read: {names}")
+            self.notes.append(
+                f"{count} other {'file' if count == 1 else 'files'} not read: {names}"
+            )
         return Submission(
             folder=self.root,
             card=card,
@@ -384,7 +386,7 @@ def _label_faults(table: pd.DataFrame, lane: GroundLane) -> Iterator[str]:
             yield f"lane must be {lane.name} or empty, got {value[:60]!r} {_where(strange)}"
 
 
-def _where(marked: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> str:
+def _where(marked: NDArray[np.bool_]) -> str:
     """Return the line of the file that the first marked row stands in, and the number of rows."""
     count = int(marked.sum())
     row = "row" if count == 1 else "rows"
