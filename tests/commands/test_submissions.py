@@ -81,7 +81,7 @@ def test_entering_states_the_table_and_the_page(monkeypatch, tmp_path):
     monkeypatch.setattr("flgpr.proving_ground.enter_submissions", enter_submissions)
     done = call("enter", "a", "b", "-o", tmp_path / "out")
     assert done.exit_code == 0, done.output
-    assert asked == [(["a", "b"], tmp_path / "out", None)]
+    assert asked == [([Path("a"), Path("b")], tmp_path / "out", None)]
     assert done.stdout.splitlines() == [
         "table", f"page: {(tmp_path / 'out' / 'leaderboard.html').resolve()}",
     ]  # fmt: skip
@@ -97,7 +97,10 @@ def test_the_leaderboard_is_written_to_the_first_folder(monkeypatch):
     monkeypatch.setattr("flgpr.proving_ground.write_leaderboard", write_leaderboard)
     assert call("leaderboard", "a", "b").exit_code == 0
     assert call("leaderboard", "a", "-o", "c.html").stdout == "wrote c.html\n"
-    assert written == [(["a", "b"], str(Path("a/leaderboard.html"))), (["a"], "c.html")]
+    assert written == [
+        ([Path("a"), Path("b")], str(Path("a/leaderboard.html"))),
+        ([Path("a")], "c.html"),
+    ]
 
 
 def test_what_croissant_requires_and_nobody_knows_is_said(home):

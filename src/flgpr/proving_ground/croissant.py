@@ -47,6 +47,7 @@ CONTEXT = {
     "conformsTo": "dct:conformsTo",
     "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "equivalentProperty": "cr:equivalentProperty",
     "examples": {"@id": "cr:examples", "@type": "@json"},
     "extract": "cr:extract",
     "field": "cr:field",
@@ -66,12 +67,13 @@ CONTEXT = {
     "regex": "cr:regex",
     "repeated": "cr:repeated",
     "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
     "separator": "cr:separator",
     "source": "cr:source",
     "subField": "cr:subField",
     "transform": "cr:transform",
 }
-"""The context that the specification recommends (its appendix 1)."""
+"""The context that the specification recommends (its appendix 1), with two terms of later data sets."""
 ZARR = "application/vnd+zarr"
 """Media type of run stores; none is registered, and this one is in use."""
 _PARTS = {
@@ -246,7 +248,7 @@ def _files(ground: Ground, root: Path) -> Iterator[Node]:
         }
 
 
-def _field(record_set: str, name: str, data_type: str, text: str, **more: Any) -> Node:
+def _field(record_set: str, name: str, data_type: str | list[str], text: str, **more: Any) -> Node:
     """Return a field of a record set."""
     return {
         "@type": "cr:Field",
@@ -287,7 +289,7 @@ def _parts() -> Node:
     """Return the record set of what lanes are for."""
     fields = [
         _field("parts", "name", "sc:Text", "what a lane is for"),
-        _field("parts", "url", "cr:Split", "what that is in Croissant"),
+        _field("parts", "url", ["sc:URL", "cr:Split"], "what that is in Croissant"),
         _field("parts", "meaning", "sc:Text", "what may be done with it"),
     ]
     rows = []
