@@ -86,7 +86,7 @@ Node = dict[str, Any]
 
 def describe_ground(
     ground: Ground, folder: str | Path | None = None, url: str = "", licence: str = ""
-) -> Node:
+) -> dict[str, Any]:
     """Return the description of a proving ground as JSON-LD.
 
     Parameters
