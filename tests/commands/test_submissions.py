@@ -50,7 +50,7 @@ def test_every_fault_is_a_line_and_the_status_is_that_of_bad_input(home):
 def test_faults_for_a_program(home):
     done = call("validate", home / "bad", home / "good", "--ground", home / "ground.toml", "--json")
     assert done.exit_code == 2
-    bad, good = json.loads(done.stdout)
+    bad, good = json.loads(done.stdout)["submissions"]
     assert (bad["valid"], bad["name"], len(bad["faults"])) == (False, "bad", 2)
     assert (good["valid"], good["faults"], good["alarms"]) == (True, [], {"standard": 12})
 

@@ -112,8 +112,8 @@ def _fault_lines(checked: list[Submission], _: Arguments) -> Iterator[str]:
         )
 
 
-def _fault_objects(checked: list[Submission], _: Arguments) -> list[dict[str, Any]]:
-    """Return every submission as an object of JSON."""
+def _fault_object(checked: list[Submission], _: Arguments) -> dict[str, Any]:
+    """Return one object of JSON with every submission."""
     objects = []
     for submission in checked:
         objects.append(
@@ -126,7 +126,7 @@ def _fault_objects(checked: list[Submission], _: Arguments) -> list[dict[str, An
                 "alarms": {split: len(table) for split, table in submission.alarms.items()},
             }
         )
-    return objects
+    return {"submissions": objects}
 
 
 def _fault_status(checked: list[Submission]) -> int:
@@ -136,7 +136,7 @@ def _fault_status(checked: list[Submission]) -> int:
 
 @command(
     lines=_fault_lines,
-    as_json=_fault_objects,
+    as_json=_fault_object,
     status=_fault_status,
     quiet=False,
 )
