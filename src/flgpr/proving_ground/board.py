@@ -30,12 +30,6 @@ COSTS = "costs.csv"
 SUBMITTED = "submission"
 PACKAGED = "packaged"
 RUN_HERE = "run here"
-SOURCES = {
-    SUBMITTED: "submission",
-    RUN_HERE: "run here",
-    PACKAGED: "packaged",
-}
-"""Where a row comes from."""
 _MOST_ENTRIES = 500
 _MOST_TABLE_BYTES = 64 * 2**20
 _KEYS = ("tier", "entry", "split", "group", "far_allowed")
@@ -50,7 +44,7 @@ class Row:
     """An entry in the table of a tier and a split."""
 
     entry: str
-    source: str  #: one of :data:`SOURCES`
+    source: str  #: where it comes from: SUBMITTED, PACKAGED or RUN_HERE
     score: Mapping[str, Any]  #: its row of the scores: all mines at the FAR of comparison
     first: int = 0  #: best rank that it can have; 0 if it is not ranked
     last: int = 0  #: worst rank that it can have
@@ -71,7 +65,7 @@ class Board:
     ground: Ground
     scores: pd.DataFrame  #: a row per tier, entry, split, group and allowed FAR
     costs: dict[tuple[str, str], dict[str, float]]  #: by tier and entry
-    sources: dict[str, str]  #: by entry, one of :data:`SOURCES`
+    sources: dict[str, str]  #: by entry: SUBMITTED, PACKAGED or RUN_HERE
     cards: dict[str, Card] = field(default_factory=dict)
     records: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     looks: int = 0  #: entries in the logs of the folders

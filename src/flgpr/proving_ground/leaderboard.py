@@ -12,7 +12,6 @@ import pandas as pd
 
 from flgpr.door import read_named
 from flgpr.proving_ground.board import (
-    SOURCES,
     SUBMITTED,
     Board,
     Row,
@@ -182,7 +181,7 @@ def _table_of(board: Board, tier: Ground, split: str, rows: Sequence[Row]) -> li
                 rank=row.rank,
                 entry=row.entry,
                 submitted=row.source == SUBMITTED,
-                source=SOURCES[row.source],
+                source=row.source,
                 pd=f"{score['pd']:.2f} ({score['pd_low']:.2f} to {score['pd_high']:.2f})",
                 found=f"{score['n_detected']:.0f}",
                 kinds=tuple(cells),
