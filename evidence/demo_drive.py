@@ -28,7 +28,8 @@ from flgpr.commands.simulate import simulate_lane
 from flgpr.commands.train import train
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import read_table, sample_drive
 

@@ -20,7 +20,8 @@ import pandas as pd
 
 from flgpr.commands.simulate import simulate_lane
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import read_table
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.store import decode_frame, describe_for_live, save_run
 from flgpr.store.scan_file import frame_size
 from live_lane import make_lane_run, small_recipe

@@ -15,7 +15,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.tcp import TcpAddress, listening_tcp
 from flgpr.model.frames import pose_matrix
 from flgpr.store import decode_frame, describe_for_live, save_run

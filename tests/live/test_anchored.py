@@ -6,7 +6,8 @@ import pytest
 
 from flgpr.geo import own_anchor, read_anchor
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.store import save_run
 from live_lane import make_lane_run, small_recipe
 

@@ -178,7 +178,7 @@ def test_after_a_long_gap_the_passed_alarms_are_final(run, recipe, scans):
     detector = start(run, recipe, lane=None)
     for scan in scans[:20]:
         detector.add(scan)
-    still_open = set(detector.alarms)
+    still_open = set(detector.alarms.open)
     assert still_open
     far = [
         Scan(100 + k, 0.0, one.pose + [0, 200.0, 0, 0, 0, 0], one.signal)
@@ -241,8 +241,8 @@ def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(
             )
             with pytest.raises(ValueError, match="no"):
                 broken.add(scan)
-    assert [one.scans for one in broken.alarms.values()] == [
-        one.scans for one in plain.alarms.values()
+    assert [one.scans for one in broken.alarms.open.values()] == [
+        one.scans for one in plain.alarms.open.values()
     ]
 
 
@@ -298,7 +298,7 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
     for scan in scans[:30]:
         detector.add(scan)
     (stage,) = detector.steps.stages.values()
-    alarms = pd.DataFrame([vars(one) for one in detector.alarms.values()])
+    alarms = pd.DataFrame([vars(one) for one in detector.alarms.open.values()])
     sums = AlarmSums(detector.steps, alarms)
     each = []
     for one in detector.history:

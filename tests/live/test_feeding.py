@@ -4,7 +4,8 @@ from types import SimpleNamespace
 import pytest
 
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import save_run
 from flgpr.store.scan_file import scan_name

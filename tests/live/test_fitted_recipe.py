@@ -7,7 +7,8 @@ import pytest
 
 from flgpr.chain.recipe import parse_recipe
 from flgpr.live.feeding import feed
-from flgpr.live.session import RECIPE_FILE, LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import RECIPE_FILE, LiveRun
 from flgpr.live.state import SNAPSHOT_FILE
 from flgpr.store import save_run
 from live_lane import make_lane_run

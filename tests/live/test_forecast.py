@@ -27,7 +27,8 @@ from flgpr.live.forecast import (
     foresees,
     learn,
 )
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import describe_for_live, save_run
 from live_lane import LANE, make_lane_run, small_recipe
@@ -112,7 +113,8 @@ def test_looks_to_come_weigh_as_they_then_do(run, model):
     checked = 0
     for scan in (one for one in _stored_scans(run) if one.number < 30):
         before = {
-            one.alarm_id: (one, detector.expected_looks(one)) for one in detector.alarms.values()
+            one.alarm_id: (one, detector.expected_looks(one))
+            for one in detector.alarms.open.values()
         }
         seen = {name: detector.mean_of_looks(one)[1] for name, (one, _) in before.items()}
         detector.add(scan)
@@ -133,7 +135,7 @@ def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
     detector = started(run, model)
     for scan in _stored_scans(run):
         detector.add(scan)
-        for alarm in detector.alarms.values():
+        for alarm in detector.alarms.open.values():
             assert detector.mean_of_looks(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
 
 
@@ -144,7 +146,7 @@ def test_what_is_followed_is_what_alarms_became(run, model):
     odds = set()
     for scan in _stored_scans(run):
         detector.add(scan)
-        odds |= {one.confidence for one in detector.alarms.values()}
+        odds |= {one.confidence for one in detector.alarms.open.values()}
     assert {one.odds for one in followed} <= odds
     assert np.mean([one.later in odds for one in followed]) > 0.5  # others were withdrawn
     assert max(one.total**2 / one.squares for one in followed) > 2  # so many looks of one weight
@@ -159,7 +161,9 @@ def test_to_wait_needs_room_and_a_doubt(run, model):
         detector.add(scan)
         if scan.number == 20:
             break
-    alarm = next(one for one in detector.alarms.values() if len(detector.expected_looks(one)) >= 3)
+    alarm = next(
+        one for one in detector.alarms.open.values() if len(detector.expected_looks(one)) >= 3
+    )
     step = detector.expected_looks(alarm)[0][0]
     sure = forecast_event(KNOWN, detector, replace(alarm, confidence=20.0), 9.0, 0.0, 0.1)
     doubt = forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 0.0, 0.1)
@@ -184,7 +188,9 @@ def test_no_look_comes_to_who_stands_or_drives_back(run, model):
         detector.add(scan)
         if scan.number == 20:
             break
-    alarm = next(one for one in detector.alarms.values() if len(detector.expected_looks(one)) >= 3)
+    alarm = next(
+        one for one in detector.alarms.open.values() if len(detector.expected_looks(one)) >= 3
+    )
     history = detector.history
     newest = detector.history[-1].pose
     for step in (0.0, 1e-9, -0.4):
@@ -274,7 +280,7 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
         last = {line["alarm_id"]: line for line in lines if line["event"] == "alarm"}
         waiting = [line for line in last.values() if line.get("wait")]
         assert all(
-            live._detector.expected_looks(live._detector.alarms[line["alarm_id"]])
+            live._detector.expected_looks(live._detector.alarms.open[line["alarm_id"]])
             for line in waiting
         )
         waited.append(len(waiting))

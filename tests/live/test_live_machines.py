@@ -15,7 +15,8 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from damage import MACHINE
 from flgpr.live import session
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.model import make_run
 from flgpr.store import describe_for_live, encode_scan
 from live_lane import make_lane_run, small_recipe

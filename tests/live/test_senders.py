@@ -11,55 +11,43 @@ import time
 import numpy as np
 import pytest
 
+from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SenderLimits, SocketWatch
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.session import LiveRun
 from flgpr.live.watch import Inbox
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
+from live_sockets import QUICK, is_ended, wait_for, watching
 
 RUN = make_lane_run(scans=2)
 DESCRIPTION = describe_for_live(RUN)
 DESCRIBED = encode_frame("run", DESCRIPTION.as_json())
 SCAN = encode_scan(0, RUN["signal"].values[0], np.zeros(6), 0.0, DESCRIPTION.run_id)
-QUICK = SenderLimits(senders=3, pause=0.2, frame=0.4, silence=0.4)
 
 
-@contextlib.contextmanager
 def listening(path, limits=QUICK):
-    inbox = Inbox()
-    watch = SocketWatch(path, inbox, limits)
-    watch.start()
+    """Listen on a Unix socket."""
+    return watching(SocketWatch, path, limits)
+
+
+def is_connected(sender, path):
+    """Try to connect; the address is there a moment before anybody listens on it."""
     try:
-        yield inbox, watch
-    finally:
-        inbox.stop.set()
-        watch.join(5)
-        assert not watch.is_alive()
+        sender.connect(str(path))
+    except ConnectionRefusedError:
+        return False
+    return True
 
 
 @contextlib.contextmanager
 def sending(path, data=b""):
     with socket.socket(socket.AF_UNIX) as sender:
         sender.settimeout(20)
-        sender.connect(str(path))
+        wait_for(lambda: is_connected(sender, path))
         if data:
             sender.sendall(data)
         yield sender
-
-
-def is_ended(sender):
-    try:
-        return sender.recv(1) == b""
-    except ConnectionError:
-        return True
-
-
-def wait_for(condition):
-    last = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < last
-        time.sleep(0.01)
 
 
 def test_more_senders_than_may_be_are_refused_and_counted(tmp_path):

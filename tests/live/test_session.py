@@ -18,8 +18,9 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.live.feeding import feed
+from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SocketWatch
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.session import LiveRun
 from flgpr.live.state import read_snapshot
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import FolderWatch, Inbox

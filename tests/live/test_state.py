@@ -115,7 +115,7 @@ def test_passed_alarms_are_a_few_bytes_each(run, played, monkeypatch):
     words, arrays = take_snapshot(detector, intake, set(), "")
     known = len(detector.table())
     size = sum(array.nbytes for array in arrays.values())
-    monkeypatch.setattr(detector, "passed", detector.passed * 1000)
+    monkeypatch.setattr(detector.alarms, "passed", detector.alarms.passed * 1000)
     more, grown = take_snapshot(detector, intake, set(), "")
     assert len(canonical_json(more)) == len(canonical_json(words))
     assert sum(array.nbytes for array in grown.values()) == size + 999 * known * 48

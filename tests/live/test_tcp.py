@@ -9,33 +9,26 @@ import numpy as np
 import pytest
 
 from flgpr.live.feeding import feed
+from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SenderLimits, TcpWatch
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.session import LiveRun
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, connected_tcp, listening_tcp, parse_tcp
 from flgpr.live.watch import Inbox
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan, save_run
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
+from live_sockets import QUICK, is_ended, wait_for, watching
 
 RUN = make_lane_run(scans=8)
 DESCRIPTION = describe_for_live(RUN)
 SCAN = encode_scan(0, RUN["signal"].values[0], np.zeros(6), 0.0, DESCRIPTION.run_id)
 FREE = TcpAddress("127.0.0.1", 0)
-QUICK = SenderLimits(senders=3, pause=0.2, frame=0.4, silence=0.4)
 
 
-@contextlib.contextmanager
 def listening(limits=QUICK):
-    inbox = Inbox()
-    watch = TcpWatch(FREE, inbox, limits)
-    watch.start()
-    try:
-        yield inbox, watch
-    finally:
-        inbox.stop.set()
-        watch.join(5)
-        assert not watch.is_alive()
+    """Listen on a free port."""
+    return watching(TcpWatch, FREE, limits)
 
 
 @contextlib.contextmanager
@@ -44,20 +37,6 @@ def sending(watch, data=b""):
         sender.settimeout(20)
         sender.sendall(data)
         yield sender
-
-
-def is_ended(sender):
-    try:
-        return sender.recv(1) == b""
-    except ConnectionError:
-        return True
-
-
-def wait_for(condition):
-    last = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < last
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(

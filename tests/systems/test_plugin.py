@@ -14,7 +14,8 @@ import flgpr
 from flgpr.chain.recipe import parse_recipe
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.store import read_table
 from systems.lanes import small_recipe
 

@@ -16,7 +16,8 @@ from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_result
 from flgpr.live.detector import LiveDetector, LiveSettings
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 from flgpr.store import Scan, describe_for_live, open_run, read_lane

@@ -12,7 +12,8 @@ from test_live_page import START, Feeder, alarm, scan
 
 from flgpr.live.events import view_event
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import save_run
 from live_lane import STEP, make_lane_run, small_recipe

@@ -12,7 +12,8 @@ from watching import viridis
 
 from flgpr.live.events import alarm_event, as_line, view_event
 from flgpr.live.feeding import feed
-from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import read_table, save_run

@@ -26,7 +26,8 @@ from flgpr.commands.options import (
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
 if TYPE_CHECKING:
-    from flgpr.live.session import LiveReport, LiveRun
+    from flgpr.live.outcome import LiveReport
+    from flgpr.live.session import LiveRun
 
 Lane = Annotated[PathLike | None, lane_option()]
 Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
@@ -204,7 +205,8 @@ def live(
         If a recording in MCAP is asked for and its library is not installed.
     """
     from flgpr.live.detector import LiveSettings
-    from flgpr.live.session import LIVE_RECORDING, LiveOptions, LiveRun
+    from flgpr.live.options import LiveOptions
+    from flgpr.live.session import LIVE_RECORDING, LiveRun
     from flgpr.live.vehicle import Vehicle
     from flgpr.store.extras import optional
 

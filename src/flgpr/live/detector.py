@@ -11,7 +11,7 @@ import bisect
 import math
 import warnings
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 
 from flgpr.chain.alarm_features import AlarmSums
 from flgpr.chain.engine import Arrays
-from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.recipe import RANKS, Recipe, course_lane
+from flgpr.chain.recipe import Recipe, course_lane
 from flgpr.chain.recipe_fit import alias_faults, check_channels
-from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage, make_stage
-from flgpr.chain.steps import CleanedScan, Steps, check_confidence
+from flgpr.chain.stages import MapStage, Stage
+from flgpr.chain.steps import CleanedScan
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
-from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
-from flgpr.live.updates import LiveAlarm, LiveUpdate, State, last_states
+from flgpr.live.alarm_book import AlarmBook
+from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
+from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.screen import (
@@ -44,18 +44,12 @@ from flgpr.screen import (
     seen_along,
     view_array,
 )
-from flgpr.store import RunDescription, Scan, as_run
+from flgpr.store import RunDescription, Scan
 
 FloatArray = NDArray[np.float64]
 # m; ground farther back than this before a scan is closed without another look
 _FARTHEST_GAP = 50.0
 _MOST_SCANS = 64
-# An alarm is reported again when one of these changed.
-_REPORTED = ("x", "y", "confidence", "scans")
-# What is stored of a passed alarm, after the number in its name.
-_PASSED_COLUMNS = ("x", "y", "confidence", "magnitude", "scans")
-_ALARM_PREFIX = "alarm-"
-_WITHOUT_END = 1e9  # m
 
 
 @dataclass(frozen=True)
@@ -127,10 +121,10 @@ class LiveDetector:
 
         stages: dict[str, Stage] = {}
         if recipe.columns or recipe.map is not None:
-            stages = _build_stages(description, recipe, self.lane, self.model)
+            stages = build_stages(description, recipe, self.lane, self.model)
         maps = [stage for stage in stages.values() if isinstance(stage, MapStage)]
         self.mapper = maps[0] if maps else None
-        self.steps = _steps_of(description, recipe, self.model, stages)
+        self.steps = causal_steps(description, recipe, self.model, stages)
         self.grid = self.steps.grid
 
         image = recipe.image
@@ -163,16 +157,12 @@ class LiveDetector:
         self._sums: AlarmSums | None = None
         # sums of the run-view, with "row", counted from the lane's first
         self.view: Arrays = {}
-        self.alarms: dict[str, LiveAlarm] = {}  # open: a later scan may see them
-        # A day's drive passes 100,000 alarms and more: bare numbers keep memory and snapshots
-        # small. Per final alarm: the number in its name, then _PASSED_COLUMNS.
-        self.passed = array("d")
+        self.alarms = AlarmBook(self.recipe.prescreen.radius)
         self.magnitudes = array("d")  # of all passed maxima that the density rule counts, ascending
         self.seen_area = 0.0  # passed, m²
         self.closed = -math.inf  # ground up to here (lane y) is final
         self.newest: tuple[int, FloatArray] | None = None
         self.previous_pose: FloatArray | None = None  # of the scan that was the newest before
-        self.alarm_count = 0  # alarms raised, from which they are named
 
     @property
     def newest_pose(self) -> FloatArray | None:
@@ -328,18 +318,11 @@ class LiveDetector:
 
         No further scan comes, and the alarms that were open are returned as final.
         """
-        return self._make_final(list(self.alarms.values()))
+        return self.alarms.finish()
 
     def table(self) -> pd.DataFrame:
         """Return all alarms that stand, passed and open, the most confident first."""
-        rows = array("d", self.passed)
-        for alarm in self.alarms.values():
-            rows.extend(_alarm_numbers(alarm))
-        columns = ["alarm_id", *_PASSED_COLUMNS]
-        table = pd.DataFrame(np.reshape(rows, (-1, len(columns))), columns=columns)
-        names = [f"{_ALARM_PREFIX}{number:.0f}" for number in table["alarm_id"]]
-        table = table.assign(alarm_id=names, scans=table["scans"].astype(int))
-        return table.sort_values("confidence", ascending=False, kind="stable", ignore_index=True)
+        return self.alarms.table()
 
     def mean_of_looks(self, alarm: LiveAlarm) -> tuple[float, float]:
         """Return the weighted mean of the looks at an alarm, and the sum of their weights.
@@ -415,7 +398,7 @@ class LiveDetector:
             return self.lane
         if self.first_pose is None:
             raise ValueError("lane needs a pose, got none")
-        return course_lane(self.recipe, self.first_pose[None], _WITHOUT_END)
+        return course_lane(self.recipe, self.first_pose[None], WITHOUT_END)
 
     def _image(self, scan: Scan) -> NDArray[np.complex64]:
         """Image a scan; the operator is used again while height and attitude stay the same."""
@@ -505,7 +488,7 @@ class LiveDetector:
         strong = maxima[maxima["magnitude"] >= threshold].reset_index(drop=True)
         rated = strong.assign(**self._confidence(strong, earlier_sums))
         rated = rated[~np.isnan(rated["confidence"].to_numpy())]
-        changed = self._match(rated, pose)
+        changed = self.alarms.match(rated, pose)
 
         limit = self._passed(pose) - self.recipe.prescreen.radius
         if limit > self.closed:
@@ -568,55 +551,6 @@ class LiveDetector:
         self._sums = sums
         return {"confidence": confidence, "scans": features["scans"]}
 
-    def _match(self, maxima: pd.DataFrame, pose: FloatArray) -> list[LiveAlarm]:
-        """Match every maximum, strongest first, to the open alarm next to it or a new one."""
-        free = dict(self.alarms)
-        changed = []
-        names = ["x", "y", "confidence", "magnitude", "scans"]
-        for x, y, confidence, magnitude, scans in maxima[names].itertuples(index=False):
-            nearest = self._nearest(free, x, y)
-            state: State
-            if nearest is not None:
-                del free[nearest.alarm_id]
-                alarm_id = nearest.alarm_id
-                state = "update"
-                left = nearest.first_left
-            else:
-                left = float(lane_to_scan([x, y, 0.0], pose)[1])
-                self.alarm_count += 1
-                alarm_id = f"{_ALARM_PREFIX}{self.alarm_count}"
-                state = "new"
-            alarm = LiveAlarm(
-                alarm_id,
-                float(x),
-                float(y),
-                float(confidence),
-                float(magnitude),
-                int(scans),
-                state,
-                left,
-            )
-            if state == "new" or _differs(alarm, self.alarms[alarm_id]):
-                changed.append(alarm)
-            self.alarms[alarm_id] = alarm
-        for alarm_id in free:
-            changed.append(replace(self.alarms.pop(alarm_id), state="withdrawn"))
-        return changed
-
-    def _nearest(self, alarms: Mapping[str, LiveAlarm], x: float, y: float) -> LiveAlarm | None:
-        """Return the alarm nearest to a position.
-
-        None where none lies within the prescreener's radius.
-        """
-
-        def distance(alarm: LiveAlarm) -> float:
-            return math.hypot(alarm.x - x, alarm.y - y)
-
-        nearest = min(alarms.values(), key=distance, default=None)
-        if nearest is None or distance(nearest) > self.recipe.prescreen.radius:
-            return None
-        return nearest
-
     def _jump(self, pose: FloatArray) -> list[LiveAlarm]:
         """Close the ground that lies far back after a gap between scans.
 
@@ -629,18 +563,11 @@ class LiveDetector:
 
     def _close_ground(self, limit: float) -> list[LiveAlarm]:
         """Make the ground up to lane y ``limit`` final, and drop scans that see none beyond it."""
-        final = self._make_final([alarm for alarm in self.alarms.values() if alarm.y <= limit])
+        final = self.alarms.finish(limit)
         self.closed = limit
         begin = limit - self._margin()
         self.history = [scan for scan in self.history if self._reach(scan.pose)[1] >= begin]
         return final
-
-    def _make_final(self, alarms: list[LiveAlarm]) -> list[LiveAlarm]:
-        """Move alarms from the open ones to the passed ones; return them as final."""
-        for alarm in alarms:
-            del self.alarms[alarm.alarm_id]
-            self.passed.extend(_alarm_numbers(alarm))
-        return [replace(alarm, state="final") for alarm in alarms]
 
     def _close(self, maxima: pd.DataFrame, view: xr.DataArray, limit: float) -> list[LiveAlarm]:
         """Close the ground up to ``limit``.
@@ -659,18 +586,6 @@ class LiveDetector:
         return self.recipe.prescreen.radius + 2 * self.recipe.run_view.spacing
 
 
-def _differs(alarm: LiveAlarm, known: LiveAlarm) -> bool:
-    """Return whether an alarm changed in what is reported."""
-    return any(getattr(alarm, name) != getattr(known, name) for name in _REPORTED)
-
-
-def _alarm_numbers(alarm: LiveAlarm) -> list[float]:
-    """Return an alarm as bare numbers: the one in its name, then ``_PASSED_COLUMNS``."""
-    number = float(alarm.alarm_id.removeprefix(_ALARM_PREFIX))
-    values = [float(getattr(alarm, name)) for name in _PASSED_COLUMNS]
-    return [number, *values]
-
-
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Let kernels run in this thread alone.
@@ -683,111 +598,3 @@ def _one_thread() -> Iterator[None]:
         yield
     finally:
         numba.set_num_threads(before)
-
-
-def _steps_of(
-    description: RunDescription, recipe: Recipe, model: Model, stages: Mapping[str, Stage]
-) -> Steps:
-    """Return the recipe's steps with those features alone that decide on alarms.
-
-    What the model's detector reads, without one the contrast.
-    """
-    if model.detector is not None:
-        names = model.detector.features
-    elif recipe.confidence in RANKS:
-        names = ()
-    else:
-        names = (recipe.confidence,)
-    features = None
-    if recipe.features and names:
-        features = recipe.features.model_copy(update={"variants": False})
-    feature_stages = {}
-    for name, stage in stages.items():
-        if isinstance(stage, FeatureStage) and set(stage.columns) & set(names):
-            feature_stages[name] = stage
-
-    needed = {recipe.prescreen.subband}
-    known = {"magnitude"}.union(*(stage.columns for stage in feature_stages.values()))
-    if features is None:
-        needed.add(recipe.contrast.subband)
-        known.add("contrast")
-    band_of_column = {}
-    if features is not None:
-        for band in recipe.image.subbands:
-            for feature in FEATURES:
-                band_of_column[f"{feature}_{band}"] = band
-    for name in names:
-        if name not in known and name not in band_of_column:
-            raise ValueError(
-                f"model must read features of the recipe's sub-bands when live, got {name}"
-            )
-        if name in band_of_column:
-            needed.add(band_of_column[name])
-
-    # Stages are handed images of all sub-bands.
-    needs_all = bool(feature_stages) or recipe.map is not None
-    subbands = [band for band in recipe.image.subbands if needs_all or band in needed]
-    labels = list(recipe.image.polarizations) or description.polarization
-    polarimetric = []
-    for band in subbands:
-        if any(f"{feature}_{band}" in names for feature in POLARIMETRIC):
-            polarimetric.append(band)
-    reduced = recipe.model_copy(update={"features": features})
-    return Steps(
-        reduced,
-        labels,
-        subbands,
-        recipe.near_grid(),
-        feature_stages,
-        tuple(polarimetric),
-        model.detector,
-    )
-
-
-def _build_stages(
-    description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model
-) -> dict[str, Stage]:
-    """Build the recipe's stages before any scan came.
-
-    The run in their setup has one scan without an echo, at the lane's origin.
-    """
-    silence = np.zeros(description.shape, np.complex64)
-    run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))
-    table = recipe.image
-    ground = lane or course_lane(recipe, np.zeros((1, 6)), _WITHOUT_END)
-    labels = description.polarization
-    imaged = [labels.index(name) for name in table.polarizations or labels]
-    setup = Setup(
-        run,
-        {},
-        ground,
-        imager_of(run, table),
-        recipe.near_grid(),
-        recipe.run_view.grid(ground),
-        imaged,
-        1,
-        {},
-    )
-    stages = {}
-    columns: list[str] = []
-    for name, entry in recipe.named().items():
-        stage = make_stage(name, entry, setup, model.stages.get(name))
-        stages[name] = stage
-        if isinstance(stage, FeatureStage):
-            columns.extend(stage.columns)
-    check_confidence(recipe, columns)
-    return stages
-
-
-def check_causal(recipe: Recipe) -> None:
-    """Refuse a recipe that needs more than the scans so far.
-
-    Raises
-    ------
-    ValueError
-        With every reason why the recipe cannot run live.
-    """
-    if recipe.not_live_because():
-        raise ValueError(
-            f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.not_live_because())}"
-        )

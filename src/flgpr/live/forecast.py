@@ -225,7 +225,7 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
                 yield Followed(alarm.confidence, seen, sum(looks), squares, later)
             remaining.append((alarm, seen, looks))
         followed = remaining
-        for alarm in detector.alarms.values():
+        for alarm in detector.alarms.open.values():
             followed.append((alarm, detector.mean_of_looks(alarm)[1], []))
 
 
@@ -234,7 +234,7 @@ def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float
 
     Of one that is gone, those of the map's value at its place.
     """
-    current = detector.alarms.get(alarm.alarm_id)
+    current = detector.alarms.open.get(alarm.alarm_id)
     if current is not None:
         return current.confidence
     return _confidence(detector, value)

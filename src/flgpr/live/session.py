@@ -11,12 +11,11 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 import flgpr
@@ -27,7 +26,8 @@ from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live import forecast
-from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
+from flgpr.live.causal_steps import check_causal
+from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.event_rate import Event
 from flgpr.live.events import (
     EVENT_FILE,
@@ -40,6 +40,8 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.intake import Intake
+from flgpr.live.options import LiveOptions
+from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
 from flgpr.live.state import (
@@ -53,7 +55,6 @@ from flgpr.live.state import (
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveAlarm, LiveUpdate
-from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
 from flgpr.store import (
@@ -73,7 +74,6 @@ from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.tables import write_table
 
-PathLike = str | Path
 _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
@@ -82,46 +82,6 @@ LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """Options of a live run."""
-
-    recipe: PathLike | None  #: packaged recipe or TOML file; None makes one for the run
-    output: PathLike  #: folder for events, snapshot and alarms
-    incoming: PathLike | None = None
-    socket: PathLike | None = None  #: unix socket to listen on
-    model: PathLike | None = None  #: what the recipe's stages have learnt
-    lane: PathLike | None = None  #: TOML of the lane
-    anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
-    settings: LiveSettings = field(default_factory=LiveSettings)
-    vehicle: Vehicle = field(default_factory=Vehicle)
-    snapshot: int = 20  #: a snapshot is written after that many scans; 0 writes only the last
-    idle: float | None = None  #: end after so many seconds without a scan
-    threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
-    fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
-    #: an alarm advises to wait for the next look if that changes the decision with at least this
-    #: probability
-    worth: float = 0.1
-    #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
-    tcp: str | None = None
-    played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
-    rate: float | None = None  #: scans per second of that run; None plays it as it was recorded
-
-
-@dataclass(frozen=True)
-class LiveReport:
-    """Outcome of a live run."""
-
-    counts: dict[str, int]  #: see ``COUNTS`` in ``live.intake``
-    #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and the
-    #: number of ``scans``
-    latency_ms: dict[str, float]
-    alarms: int  #: alarms that stand at the end
-    #: frames processed per second between the first and the last one of this process; NaN with
-    #: fewer than two
-    rate: float
 
 
 class LiveRun:
@@ -141,27 +101,11 @@ class LiveRun:
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
-        sources = (options.incoming, options.socket, options.tcp, options.played)
-        if all(source is None for source in sources):
-            raise ValueError(
-                "live needs a folder, a socket, a TCP address or a recording to take scans from, "
-                "got none"
-            )
-        if options.rate is not None and options.played is None:
-            raise ValueError(f"rate goes with a recording that is played, got {options.rate:g}")
-        if options.threshold is not None and not np.isfinite(options.threshold):
-            raise ValueError(f"threshold must be finite, got {options.threshold}")
-        if not 0 <= options.worth <= 1:
-            raise ValueError(f"worth must be a probability, 0 to 1, got {options.worth}")
-        if options.snapshot < 0:
-            raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options = options
         self._tcp = None if options.tcp is None else parse_tcp(options.tcp)
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
         self._send_line = tell
-        if options.recipe is None and options.model is not None:
-            raise ValueError("recipe must be given with a model: it names the model's stages")
         digest = "" if options.model is None else sha256(read_model(options.model))
         self._model = Model() if options.model is None else load_model(options.model, digest)
         self._recipe: Recipe | None = None
@@ -389,7 +333,7 @@ class LiveRun:
         detector = LiveDetector(description, recipe, self._lane, self._model, self.options.settings)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
-            self._waiting = set(detector.alarms)
+            self._waiting = set(detector.alarms.open)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
@@ -449,7 +393,7 @@ class LiveRun:
         if update.anew and pose is not None:
             lines.append(anew_event(scan.number, update, pose))
             self._started = self._started and detector.lane is not None and not update.forgotten
-            self._waiting &= detector.alarms.keys()
+            self._waiting &= detector.alarms.open.keys()
         if update.outcome in ("held", "implausible", "duplicate"):
             return lines
         if not self._started and detector.first_pose is not None:
@@ -480,9 +424,9 @@ class LiveRun:
         # The last event of some alarms advised to wait for a look that did not come. They are
         # reported again where waiting is no longer worth it.
         changed = {alarm.alarm_id for alarm in update.alarms}
-        unchanged = detector.alarms.keys() - changed
+        unchanged = detector.alarms.open.keys() - changed
         for alarm_id in self._waiting & unchanged:
-            alarm = replace(detector.alarms[alarm_id], state="update")
+            alarm = replace(detector.alarms.open[alarm_id], state="update")
             event = self._alarm_event(alarm, scan, pose, latency)
             if event.get("wait") is False:
                 events.append(event)
@@ -565,7 +509,7 @@ class LiveRun:
         detector = self._detector
         intake = self._intake
         if detector is None or intake is None:
-            return LiveReport({}, _percentiles([]), 0, float("nan"))
+            return LiveReport({}, latency_percentiles([]), 0, float("nan"))
         self._report_senders(events)
         for name, count in self._senders.items():
             intake.counts[name] += count
@@ -574,9 +518,9 @@ class LiveRun:
         table = detector.table()
         if not self._frames and (self.output / REPORT_FILE).is_file():
             log_finished(self.output, "--fresh makes it again")
-            return LiveReport(counts, _percentiles([]), len(table), float("nan"))
+            return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
-        report = LiveReport(counts, _percentiles(self._latency), len(table), self._rate())
+        report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
         end = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([end | counts])
         entries = asdict(report) | {
@@ -631,23 +575,6 @@ def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> E
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
-
-
-def _percentiles(latency: list[float]) -> dict[str, float]:
-    """Return median, 95th percentile and largest of latencies (s) in ms, and their number."""
-    if not latency:
-        return {"scans": 0}
-    return {
-        "median": _milliseconds(np.median(latency)),
-        "p95": _milliseconds(np.percentile(latency, 95)),
-        "largest": _milliseconds(np.max(latency)),
-        "scans": len(latency),
-    }
-
-
-def _milliseconds(seconds: Any) -> float:
-    """Return a duration in ms with one decimal."""
-    return round(1e3 * float(seconds), 1)
 
 
 def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:

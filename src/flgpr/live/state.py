@@ -26,14 +26,8 @@ from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
-_NUMBERS = ("passed", "magnitudes")
-# Names of scalars in the file, and of the detector's attributes.
-_SCALARS = {
-    "closed": "closed",
-    "seen_area": "seen_area",
-    "named": "alarm_count",
-    "left_out": "left_out",
-}
+# Scalars of the detector, by these names in the file.
+_SCALARS = ("closed", "seen_area", "left_out")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -71,8 +65,8 @@ def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
         for name, value in vars(scan).items():
             if isinstance(value, np.ndarray):
                 arrays[f"scan{i}.{name}"] = value
-    for name in _NUMBERS:
-        arrays[f"numbers.{name}"] = np.array(getattr(detector, name))
+    arrays["numbers.passed"] = np.array(detector.alarms.passed)
+    arrays["numbers.magnitudes"] = np.array(detector.magnitudes)
     for number, held_scan in detector.held.items():
         arrays[f"held{number}.signal"] = held_scan.signal
     return arrays
@@ -85,9 +79,9 @@ def _header(
     newest = None
     if detector.newest is not None:
         newest = [detector.newest[0], detector.newest[1].tolist()]
-    scalars = {}
-    for name, attribute in _SCALARS.items():
-        value = getattr(detector, attribute)
+    scalars: dict[str, float | None] = {"named": detector.alarms.count}
+    for name in _SCALARS:
+        value = getattr(detector, name)
         scalars[name] = value if np.isfinite(value) else None
     return {
         "format": FORMAT,
@@ -99,7 +93,7 @@ def _header(
         "gate": detector.gate.state(),
         "held": list(detector.held),
         "history": [scan.number for scan in detector.history],
-        "alarms": [asdict(alarm) for alarm in detector.alarms.values()],
+        "alarms": [asdict(alarm) for alarm in detector.alarms.open.values()],
         "first_pose": _pose_as_json(detector.first_pose),
         "before": _pose_as_json(detector.previous_pose),
         "newest": newest,
@@ -190,18 +184,19 @@ def _restore(
     detector.history = []
     for i, number in enumerate(header["history"]):
         detector.history.append(CleanedScan(number, **_group(arrays, f"scan{i}.")))
-    detector.alarms = {alarm["alarm_id"]: LiveAlarm(**alarm) for alarm in header["alarms"]}
-    for name in _NUMBERS:
-        setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
+    detector.alarms.open = {alarm["alarm_id"]: LiveAlarm(**alarm) for alarm in header["alarms"]}
+    detector.alarms.passed = array("d", arrays["numbers.passed"].tobytes())
+    detector.alarms.count = header["scalars"]["named"]
+    detector.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
     detector.previous_pose = _pose_from_json(header["before"])
     detector.first_pose = _pose_from_json(header["first_pose"])
     detector.newest = None
     if header["newest"] is not None:
         number, pose = header["newest"]
         detector.newest = (number, np.asarray(pose, dtype=np.float64))
-    for name, attribute in _SCALARS.items():
+    for name in _SCALARS:
         value = header["scalars"][name]
-        setattr(detector, attribute, -np.inf if value is None else value)
+        setattr(detector, name, -np.inf if value is None else value)
     detector.gate.restore(header["gate"])
     sightings = detector.gate.held
     detector.held = {}

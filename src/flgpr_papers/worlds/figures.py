@@ -312,6 +312,7 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
     down = STUDY_AXES["permittivity"]
     across = STUDY_AXES["roughness"]
     value = np.full((len(down), len(across)), np.nan)
+    marks = {}
     for row, permittivity in enumerate(down):
         for column, roughness in enumerate(across):
             is_in_cell = worlds["permittivity"] == permittivity
@@ -321,11 +322,14 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
                 value[row, column] = cell["margin"].mean()
             agree = int((cell["verdict"] == AGREES).sum())
             disagree = int((cell["verdict"] == DISAGREES).sum())
-            marks = "+" * agree + "−" * disagree
-            axes.text(column, row, marks, ha="center", va="center", fontsize=7)
+            marks[row, column] = "+" * agree + "−" * disagree
     known = np.abs(value[np.isfinite(value)])
     top = float(known.max()) if known.size and known.any() else 1.0
     axes.imshow(value, cmap="RdBu", vmin=-top, vmax=top, aspect="auto")
+    for (row, column), signs in marks.items():
+        # Both ends of the colours are dark.
+        colour = "white" if abs(value[row, column]) > 0.6 * top else "black"
+        axes.text(column, row, signs, ha="center", va="center", fontsize=7, color=colour)
     axes.set_facecolor("0.85")
     _label_levels(axes, across, down)
 

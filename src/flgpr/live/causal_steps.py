@@ -1,0 +1,127 @@
+"""The recipe's steps as live detection takes them: known before a scan came, and causal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from flgpr.chain.images import imager_of
+from flgpr.chain.model import Model
+from flgpr.chain.recipe import RANKS, Recipe, course_lane
+from flgpr.chain.stages import FeatureStage, Setup, Stage, make_stage
+from flgpr.chain.steps import Steps, check_confidence
+from flgpr.features import FEATURES, POLARIMETRIC
+from flgpr.model import Lane
+from flgpr.store import RunDescription, Scan, as_run
+
+WITHOUT_END = 1e9  # m, length of a lane whose end nobody has given
+
+
+def check_causal(recipe: Recipe) -> None:
+    """Refuse a recipe that needs more than the scans so far.
+
+    Raises
+    ------
+    ValueError
+        With every reason why the recipe cannot run live.
+    """
+    if recipe.not_live_because():
+        raise ValueError(
+            f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.not_live_because())}"
+        )
+
+
+def causal_steps(
+    description: RunDescription, recipe: Recipe, model: Model, stages: Mapping[str, Stage]
+) -> Steps:
+    """Return the recipe's steps with those features alone that decide on alarms.
+
+    What the model's detector reads, without one the contrast.
+    """
+    if model.detector is not None:
+        names = model.detector.features
+    elif recipe.confidence in RANKS:
+        names = ()
+    else:
+        names = (recipe.confidence,)
+    features = None
+    if recipe.features and names:
+        features = recipe.features.model_copy(update={"variants": False})
+    feature_stages = {}
+    for name, stage in stages.items():
+        if isinstance(stage, FeatureStage) and set(stage.columns) & set(names):
+            feature_stages[name] = stage
+
+    needed = {recipe.prescreen.subband}
+    known = {"magnitude"}.union(*(stage.columns for stage in feature_stages.values()))
+    if features is None:
+        needed.add(recipe.contrast.subband)
+        known.add("contrast")
+    band_of_column = {}
+    if features is not None:
+        for band in recipe.image.subbands:
+            for feature in FEATURES:
+                band_of_column[f"{feature}_{band}"] = band
+    for name in names:
+        if name not in known and name not in band_of_column:
+            raise ValueError(
+                f"model must read features of the recipe's sub-bands when live, got {name}"
+            )
+        if name in band_of_column:
+            needed.add(band_of_column[name])
+
+    # Stages are handed images of all sub-bands.
+    needs_all = bool(feature_stages) or recipe.map is not None
+    subbands = [band for band in recipe.image.subbands if needs_all or band in needed]
+    labels = list(recipe.image.polarizations) or description.polarization
+    polarimetric = []
+    for band in subbands:
+        if any(f"{feature}_{band}" in names for feature in POLARIMETRIC):
+            polarimetric.append(band)
+    reduced = recipe.model_copy(update={"features": features})
+    return Steps(
+        reduced,
+        labels,
+        subbands,
+        recipe.near_grid(),
+        feature_stages,
+        tuple(polarimetric),
+        model.detector,
+    )
+
+
+def build_stages(
+    description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model
+) -> dict[str, Stage]:
+    """Build the recipe's stages before any scan came.
+
+    The run in their setup has one scan without an echo, at the lane's origin.
+    """
+    silence = np.zeros(description.shape, np.complex64)
+    run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))
+    table = recipe.image
+    ground = lane or course_lane(recipe, np.zeros((1, 6)), WITHOUT_END)
+    labels = description.polarization
+    imaged = [labels.index(name) for name in table.polarizations or labels]
+    setup = Setup(
+        run,
+        {},
+        ground,
+        imager_of(run, table),
+        recipe.near_grid(),
+        recipe.run_view.grid(ground),
+        imaged,
+        1,
+        {},
+    )
+    stages = {}
+    columns: list[str] = []
+    for name, entry in recipe.named().items():
+        stage = make_stage(name, entry, setup, model.stages.get(name))
+        stages[name] = stage
+        if isinstance(stage, FeatureStage):
+            columns.extend(stage.columns)
+    check_confidence(recipe, columns)
+    return stages

@@ -1,0 +1,64 @@
+"""What a live run is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from flgpr.live.detector import LiveSettings
+from flgpr.live.vehicle import Vehicle
+
+PathLike = str | Path
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of a live run.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to take scans from, or an option has no sense or needs another one.
+    """
+
+    recipe: PathLike | None  #: packaged recipe or TOML file; None makes one for the run
+    output: PathLike  #: folder for events, snapshot and alarms
+    incoming: PathLike | None = None
+    socket: PathLike | None = None  #: unix socket to listen on
+    model: PathLike | None = None  #: what the recipe's stages have learnt
+    lane: PathLike | None = None  #: TOML of the lane
+    anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
+    settings: LiveSettings = field(default_factory=LiveSettings)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    snapshot: int = 20  #: a snapshot is written after that many scans; 0 writes only the last
+    idle: float | None = None  #: end after so many seconds without a scan
+    threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
+    fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
+    #: an alarm advises to wait for the next look if that changes the decision with at least this
+    #: probability
+    worth: float = 0.1
+    #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
+    tcp: str | None = None
+    played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
+    rate: float | None = None  #: scans per second of that run; None plays it as it was recorded
+
+    def __post_init__(self) -> None:
+        sources = (self.incoming, self.socket, self.tcp, self.played)
+        if all(source is None for source in sources):
+            raise ValueError(
+                "live needs a folder, a socket, a TCP address or a recording to take scans from, "
+                "got none"
+            )
+        if self.rate is not None and self.played is None:
+            raise ValueError(f"rate goes with a recording that is played, got {self.rate:g}")
+        if self.threshold is not None and not np.isfinite(self.threshold):
+            raise ValueError(f"threshold must be finite, got {self.threshold}")
+        if not 0 <= self.worth <= 1:
+            raise ValueError(f"worth must be a probability, 0 to 1, got {self.worth}")
+        if self.snapshot < 0:
+            raise ValueError(f"snapshot must be a number of scans from 0, got {self.snapshot}")
+        if self.recipe is None and self.model is not None:
+            raise ValueError("recipe must be given with a model: it names the model's stages")
