@@ -107,7 +107,6 @@ def leaderboard_html(board: Board) -> str:
         lists=board.lists,
         citation=cite_ground(ground),
         licence=DATA_LICENCE,
-        sources=SOURCES,
     )
 
 
