@@ -237,7 +237,7 @@ def _checked_costs(data: bytes) -> dict[tuple[str, str], dict[str, float]]:
 
 
 def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
-    """Return the entries of a tier and a split, the largest Pd first, with what ranks they have.
+    """Return the entries of a tier and a split, the largest Pd first, those without a rank last.
 
     An entry is ahead of another if its interval lies above the other's as a whole. Where intervals
     overlap the two are not told apart: an entry then has a range of ranks, from one more than the
@@ -260,11 +260,12 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
     low = ranked["pd_low"].to_numpy()
     high = ranked["pd_high"].to_numpy()
     rows = []
+    rows_without_rank = []
     for score in ordered.to_dict("records"):
         name = str(score["entry"])
         source = board.sources.get(name, RUN_HERE)
         if name in not_ranked:
-            rows.append(Row(name, source, score))
+            rows_without_rank.append(Row(name, source, score))
             continue
         ahead = low > score["pd_high"]
         behind = high < score["pd_low"]
@@ -279,7 +280,7 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
                 unclear=tuple(str(other) for other in unclear if other != name),
             )
         )
-    return rows
+    return rows + rows_without_rank
 
 
 def scores_at(board: Board, tier: str, split: str, far: float, group: str = MINES) -> pd.DataFrame:

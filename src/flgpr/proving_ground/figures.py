@@ -200,7 +200,7 @@ def leaderboard_figure(
     Returns
     -------
     Figure
-        Entries in the order of their Pd. The interval of the first is shaded: entries whose
+        Entries in the order of their rows. The interval of the first is shaded: entries whose
         intervals reach into it are not told apart from the first. A mark shows chance.
     """
     most = max((len(rows) for _, rows in tiers), default=1)
@@ -229,7 +229,7 @@ def leaderboard_figure(
 
 
 def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Container[str]) -> None:
-    """Draw the panel of a tier, the largest Pd on top."""
+    """Draw the panel of a tier, the first row on top."""
     places = np.arange(len(rows), dtype=float)[::-1]
     panel.barh(places[::2], 1.06, left=-0.03, height=1.0, color="0.96", zorder=0)
     first = next((row for row in rows if row.first), None)

@@ -204,11 +204,11 @@ def _unclear_text(row: Row) -> str:
 
 
 def _cost_text(board: Board, tier: str, entry: str) -> str:
-    """Return seconds per km of an entry, as declared or measured."""
+    """Return seconds per km of an entry, as measured, or declared on its card."""
     seconds = board.costs.get((tier, entry), {}).get("seconds_per_km", math.nan)
     if not math.isfinite(seconds):
         return "not known"
-    return f"{seconds:.0f}, declared" if entry in board.cards else f"{seconds:.0f}"
+    return f"{seconds:.0f}"
 
 
 def _other_splits(board: Board, tier: Ground) -> tuple[list[str], list[tuple[str, ...]]]:
