@@ -51,6 +51,9 @@ def test_what_is_found_is_what_was_put_there(entered):
     metal = scores_of(out, "hand-made").query("split == 'metal' and group == 'mines'")
     assert list(metal["n_targets"]) == [6, 6]
     assert "hand-made" in text
+    costs = pd.read_csv(out / "costs.csv").query("entry == 'hand-made'")
+    assert list(costs["seconds_per_km"]) == [120, 120]
+    assert list(costs["training_seconds"]) == [30, 30]
 
 
 def test_every_list_is_one_look_and_no_lane_was_made(entered):

@@ -145,19 +145,19 @@ def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
     """Write the alarms of a submission as those of an entry, with its card."""
     own_folder = folder / "entries" / submission.name
     own_folder.mkdir(parents=True, exist_ok=True)
-    card = submission.card
-    method = "" if card is None else card.method
-    entry = Entry(submission.name, method, alarms=submission.folder)
-    for tier, split, alarms in _by_tier(submission, ground):
-        of_tier = entry_folder(folder, submission.name, tier)
-        write_about(tier, entry, of_tier)
-        (of_tier / split).mkdir(exist_ok=True)
-        write_table(alarms, of_tier / split / ALARMS)
     entered = Folder(own_folder).json(RECORD)["alarms"] if Folder(own_folder).has(RECORD) else {}
     record = {
         "card": sha256(submission.card_text),
         "alarms": entered | dict(_digests(submission, ground)),
         "lanes": submission.likeness,
     }
-    write_whole(own_folder / CARD, submission.card_text)
+    # Before the alarms, so that an interrupted submission is known as the one that goes on.
     write_whole(own_folder / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
+    write_whole(own_folder / CARD, submission.card_text)
+    method = "" if submission.card is None else submission.card.method
+    entry = Entry(submission.name, method, alarms=submission.folder)
+    for tier, split, alarms in _by_tier(submission, ground):
+        of_tier = entry_folder(folder, submission.name, tier)
+        write_about(tier, entry, of_tier)
+        (of_tier / split).mkdir(exist_ok=True)
+        write_table(alarms, of_tier / split / ALARMS)

@@ -16,6 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
+from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, parse_card
 from flgpr.proving_ground.figures import opening_split, split_figure, tiers_figure
 from flgpr.proving_ground.ground import BODY, MINES, Ground, load_ground
 from flgpr.proving_ground.oracle import oracle_file
@@ -102,7 +103,7 @@ def _score_tier(
         for split in ground.table.splits:
             if (entry / split / ALARMS).is_file():
                 rows += _stored_score(ground, folder, name, split, reference[split])
-        costs.append(_cost(ground, name, entry))
+        costs.append(_declared_cost(folder, name) or _cost(ground, name, entry))
     for folder in folders:
         if (folder / oracle_file(ground)).is_file():
             table = parse_columns(Folder(folder).read(oracle_file(ground)))
@@ -312,6 +313,22 @@ def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
         "seconds_per_km": seconds / length if length else float("nan"),
         "training_seconds": training_seconds,
         "peak_bytes": max(peaks, default=float("nan")),
+    }
+
+
+def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
+    """Return what a submission cost by its card; None for an entry without one."""
+    data = Folder(folder / "entries" / name).read_if_listed(CARD, MOST_CARD_BYTES)
+    card = None if data is None else parse_card(data)[0]
+    if card is None:
+        return None
+    seconds = card.cost.training_seconds
+    peak = card.cost.peak_mib
+    return {
+        "entry": name,
+        "seconds_per_km": card.cost.seconds_per_km,
+        "training_seconds": math.nan if seconds is None else seconds,
+        "peak_bytes": math.nan if peak is None else peak * 2**20,
     }
 
 
