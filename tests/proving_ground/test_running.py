@@ -22,8 +22,9 @@ from flgpr.proving_ground import (
     score_entries,
     write_score_tables,
 )
+from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
-from flgpr.proving_ground.table import pd_in_words, same_lanes
+from flgpr.proving_ground.table import pd_in_words
 from flgpr.simulate import draw_world
 from flgpr.store import read_manifest, read_table, sample_lane
 from flgpr.trials import open_truth, read_register

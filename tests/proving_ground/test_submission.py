@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from flgpr.proving_ground import check_submission, load_ground, submission
-from flgpr.proving_ground.table import packaged_fingerprints
+from flgpr.proving_ground.fingerprints import packaged_fingerprints
 from submitted import CARD, prints_of, write_ground, write_submission
 
 

@@ -26,9 +26,9 @@ from flgpr.proving_ground.citing import (
     is_packaged,
     licences,
 )
+from flgpr.proving_ground.fingerprints import packaged_fingerprints
 from flgpr.proving_ground.ground import GROUNDS, Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import PRINTS, SEALED, read_ground
-from flgpr.proving_ground.table import packaged_fingerprints
 from flgpr.store.outputs import write_new
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS
 
