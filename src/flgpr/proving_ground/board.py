@@ -45,7 +45,7 @@ class Row:
 
     entry: str
     source: str  #: where it comes from: SUBMITTED, PACKAGED or RUN_HERE
-    score: Mapping[str, Any]  #: its row of the scores: all mines at the FAR of comparison
+    score: Mapping[Any, Any]  #: its row of the scores: all mines at the FAR of comparison
     first: int = 0  #: best rank that it can have; 0 if it is not ranked
     last: int = 0  #: worst rank that it can have
     unclear: tuple[str, ...] = ()  #: ranked entries that it is not told apart from

@@ -169,9 +169,8 @@ def _table_of(board: Board, tier: Ground, split: str, rows: Sequence[Row]) -> li
         score = row.score
         cells = []
         for kind in _KINDS:
-            of_kind = by_kind[kind]
-            is_known = row.entry in of_kind.index
-            cells.append(f"{of_kind.loc[row.entry, 'n_detected']:.0f}" if is_known else "")
+            found = by_kind[kind]["n_detected"]
+            cells.append(f"{found[row.entry]:.0f}" if row.entry in found.index else "")
         paired = paired_in_words(score)
         if row.entry == board.ground.table.reference:
             paired = "reference"

@@ -308,7 +308,7 @@ class _Check:
         """Yield names in a folder, sorted, and whether each is a folder; links are faults."""
         try:
             path = self.files.path(name) if name else self.root
-            entries = []
+            entries: list[tuple[str, bool, bool]] = []
             with os.scandir(path) as listing:
                 for entry in listing:
                     if len(entries) == MOST_ENTRIES:
