@@ -103,6 +103,7 @@ class _Check:
         self.not_read: list[str] = []
         self.likeness: dict[str, int] = {}
         self.lanes: dict[str, tuple[str, ...]] = {}
+        self.outside: dict[str, int] = {}  # alarms outside their lanes, by split
 
     def run(self) -> Submission:
         """Check everything; what does not depend on a fault is checked in spite of it."""
@@ -224,10 +225,20 @@ class _Check:
             )
         self._check_complete(ground, split, present)
         self.lanes[split] = tuple(sorted(present))
+        self._note_outside(split, sum(len(table) for table in tables if table is not None))
         read = [table for table in tables if table is not None]
         if not read:
             return pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []})
         return pd.concat(read, ignore_index=True)
+
+    def _note_outside(self, split: str, count: int) -> None:
+        """Note how many of the alarms of a split lie outside their lanes."""
+        outside = self.outside.get(split, 0)
+        if outside:
+            self.notes.append(
+                f"{split}: {outside} of {count} alarms lie outside their lanes: they find targets "
+                "near a border, and are no false alarms"
+            )
 
     def _check_complete(self, ground: Ground, split: str, present: set[str]) -> None:
         """Refuse a tier of which some lanes are there and others are not."""
@@ -261,12 +272,8 @@ class _Check:
         if faults:
             return None
         numbers = table[list(_REQUIRED)].astype(np.float64)
-        outside = int((~lane.lane.contains(numbers["x"], numbers["y"])).sum())
-        if outside:
-            self.notes.append(
-                f"{name}: {outside} of {len(table)} alarms lie outside the lane: they find targets "
-                "near its border, and are no false alarms"
-            )
+        is_outside = ~lane.lane.contains(numbers["x"], numbers["y"])
+        self.outside[split] = self.outside.get(split, 0) + int(is_outside.sum())
         return numbers.assign(lane=lane.name)
 
     def _check_lanes(self, ground: Ground) -> None:
