@@ -11,6 +11,7 @@ from flgpr.chain.detection import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.commands import exporting
 from flgpr.commands.imports import import_cphd
+from flgpr.formats.mapped import import_mapped
 from flgpr.geo.anchor import read_anchor
 from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
@@ -109,6 +110,34 @@ def test_every_format_is_written(result, anchor, tmp_path):
         exporting.export_result(result, tmp_path / "a.shp", "shp", anchor)
     with pytest.raises(ValueError, match="detection must be one of main"):
         exporting.export_result(result, tmp_path / "b.csv", "csv", anchor, detection="best")
+
+
+def test_a_geotiff_names_the_recipe_and_result_that_it_is_of(result, anchor, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    exporting.export_result(result, tmp_path / "a.tif", "geotiff", anchor)
+    manifest = json.loads((result / "manifest.json").read_text())
+    with rasterio.open(tmp_path / "a.tif") as file:
+        tags = file.tags()
+        assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+    assert tags["flgpr_recipe_sha256"] == manifest["recipe_sha256"]
+    assert tags["flgpr_result_identity"] == manifest["identity"]
+    assert tags["flgpr_detection"] == "main"
+
+
+def test_a_run_leaves_as_sigmf_and_comes_back(small_run, anchor, tmp_path):
+    run = small_run.assign_attrs(georeference=read_anchor(anchor).georeference())
+    save_run(run, tmp_path / "a.zarr")
+    folder = exporting.export_sigmf(
+        tmp_path / "a.zarr", tmp_path / "out", time="2026-05-04T11:30:00+02:00"
+    )
+    metadata = json.loads((folder / "out.sigmf-meta").read_text())
+    assert metadata["captures"][0]["core:datetime"] == "2026-05-04T09:30:00.000000Z"
+    assert len(metadata["captures"][0]["core:geolocation"]["coordinates"]) >= 2
+    back = import_mapped(folder / "out.toml").run
+    assert back.equals(run)
+    for time in ("2026-05-04T09:30:00", "noon"):
+        with pytest.raises(ValueError, match="time must be ISO 8601 with a time zone"):
+            exporting.export_sigmf(tmp_path / "a.zarr", tmp_path / "b", time=time)
 
 
 def test_a_result_that_knows_its_place_needs_no_anchor(anchor, tmp_path):

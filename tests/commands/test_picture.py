@@ -124,6 +124,7 @@ def test_every_kind_of_file_is_written_and_holds_the_image(stored, tmp_path):
     np.testing.assert_array_equal(xr.open_zarr(files[2])["HH"].values, made.image.values[0])
     with rasterio.open(files[3]) as held:
         np.testing.assert_allclose(held.read(1)[::-1], np.abs(made.image.values[0, 0]), rtol=1e-6)
+        assert held.tags()["flgpr_quantity"].startswith("magnitude of the focused image")
     assert not list(tmp_path.glob(".partial*"))
 
 

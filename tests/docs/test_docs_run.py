@@ -20,6 +20,7 @@ from flgpr.simulate import Scene
 from flgpr.simulate.scene.scene import load_scene
 from flgpr.store import open_run, sample_lane
 from io_gpr import section, write_dt1
+from io_sigmf import stepped, write
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 from take import take_text
 
@@ -103,6 +104,9 @@ def before_exchange(made):
     write_dt1(Path("line7.DT1"), section(60))
     take(made, "lane.zarr", "result", "truth.csv")
     Path("drive.mcap").write_bytes(drive(iq=lambda k: np.arange(1024) - 500 + k))
+    samples, captures = stepped(sweeps=6)
+    channels = {"core:num_channels": samples.shape[1]}
+    write(Path(), samples.tobytes(), channels, captures, name="drive")
     still = np.tile([0.0, 0.0, 0.0, 1.0], (40, 1))
     Path("take.csv").write_text(
         take_text(0.1 * np.arange(40), np.arange(120).reshape(40, 3), still)

@@ -5,6 +5,7 @@ import pytest
 
 from flgpr.chain.engine import sum_accumulator
 from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint, WorkError, begin, finish
+from flgpr.store import BundleError
 
 JOB = {"run": "abc"}
 
@@ -130,3 +131,46 @@ def test_a_block_continues_after_the_last_state_that_was_stored(folder):
         assert again.result()["count"] == len(block)
         checkpoint.drop()
         assert list(work) == []
+
+
+def test_the_number_of_merged_blocks_survives_a_file_that_is_replaced_while_it_is_read(
+    tmp_path, monkeypatch
+):
+    with begin(tmp_path / "work", {}) as work:
+        assert work.merged_blocks("gain") == 0
+        work["gain-so-far"] = {"total": np.zeros(100), "next": np.array(3)}
+        assert work.merged_blocks("gain") == 3
+        original = type(work).bundle
+        replaced = []
+
+        def bundle(self, name):
+            opened = original(self, name)
+            if not replaced:
+                replaced.append(name)
+                self[name] = {"total": np.ones(100), "next": np.array(5)}
+            return opened
+
+        monkeypatch.setattr(type(work), "bundle", bundle)
+        assert work.merged_blocks("gain") == 5
+        assert replaced == ["gain-so-far"]
+
+
+def test_blocks_are_missing_that_are_neither_there_nor_merged(tmp_path):
+    with begin(tmp_path / "work", {}) as work:
+        assert work.missing_blocks("gain", range(4)) == [0, 1, 2, 3]
+        work["gain-000002"] = {}
+        assert work.missing_blocks("gain", range(4)) == [0, 1, 3]
+        work["gain-so-far"] = {"next": np.array(2)}
+        assert work.missing_blocks("gain", range(4)) == [3]
+
+
+def test_a_damaged_state_of_merged_blocks_is_an_error(tmp_path):
+    with begin(tmp_path / "work", {}) as work:
+        work["gain-so-far"] = {"next": np.array(3)}
+        path = work.path("gain-so-far")
+        data = bytearray(path.read_bytes())
+        position = data.rfind(np.array(3).tobytes())
+        data[position] ^= 1
+        path.write_bytes(bytes(data))
+        with pytest.raises(BundleError, match="next differs from what was written"):
+            work.merged_blocks("gain")

@@ -11,10 +11,15 @@ from flgpr.chain.engine import block_name
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.progress import silent
 from flgpr.execution.checkpoint import begin
-from flgpr.execution.driver import PassRunner, PassToRun, detect_lane, passes_of_lane
+from flgpr.execution.driver import (
+    PassRunner,
+    PassToRun,
+    check_job,
+    detect_lane,
+    passes_of_lane,
+)
 from flgpr.execution.job import LaneJob, make_job
-from flgpr.execution.pieces import do_block, do_finish, do_merge
-from flgpr.execution.workers import InProcess
+from flgpr.execution.workers import InProcess, do_block, do_finish, do_merge
 from flgpr.results.result import read_result
 from flgpr.store import save_run
 from small_lane import LANE, small_recipe, small_run
@@ -65,6 +70,18 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(run, tmp_path):
     with InProcess() as executor, pytest.raises(FileExistsError, match="notes"):
         detect_lane(job_of(run, tmp_path / "notes"), executor)
     assert (tmp_path / "notes" / "own.txt").read_text() == "own"
+
+
+def test_a_job_is_refused_early_by_what_is_known_before_it_is_begun(run, tmp_path):
+    job = job_of(run, tmp_path / "result")
+    check_job(job)
+    with pytest.raises(ValueError, match="max-memory must be at least"):
+        check_job(replace(job, max_memory=1000))
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result" / "own.txt").write_text("own")
+    with pytest.raises(FileExistsError, match="result"):
+        check_job(job)
 
 
 def test_recipes_share_passes_through_a_cache_and_find_what_they_find_alone(run, tmp_path):

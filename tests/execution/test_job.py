@@ -5,12 +5,13 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.chain.sections import Section
 from flgpr.commands.app import app
 from flgpr.execution.driver import detect_lane
 from flgpr.execution.job import (
     LaneJob,
+    begin_work,
     choose_lane,
     code_versions,
     holds_result,
@@ -18,12 +19,14 @@ from flgpr.execution.job import (
     is_whole,
     lasting_identity,
     make_job,
+    open_lane,
     processor,
+    searched_area,
 )
 from flgpr.execution.workers import InProcess
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
-from flgpr.store import save_run
+from flgpr.store import open_run, save_run
 from flgpr.store.tables import lane_file_of
 from small_lane import LANE, LANE_TOML, small_recipe, small_run
 
@@ -106,6 +109,12 @@ def test_the_order_of_lanes(tmp_path):
     assert choose_lane(run, LANE, with_lane) == (LANE, "as given")
 
 
+def test_without_borders_the_ground_that_the_run_sees_is_searched(job):
+    recipe = parse_recipe(small_recipe())
+    assert searched_area(job.run, LANE, recipe) == (LANE, "as given")
+    assert searched_area(job.run, None, recipe) == (lane_of(open_run(job.run), recipe), "")
+
+
 def test_a_file_beside_the_run_that_is_no_lane_is_named(tmp_path):
     (tmp_path / "road-lane.toml").write_text("x_min = 1.0\n")
     with pytest.raises(ValueError, match=r"road-lane\.toml"):
@@ -126,6 +135,24 @@ def test_detect_takes_the_lane_beside_the_run_and_says_so(tmp_path):
     assert result.lane == LANE
     assert result.manifest["run"]["searched"]["source"] == "road-lane.toml beside the run"
     assert "Searched: x -0.75 to 0.75 m" in (output / "report.html").read_text()
+
+
+# What a job names, opened
+
+
+def test_another_run_at_the_path_of_the_drivers_is_refused(job):
+    with pytest.raises(ValueError, match="must see the run of the driver, got another at"):
+        open_lane(replace(job, store_sha256="other"))
+
+
+def test_the_work_of_another_division_of_the_lane_is_begun_anew(job):
+    sections = [Section(0, 5), Section(5, 9)]
+    with begin_work(job, sections) as work:
+        work["signature"] = {}
+    with begin_work(job, sections) as work:
+        assert list(work) == ["signature"]
+    with begin_work(job) as work:
+        assert list(work) == []
 
 
 # Whether a result is there and whole, before anything is computed
@@ -150,7 +177,9 @@ def test_a_whole_result_of_the_job_is_found(finished):
     assert is_whole(job)
     assert holds_result(job, one_piece)
     assert [str(path) for path in results_at(job.output)] == [job.output]
-    assert not is_whole(replace(job, report=True))  # it lacks the report, and is completed
+    with_report = replace(job, report=True)
+    assert not is_whole(with_report)  # it lacks the report, and is completed
+    assert not holds_result(with_report, one_piece)
 
 
 def test_a_result_of_another_job_is_refused(finished):

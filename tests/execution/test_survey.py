@@ -1,21 +1,9 @@
-"""Who does the work on many lanes, and what is refused before any is begun."""
+"""Names of many lanes, and what is refused before any is begun."""
 
 import pytest
 
-from flgpr.execution.survey import RunOptions, detect_survey, lane_names
-from flgpr.execution.workers import InProcess, Processes, StoppedError
+from flgpr.execution.survey import detect_survey, lane_names
 from small_lane import small_recipe
-
-
-def test_options_choose_who_does_the_work():
-    assert isinstance(RunOptions().executor(), InProcess)
-    processes = RunOptions(workers=3).executor()
-    assert isinstance(processes, Processes)
-    assert processes.count == 3
-    with pytest.raises(ValueError, match="workers and scheduler exclude each other, got 2 and tcp"):
-        RunOptions(workers=2, scheduler="tcp://host:8786").executor()
-    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        RunOptions(workers=0).executor()
 
 
 def test_lanes_are_named_after_their_runs():
@@ -34,10 +22,3 @@ def test_borders_are_one_file_per_run(tmp_path):
     with pytest.raises(ValueError, match="lane must be given once per run, got 1 for 2 runs"):
         detect_survey(["a.zarr", "b.zarr"], small_recipe(), tmp_path / "survey", lanes=["a.toml"])
     assert not (tmp_path / "survey").exists()
-
-
-def test_work_that_was_stopped_is_not_begun():
-    executor = Processes(1)
-    executor.stop()
-    with pytest.raises(StoppedError, match="the work was stopped"):
-        list(executor.run(lane_names, [(["a.zarr"],)]))

@@ -8,11 +8,11 @@ from flgpr.model import Grid
 from flgpr.proving_ground.oracle import (
     RADIUS,
     STEP,
-    _chips,
-    _evened,
-    _inverted,
-    _maxima,
-    _statistics,
+    chips_at,
+    count_maxima,
+    divided_by_rms,
+    inverse_covariance,
+    log_likelihoods,
     oracle_file,
 )
 
@@ -27,14 +27,14 @@ def test_of_maxima_nearer_than_the_radius_the_largest_counts():
     values[5, 5] = 3.0
     values[5, 7] = 2.0  # 0.4 m off
     values[15, 15] = 2.0
-    assert _maxima(values, 1.0) == 2
-    assert _maxima(values, 2.5) == 1
+    assert count_maxima(values, 1.0) == 2
+    assert count_maxima(values, 2.5) == 1
     assert round(RADIUS / STEP) < 10
 
 
 def test_a_known_phase_counts_and_an_unknown_one_does_not():
     looks = np.array([[2.0 + 0j, 1.0 + 0j], [2j, 1j]])
-    unknown, known = _statistics(looks)
+    unknown, known = log_likelihoods(looks)
     np.testing.assert_allclose(known, [6.0, 0.0], atol=1e-12)
     assert unknown[0] == unknown[1] > 0
 
@@ -44,8 +44,8 @@ def test_evened_chips_have_unit_power_in_whitened_clutter():
     mixing = rng.normal(size=(4, 4)) + 1j * rng.normal(size=(4, 4))
     noise = rng.normal(size=(4000, 4)) + 1j * rng.normal(size=(4000, 4))
     chips = (noise @ mixing.T).astype(np.complex64)
-    inverse = _inverted(chips)
-    evened = _evened(5 * chips, inverse)
+    inverse = inverse_covariance(chips)
+    evened = divided_by_rms(5 * chips, inverse)
     power = np.einsum("kc,cd,kd->k", evened.conj(), inverse, evened).real / 4
     np.testing.assert_allclose(power, 1, rtol=1e-3)
 
@@ -53,7 +53,7 @@ def test_evened_chips_have_unit_power_in_whitened_clutter():
 def test_chips_hold_the_nine_pixels_about_a_place():
     grid = Grid(-1.0, 2.0, 21, 31, 0.1, 0.1)
     image = np.arange(2 * 31 * 21).reshape(2, 1, 31, 21).astype(np.complex64)
-    chips = _chips(image, grid, np.array([[0.01, 3.02]]))
+    chips = chips_at(image, grid, np.array([[0.01, 3.02]]))
     row, column = 10, 10
     rows = row + np.array([-2, 0, 2])
     columns = column + np.array([-2, 0, 2])

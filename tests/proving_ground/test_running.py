@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.commands.app import app
-from flgpr.execution.survey import RunOptions
+from flgpr.execution.workers import RunOptions
 from flgpr.proving_ground import (
     load_ground,
     make_ground,
@@ -339,7 +339,7 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
     clutter = oracle.Clutter(
-        oracle._cleaned(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
+        oracle.cleaned_lane(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
     )
     rng = np.random.default_rng(0)
     looks = clutter.looks

@@ -1,7 +1,9 @@
 """A proving ground with tiers in small: run tier by tier, sealed, scored apart, and shown side by side."""
 
+import importlib.util
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -23,6 +25,7 @@ from flgpr.trials import open_truth, read_register
 from robust import digests
 from systems.lanes import SENSOR, small_recipe
 
+LADDER = Path(__file__).parents[2] / "evidence" / "ladder.py"
 TIERS = ("smooth", "rough")
 GROUND = """
 name = "tiers"
@@ -250,6 +253,30 @@ def test_the_oracle_looks_at_every_tier_on_its_own_ground(field, tmp_path):
     for tier, pd_found in zip(TIERS, own["pd"], strict=True):
         mines = found[(found["tier"] == tier) & (found["kind"] != "simulant")]
         assert pd_found == (mines["far"] <= 0.1).mean()
+
+
+def test_the_ladder_has_the_oracle_as_one_of_its_rungs(field, tmp_path):
+    spec = importlib.util.spec_from_file_location("ladder", LADDER)
+    ladder = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(ladder)
+    recipe = field / "one.toml"
+    oracle = run_oracle(field / "out", recipe, tier="smooth").set_index("target_id")
+    figure = tmp_path / "ladder.png"
+    ladder.main(
+        [
+            *(str(field / "out"), str(tmp_path), "--tier", "smooth"),
+            *("--recipe", str(recipe), "--figure", str(figure)),
+        ]
+    )
+    found = pd.read_csv(tmp_path / "ladder-smooth-sand.csv").set_index("target_id")
+    assert sorted(found.index) == sorted(oracle.index)
+    for rung, column in (("oracle", "far"), ("phases", "far_phase")):
+        np.testing.assert_allclose(found[rung], oracle.loc[found.index, column], atol=1e-6)
+    rows = pd.read_csv(tmp_path / "ladder.csv").set_index(["group", "rung"])
+    assert set(ladder.RUNGS) == set(rows.loc["metal"].index)
+    assert rows.loc[("mines", "oracle"), "mines"] == 4  # a simulant is no mine
+    assert figure.stat().st_size > 0
+    assert len(read_register(tmp_path / "looks.jsonl")) == 1
 
 
 def test_the_oracle_needs_the_lanes_of_its_tier(field, tmp_path):

@@ -18,9 +18,10 @@ import pytest
 import bag
 import flgpr
 import io_gpr
+from archives import read_archive
 from every_command import make_cheap, make_inputs
 from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
-from flgpr.execution import checkpoint, pieces
+from flgpr.execution import checkpoint
 from flgpr.results.result import ResultError, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run
@@ -176,7 +177,7 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
-        pieces.FOLD_BYTES = 1
+        checkpoint.FOLD_BYTES = 1
         flgpr.detect(run, recipe, output, area, report=False, section=self.section)
 
 
@@ -193,7 +194,7 @@ class Import:
 
 
 def a_fullwave_lane(home):
-    arrays = dict(np.load(DATA / "lane_a.npz"))
+    arrays = read_archive(DATA / "lane_a.npz")
     scans = np.arange(24) % 3
     moved = {name: arrays[name][scans] + 0.0 for name in ("data", "tx_xyz_m", "rx_xyz_m")}
     for name in ("tx_xyz_m", "rx_xyz_m"):

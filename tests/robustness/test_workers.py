@@ -16,10 +16,10 @@ import pytest
 import flgpr
 from flgpr.chain import engine
 from flgpr.chain.engine import Engine
-from flgpr.execution import checkpoint, pieces
+from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import WorkError, begin
 from flgpr.execution.driver import detect_lane, passes_of_lane
-from flgpr.execution.workers import InProcess, LostWorkersError, Processes
+from flgpr.execution.workers import InProcess, LostWorkersError, Processes, do_block
 from flgpr.imaging import ScanImager
 from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
@@ -350,13 +350,13 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
 
 def fold_often(job, stage, number):
     """Do a part in a process that folds parts as soon as there are any."""
-    pieces.FOLD_BYTES = 1
-    return pieces.do_block(job, stage, number)
+    checkpoint.FOLD_BYTES = 1
+    return do_block(job, stage, number)
 
 
 class Folding(Processes):
     def run(self, work, arguments, threads=1):
-        return super().run(fold_often if work is pieces.do_block else work, arguments, threads)
+        return super().run(fold_often if work is do_block else work, arguments, threads)
 
 
 def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path):
@@ -386,7 +386,7 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
 
     with InProcess() as executor:
         detect_lane(small_job(lane, tmp_path / "plain"), executor)
-        monkeypatch.setattr(pieces, "FOLD_BYTES", 1)
+        monkeypatch.setattr(checkpoint, "FOLD_BYTES", 1)
         monkeypatch.setattr(checkpoint.Checkpoint, "__setitem__", keep)
         detect_lane(small_job(lane, tmp_path / "folded"), executor, note=note)
     assert content(tmp_path / "folded") == content(tmp_path / "plain")
@@ -400,7 +400,7 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
     lane, damaged, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
-    monkeypatch.setattr(pieces, "FOLD_BYTES", 1)
+    monkeypatch.setattr(checkpoint, "FOLD_BYTES", 1)
     done = []
     job = small_job(lane, tmp_path / "result")
     so_far = tmp_path / "result.work" / "signature-so-far.arrays"

@@ -9,6 +9,8 @@ from flgpr.clutter.coherence import averaged_frames as averaged_frames
 from flgpr.clutter.coherence import coherent_loss_db as coherent_loss_db
 from flgpr.clutter.coherence import iterate_frames as iterate_frames
 from flgpr.clutter.coherence import measured_coherence as measured_coherence
+from flgpr.clutter.early import early_basis as early_basis
+from flgpr.clutter.early import subtract_early as subtract_early
 from flgpr.clutter.iteration import TABLE_II as TABLE_II
 from flgpr.clutter.iteration import Amplitude as Amplitude
 from flgpr.clutter.iteration import Iterated as Iterated

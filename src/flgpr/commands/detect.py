@@ -1,6 +1,7 @@
 """``flgpr detect``: raise alarms on runs.
 
-Runs and options become jobs; ``execution/driver.py`` runs the passes of ``chain/method.py`` for them.
+Runs and options become jobs; ``execution/driver.py`` runs the passes of ``chain/method.py`` for
+them.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.execution.survey import RunOptions
+    from flgpr.execution.workers import RunOptions
     from flgpr.model import Lane
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
@@ -230,7 +231,7 @@ def _detect_lane(
     """Detect on one stored run, in one piece or in sections."""
     from flgpr.chain.recipe import parse_recipe
     from flgpr.execution.driver import detect_lane
-    from flgpr.execution.survey import job_of_run
+    from flgpr.execution.job import job_of_run
 
     text = _recipe_text(recipe, locations.run, model, options)
     job = job_of_run(
@@ -242,7 +243,8 @@ def _detect_lane(
         locations.other_runs,
         model,
         report,
-        options,
+        options.max_memory,
+        options.pass_cache,
     )
     with options.executor() as executor:
         detect_lane(job, executor, options.track, options.note, section, overwrite)

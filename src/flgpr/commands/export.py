@@ -11,7 +11,9 @@ from typer import Argument, Option
 from flgpr.commands.options import Output, PathLike, anchor_option
 from flgpr.commands.shell import Arguments, command
 
-FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "mcap")
+FORMATS = (
+    "geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "sigmf", "mcap",
+)  # fmt: skip
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
@@ -24,7 +26,7 @@ def export(
     source: Annotated[
         PathLike,
         Argument(
-            help="Result folder, truth or alarm table (CSV), run store (for cphd), "
+            help="Result folder, truth or alarm table (CSV), run store (for cphd and sigmf), "
             "or folder of a live run (for mcap)."
         ),
     ],
@@ -52,12 +54,13 @@ def export(
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
 
-    A recording (mcap) of a result or a live run needs no place on the Earth.
+    A recording of a result or a live run (mcap), or of a run (sigmf), needs no place on the Earth.
+    The output of sigmf is a folder.
 
     Returns
     -------
     pathlib.Path
-        The file that was written.
+        The file or folder that was written.
 
     Raises
     ------
@@ -79,6 +82,8 @@ def export(
         )
     if to == "cphd":
         return exporting.export_run(source, output, anchor)
+    if to == "sigmf":
+        return exporting.export_sigmf(source, output, anchor, time)
     if to == "mcap":
         from flgpr.commands import recording_export
 

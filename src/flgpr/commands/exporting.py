@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from flgpr.commands.importing import check_parent_folder
 from flgpr.commands.positions import needed_anchor
 from flgpr.door import read_named
 from flgpr.formats.cphd import write_cphd
+from flgpr.formats.sigmf_writer import write_sigmf
 from flgpr.geo import export as georeferenced
 from flgpr.geo import qgis
 from flgpr.geo.anchor import Anchor, transform_lonlat
@@ -50,6 +52,53 @@ def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) 
     with atomic_output(target) as partial:
         write_cphd(dataset, partial, lane_anchor)
     return target
+
+
+def export_sigmf(
+    run: PathLike, output: PathLike, anchor: PathLike | None = None, time: str | None = None
+) -> Path:
+    """Export a stored run as a SigMF recording, with a mapping that takes it back.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    output : path
+        Folder to make.
+    anchor : path, optional
+        TOML that ties the lane to the Earth, by default the georeference of the run; without
+        either the recording has no places.
+    time : str, optional
+        When the first scan was recorded, ISO 8601 with a time zone; without it the recording has
+        no dates.
+
+    Raises
+    ------
+    ValueError
+        If the run or the time is not valid.
+    FileExistsError
+        If something else is at the output.
+    """
+    target = check_parent_folder(output)
+    begin = None if time is None else _moment(time)
+    dataset = open_run(run)
+    reference = dataset.attrs.get("georeference")
+    lane_anchor = None
+    if anchor is not None or reference is not None:
+        lane_anchor = needed_anchor(anchor, reference, run)
+    return write_sigmf(dataset, target, lane_anchor, begin)
+
+
+def _moment(time: str) -> datetime:
+    """Return a time of ISO 8601 with a time zone."""
+    rule = f"time must be ISO 8601 with a time zone, got {time!r}"
+    try:
+        moment = datetime.fromisoformat(time)
+    except ValueError:
+        raise ValueError(rule) from None
+    if moment.tzinfo is None:
+        raise ValueError(rule)
+    return moment
 
 
 def export_table(
@@ -141,7 +190,7 @@ def export_result(
         return _write_points(chosen.alarms, target, to, lane_anchor, "alarms", identity, time)
     target = check_parent_folder(output)
     with atomic_output(target) as partial:
-        georeferenced.write_geotiff(chosen.view, partial, lane_anchor, identity)
+        _write_view(loaded, chosen, partial, lane_anchor)
     return target
 
 
@@ -272,7 +321,7 @@ def export_qgis(
         for kind, rows in tables.items():
             if rows is not None and len(rows):
                 layers.append(_point_layer(rows, kind, folder, lane_anchor, identity, time))
-        layers += _lane_layers(loaded, chosen, folder, lane_anchor, identity)
+        layers += _lane_layers(loaded, chosen, folder, lane_anchor)
         project = _project(loaded, chosen, lane_anchor, identity, layers)
         (folder / "lane.qgs").write_bytes(project)
         with (
@@ -301,12 +350,12 @@ def _point_layer(
 
 
 def _lane_layers(
-    result: Result, detection: Detection, folder: Path, anchor: Anchor, identity: str
+    result: Result, detection: Detection, folder: Path, anchor: Anchor
 ) -> Iterator[qgis.Layer]:
     """Write the outline of the lane and the run-view, and yield their layers."""
     georeferenced.write_outline(result.lane, folder / "lane.gpkg", anchor)
     yield qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline())
-    georeferenced.write_geotiff(detection.view, folder / "run-view.tif", anchor, identity)
+    _write_view(result, detection, folder / "run-view.tif", anchor)
     style = _shading(result, detection)
     yield qgis.Layer("run-view", "run-view.tif", anchor.utm(), "", style)
 
@@ -372,6 +421,16 @@ def detection_of(result: Result, name: str) -> Detection:
 def _processing_id(result: Result) -> str:
     """Return the id of the processing that every exported point has."""
     return f"{result.manifest['recipe_sha256'][:16]}-{result.manifest['identity'][:16]}"
+
+
+def _write_view(result: Result, detection: Detection, path: Path, anchor: Anchor) -> None:
+    """Write the run-view of a detection as GeoTIFF, with the digests of what it came from."""
+    tags = {
+        "flgpr_detection": detection.name,
+        "flgpr_recipe_sha256": result.manifest["recipe_sha256"],
+        "flgpr_result_identity": result.manifest["identity"],
+    }
+    georeferenced.write_geotiff(detection.view, path, anchor, _processing_id(result), tags=tags)
 
 
 def _write_points(

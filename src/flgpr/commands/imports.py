@@ -206,7 +206,7 @@ def import_mapped(
     ] = None,
     max_gap: Annotated[float, Option(help="Longest gap in the fixes of a track, s.")] = 1.0,
 ) -> Imported:
-    """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping.
+    """Import HDF5, MATLAB, NumPy, MCAP, CSV, Touchstone or SigMF files by a mapping.
 
     `flgpr info FILE` drafts a mapping.
 

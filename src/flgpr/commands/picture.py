@@ -24,6 +24,7 @@ from flgpr.store.outputs import atomic_output
 
 PathLike = str | Path
 _GROUND_AHEAD = View()
+_IMAGE_QUANTITY = "magnitude of the focused image, in the arbitrary unit of the run's signal"
 ENDINGS = (".png", ".npz", ".zarr", ".tif")
 
 
@@ -138,4 +139,5 @@ def _write_tiff(image: xr.DataArray, path: Path, anchor: Any) -> None:
     level = image.isel(z=0).copy(data=np.abs(image.values[:, 0]))
     as_run_view = level.expand_dims(subband=["all"], axis=1)
     with atomic_output(path) as partial:
-        write_geotiff(as_run_view, partial, anchor, str(image.attrs["title"]))
+        title = str(image.attrs["title"])
+        write_geotiff(as_run_view, partial, anchor, title, quantity=_IMAGE_QUANTITY)

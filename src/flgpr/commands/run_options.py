@@ -8,7 +8,7 @@ from flgpr.commands.options import PathLike, size_in_bytes
 
 if TYPE_CHECKING:
     from flgpr.chain.progress import Track
-    from flgpr.execution.survey import RunOptions
+    from flgpr.execution.workers import RunOptions
 
 
 def run_options(
@@ -20,7 +20,7 @@ def run_options(
     pass_cache: PathLike | None = None,
 ) -> RunOptions:
     """Return the options of a run; what is None keeps its default."""
-    from flgpr.execution.survey import RunOptions
+    from flgpr.execution.workers import RunOptions
 
     reporting: dict[str, Any] = {}
     if track is not None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import shutil
 import time
 from collections import ChainMap
-from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager, suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr import system
-from flgpr.chain.engine import Gatherer
+from flgpr.chain.engine import Arrays, Engine, Gatherer, block_name
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE
@@ -32,6 +33,8 @@ _LOCK = "lock"
 _MERGING = "folding"
 KEEP_EVERY = 2.0
 """Seconds of work on a block that a stop may cost, beside the scan in progress."""
+FOLD_BYTES = 1 << 28
+"""States of this size together are merged early, in bytes: those of a long run fill the disk."""
 
 
 class WorkError(ValueError):
@@ -102,15 +105,6 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             return self
         return ChainMap(self, Checkpoint(Path(folder), self.most))
 
-    def drop_blocks(self, name: str) -> None:
-        """Delete the states of the blocks of a pass, which are merged."""
-        for path in self.folder.glob(f"{name}-*{SUFFIX}"):
-            path.unlink()
-
-    def merging(self) -> AbstractContextManager[bool]:
-        """Lock the merging of states; yield whether no other process holds the lock."""
-        return _locked(self.folder / _MERGING)
-
     def drop_damaged(self) -> list[str]:
         """Delete the groups whose files are damaged, and return their names."""
         damaged = []
@@ -165,6 +159,83 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             return self.path(name).stat().st_size
         except FileNotFoundError:
             return 0
+
+    # The states of the blocks of a pass, the first of which may have been merged early
+
+    def merged_blocks(self, name: str) -> int:
+        """Return how many blocks of a pass, from the first, have been merged early."""
+        so_far = _so_far(name)
+        while so_far in self:
+            version = _file_version(self.path(so_far))
+            try:
+                return int(self.bundle(so_far)["next"])
+            except BundleError:
+                # Another process may have replaced the file after its head was read here.
+                if _file_version(self.path(so_far)) == version:
+                    raise
+        return 0
+
+    def missing_blocks(self, name: str, numbers: Sequence[int]) -> list[int]:
+        """Return those of some blocks of a pass that are still to be done."""
+        absent = [number for number in numbers if block_name(name, number) not in self]
+        # Asked last: another process may just have merged a block and deleted its state.
+        merged = self.merged_blocks(name)
+        return [number for number in absent if number >= merged]
+
+    def block_states(self, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
+        """Yield the states of some blocks of a pass.
+
+        Blocks that have been merged early have one state together, which comes first.
+        """
+        begun = self.merged_blocks(name)
+        if begun:
+            bundle = self.bundle(_so_far(name))
+            yield {key: array for key, array in bundle.items() if key != "next"}
+        for number in numbers:
+            if number >= begun:
+                yield dict(self.bundle(block_name(name, number)))
+
+    def merge_ahead(self, engine: Engine, name: str) -> None:
+        """Merge the first blocks of a pass that are done, if their states are large together.
+
+        The bits are those of one merge of all. It is done only for passes that go through all
+        blocks.
+        """
+        planned = engine.passes[name]
+        if not planned.all_scans or planned.keep_blocks:
+            return
+        with _locked(self.folder / _MERGING) as alone:
+            if not alone:
+                return
+            begun = self.merged_blocks(name)
+            so_far = _so_far(name)
+            following = engine.block_numbers(name)[begun:]
+            ready = list(takewhile(lambda number: block_name(name, number) in self, following))
+            size = sum(self.size(block_name(name, number)) for number in ready)
+            # Sums are no larger than those of one block. What grows with the scans is merged only
+            # when there is twice as much of it, so that it is not written over and over.
+            if not ready or size < max(FOLD_BYTES, 2 * self.size(so_far)):
+                return
+            gatherer = engine.merge_blocks(name, self.block_states(name, ready))
+            self[so_far] = {**gatherer.state(True), "next": np.array(begun + len(ready))}
+            for number in ready:
+                del self[block_name(name, number)]
+
+    def drop_blocks(self, name: str) -> None:
+        """Delete the states of the blocks of a pass, which are merged."""
+        for path in self.folder.glob(f"{name}-*{SUFFIX}"):
+            path.unlink()
+
+
+def _so_far(name: str) -> str:
+    """Return the name of the state of the blocks of a pass that have been merged early."""
+    return f"{name}-so-far"
+
+
+def _file_version(path: Path) -> tuple[int, int]:
+    """Return what changes when a file is replaced by another one."""
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns
 
 
 class BlockCheckpoint:

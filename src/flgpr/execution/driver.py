@@ -2,7 +2,7 @@
 
 A caller makes a job. :func:`plan_lane` opens its lane and refuses what does not fit;
 :func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
-nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks. An
+nothing: the pieces of work (``execution/workers.py``) are done by whoever the executor asks. An
 interrupted detection resumes.
 """
 
@@ -20,21 +20,37 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.engine import block_name, group_of, not_shared
+from flgpr.chain.engine import group_of, not_shared
 from flgpr.chain.lane_setup import LaneSetup, array_table
 from flgpr.chain.memory import plan_sections, sizes_of, threads_within
 from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
-from flgpr.execution.checkpoint import Checkpoint, begin, finish
-from flgpr.execution.job import LaneJob, holds_result, is_done, is_whole, lasting_identity
-from flgpr.execution.pieces import do_block, do_finish, do_merge, merged_blocks, open_lane
-from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
+from flgpr.execution.checkpoint import Checkpoint, finish
+from flgpr.execution.job import (
+    LaneJob,
+    begin_work,
+    holds_result,
+    is_done,
+    is_whole,
+    lasting_identity,
+    open_lane,
+)
+from flgpr.execution.workers import (
+    Executor,
+    OnReport,
+    Report,
+    do_block,
+    do_finish,
+    do_merge,
+    ignore_report,
+)
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
 from flgpr.results.sections import results_at, section_names, write_sections
-from flgpr.store import lane_text, write_table
+from flgpr.store import lane_text, open_run, write_table
 from flgpr.store.files import listed_files, replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 from flgpr.store.tables import parse_own_table
@@ -94,7 +110,7 @@ def detect_lane(
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
-    folder = check_free(job.output)
+    folder = check_free(job.folder)
     plan = plan_lane(job, longest)
     if not overwrite and holds_result(job, plan.sections):
         log_finished(folder, OVERWRITE)
@@ -116,14 +132,40 @@ def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
         If the recipe does not fit, or the memory does not suffice; nothing is written.
     """
     # The lane is opened before the work folder is made: what does not fit is refused first.
-    work = Checkpoint(job.work, job.largest)
-    lane = open_lane(job, work.with_shared(job.shared))
+    lane, _ = open_lane(job)
     sizes = sizes_of(lane.setup.run)
     sections = plan_sections(sizes, lane.recipe, lane.lane, job.max_memory, longest)
     threads = 1
     if lane.concurrent:
         threads = threads_within(sizes, lane.recipe, lane.lane, sections, job.max_memory)
     return LanePlan(lane, sections, threads)
+
+
+def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True) -> None:
+    """Refuse a job that :func:`detect_lane` could not do, by what is known before it is begun.
+
+    Parameters
+    ----------
+    job : LaneJob
+        What to do.
+    longest : float, optional
+        Length of a section at most, m.
+    overwrite : bool
+        Whether another result is overwritten.
+
+    Raises
+    ------
+    ValueError
+        If the memory does not suffice.
+    FileExistsError
+        If the output holds something else and is not to be overwritten.
+    """
+    check_free(job.folder)
+    recipe = parse_recipe(job.recipe)
+    sizes = sizes_of(as_imaged(open_run(job.run, job.max_memory), recipe))
+    sections = plan_sections(sizes, recipe, Lane(*job.lane), job.max_memory, longest)
+    if not overwrite:
+        holds_result(job, sections)
 
 
 def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
@@ -138,7 +180,7 @@ def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
     runner : PassRunner
         Runs the passes.
     """
-    with begin(job.work, job.identity(), job.largest) as work:
+    with begin_work(job) as work:
         runner.run(job, work, passes_to_run(job, lane))
         runner.finish(job)
         finish(job.work)
@@ -159,7 +201,7 @@ def passes_of_lane(
     """
     job = replace(job, explains=False)
     plan = plan_lane(job, math.inf)
-    with begin(job.work, job.identity(), job.largest) as work:
+    with begin_work(job) as work:
         runner = PassRunner(executor, track, note, plan.threads)
         runner.run(job, work, passes_to_run(job, plan.lane), label)
         yield plan.lane
@@ -255,11 +297,8 @@ class PassRunner:
         self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str
     ) -> list[Report]:
         """Do the blocks of a pass that the work folder lacks."""
-        merged = merged_blocks(work, planned.name)
-        pieces = []
-        for number in planned.numbers:
-            if number >= merged and block_name(planned.name, number) not in work:
-                pieces.append((job, planned.name, number))
+        missing = work.missing_blocks(planned.name, planned.numbers)
+        pieces = [(job, planned.name, number) for number in missing]
         reports: list[Report] = []
         if not pieces:
             return reports
@@ -274,7 +313,7 @@ class PassRunner:
         if not work.take(Checkpoint(Path(job.pass_cache), job.largest), shared, name):
             return False
         report = Folder(job.pass_cache).json(f"{shared}.json")
-        self.note(report | {"lane": Path(job.output).name})
+        self.note(report | {"lane": job.name})
         return True
 
     def _leave(
@@ -319,18 +358,15 @@ def run_sections(
     list of Path
         The result folders of the sections, in their order.
     """
-    output = Path(job.output)
-    gathering = output.with_name(f"{output.name}.sections")
+    gathering = job.folder.with_name(f"{job.name}.sections")
     names = section_names(len(sections))
-    folders = [output / name for name in names]
-    identity = job.identity()
-    identity["rows"] = [[section.start, section.stop] for section in sections]
-    with begin(job.work, identity, job.largest) as shared:
+    folders = [job.folder / name for name in names]
+    with begin_work(job, sections) as shared:
         stopped_after_last_step = (
             "threshold" in shared
             and not gathering.exists()
             and is_whole(job)
-            and results_at(output) == folders
+            and results_at(job.folder) == folders
         )
         if stopped_after_last_step:
             finish(job.work)
@@ -378,14 +414,14 @@ def _find_threshold(lane: LaneSetup, section_jobs: Sequence[LaneJob], runner: Pa
     tables = []
     pixels_seen = 0
     for job in section_jobs:
-        label = f"{Path(job.output).name}: "
-        with begin(job.work, job.identity(), job.largest) as work:
+        label = f"{job.name}: "
+        with begin_work(job) as work:
             passes = passes_to_run(job, _section_of(lane, job, work))
             until_alarms = [item for item in passes if item.name in ("view", "alarms")]
             runner.run(job, work, until_alarms, label)
-        raised = Checkpoint(job.work, job.largest)["alarms"]
-        tables.append(array_table(group_of(raised, "maximum")))
-        pixels_seen += int(raised["seen"])
+            raised = work["alarms"]
+            tables.append(array_table(group_of(raised, "maximum")))
+            pixels_seen += int(raised["seen"])
     maxima = pd.concat(tables, ignore_index=True)
     return lane_threshold(lane.recipe, lane.lane, maxima, pixels_seen)
 
@@ -397,8 +433,8 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
     job = replace(job, section=replace(job.section, threshold=threshold))
     if is_done(job):
         return
-    label = f"{Path(job.output).name}: "
-    with begin(job.work, job.identity(), job.largest) as work:
+    label = f"{job.name}: "
+    with begin_work(job) as work:
         passes = passes_to_run(job, _section_of(lane, job, work))
         own_passes = [item for item in passes if not item.all_scans]
         runner.run(job, work, own_passes, label)
@@ -434,7 +470,7 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
     write_table(alarms, gathering / "alarms.csv")
     write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
     write_sections(gathering, names, lasting_identity(job))
-    replace_folder(gathering, Path(job.output))
+    replace_folder(gathering, job.folder)
 
 
 def _alarms_of(folder: Path) -> pd.DataFrame:

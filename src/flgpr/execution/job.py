@@ -1,33 +1,48 @@
-"""A job: a detection on one lane as plain values, and whether its result is there already."""
+"""A job: a detection on one lane as plain values, what it names, and whether its result exists.
+
+The driver and every worker open a lane by :func:`open_lane`.
+"""
 
 from __future__ import annotations
 
 import platform
 import shutil
+import socket
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
+import pandas as pd
 
 import flgpr
 from flgpr.chain.engine import BLOCK
-from flgpr.chain.model import MODEL_FILE, load_model, read_model
-from flgpr.chain.recipe import Recipe
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.model import MODEL_FILE, Model, load_model, read_model
+from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
 from flgpr.door import Folder, read_named
-from flgpr.execution.checkpoint import WORK_SUFFIX, begin, finish
+from flgpr.execution.checkpoint import WORK_SUFFIX, Checkpoint, begin, finish
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.results.result import MODEL, Result, read_result, read_result_manifest
-from flgpr.results.sections import SECTIONS, read_sections, results_at, section_names
-from flgpr.store import MAX_MEMORY, canonical_json, read_lane, read_manifest, sha256
+from flgpr.results.result import MODEL, Result, read_result
+from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.store import (
+    MAX_MEMORY,
+    canonical_json,
+    open_run,
+    read_lane,
+    read_manifest,
+    sha256,
+)
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, output_exists_error
-from flgpr.store.tables import lane_file_of
+from flgpr.store.tables import lane_file_of, parse_table
 
 PathLike = str | Path
 _PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
@@ -60,10 +75,19 @@ class LaneJob:
     pass_cache: str = ""
 
     @property
+    def folder(self) -> Path:
+        """The result folder to make."""
+        return Path(self.output)
+
+    @property
+    def name(self) -> str:
+        """Name of the lane where work is reported: that of its result folder."""
+        return self.folder.name
+
+    @property
     def work(self) -> Path:
-        """The work folder beside the output."""
-        output = Path(self.output)
-        return output.with_name(output.name + WORK_SUFFIX)
+        """The work folder beside the result folder."""
+        return self.folder.with_name(self.name + WORK_SUFFIX)
 
     @property
     def largest(self) -> int:
@@ -148,6 +172,100 @@ def choose_lane(
     if beside.is_file():
         return read_lane(beside), f"{beside.name} beside the run"
     return None, ""
+
+
+def searched_area(
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe, max_memory: int = MAX_MEMORY
+) -> tuple[Lane, str]:
+    """Check that a recipe fits a stored run, and return the lane that is searched.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    given : str, path or Lane, optional
+        The lane's borders, or their file.
+    recipe : Recipe
+        The recipe.
+    max_memory : int
+        Bytes that reading the run may take.
+
+    Returns
+    -------
+    lane : Lane
+        That of :func:`choose_lane`; without any, the ground that the run sees.
+    source : str
+        Where its borders come from; "" is the recipe or the run.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit, or a run or a file is not valid.
+    """
+    lane, source = choose_lane(run, given, recipe)
+    return area_of(open_run(run, max_memory), recipe, lane), source
+
+
+def job_of_run(
+    run: PathLike,
+    recipe: Recipe,
+    recipe_text: str,
+    output: PathLike,
+    given_lane: PathLike | Lane | None = None,
+    others: Mapping[str, PathLike] | None = None,
+    model: PathLike | None = None,
+    report: bool = True,
+    max_memory: int = MAX_MEMORY,
+    pass_cache: PathLike | None = None,
+) -> LaneJob:
+    """Choose the lane that a run is searched in, and describe the detection as a job.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : Recipe
+        The recipe.
+    recipe_text : str
+        Its TOML text.
+    output : str or path
+        Result folder to make.
+    given_lane : str, path or Lane, optional
+        The lane's borders, or their file.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    model : str or path, optional
+        Folder of a trained model.
+    report : bool
+        Whether to write a report.
+    max_memory : int
+        Bytes that reading the run may take.
+    pass_cache : str or path, optional
+        Folder of passes that jobs of other recipes share.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or a run, the lane or the model is not valid.
+    """
+    area, lane_source = searched_area(run, given_lane, recipe, max_memory)
+    return make_job(
+        run,
+        recipe_text,
+        area,
+        output,
+        report=report,
+        model=model,
+        max_memory=max_memory,
+        others=others,
+        pass_cache=pass_cache,
+        lane_source=lane_source,
+    )
 
 
 def make_job(
@@ -250,6 +368,88 @@ def processor() -> str:
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
 
 
+# What a job names, opened, and the folder that its work goes into
+
+
+def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
+    """Open the run, the model and the truth that a job names, as the driver saw them.
+
+    Returns
+    -------
+    lane : LaneSetup
+        The lane. It reads the results of passes in the work folder, those that sections share
+        included.
+    work : Checkpoint
+        The work folder, which need not be there yet.
+
+    Raises
+    ------
+    ValueError
+        If this process sees others, or the recipe does not fit.
+    """
+    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
+        if read_manifest(path)["sha256"] != digest:
+            raise ValueError(
+                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
+                f"{path}"
+            )
+    work = Checkpoint(job.work, job.largest)
+    model = None if job.model is None else _model_of(job, job.model)
+    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    truth = _truth_of(job) if job.truth[0] else None
+    lane = LaneSetup(
+        run=open_run(job.run, job.max_memory),
+        recipe=parse_recipe(job.recipe),
+        lane=Lane(*job.lane),
+        model=model,
+        results=work.with_shared(job.shared),
+        section=job.section,
+        others=others,
+        truth=truth,
+        explains=job.explains,
+    )
+    return lane, work
+
+
+def _model_of(job: LaneJob, folder: str) -> Model:
+    """Load the model of a job."""
+    if sha256(read_model(folder)) != job.model_sha256:
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the model of the driver, got another at "
+            f"{folder}"
+        )
+    return load_model(folder, job.model_sha256)
+
+
+def _truth_of(job: LaneJob) -> pd.DataFrame:
+    """Read the targets of a training lane."""
+    path, digest = job.truth
+    data = read_named(path)
+    if sha256(data) != digest:
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
+        )
+    return parse_table(data, "truth", path)
+
+
+def begin_work(
+    job: LaneJob, sections: Sequence[Section] = ()
+) -> AbstractContextManager[Checkpoint]:
+    """Begin the work folder of a job, or continue it, see :func:`.checkpoint.begin`.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    sections : sequence of Section
+        Those that share the folder, where the lane is taken in several.
+    """
+    identity = job.identity()
+    if sections:
+        identity["rows"] = [[section.start, section.stop] for section in sections]
+    return begin(job.work, identity, job.largest)
+
+
 # Whether the result is there and whole, so that nothing is computed twice
 
 
@@ -287,69 +487,71 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
     FileExistsError
         If the output holds any other result.
     """
-    folder = Path(job.output)
-    if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+    if not any((job.folder / name).is_file() for name in ("manifest.json", SECTIONS)):
         return False
-    without_report = replace(job, report=False)
-    is_of_this_job = (
-        _has_sections(folder, sections) and is_whole(without_report) and _of_this_version(folder)
-    )
-    if not is_of_this_job:
-        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
-    if not is_whole(job):
+    manifests = _own_manifests(job)
+    rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
+    versions = {manifest["flgpr"] for manifest in manifests}
+    if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
+        raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
+    if _lacks_report(job, manifests):
         return False
     _delete_leftovers(job)
     return True
 
 
+def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int] | None]:
+    """Return the rows that the manifests of a job's results name, a section or the lane each."""
+    if len(sections) == 1:
+        return [job.identity()["rows"]]
+    return [[section.start, section.stop] for section in sections]
+
+
 def _delete_leftovers(job: LaneJob) -> None:
     """Delete what a kill left beside a result that is whole."""
-    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(Path(job.output))):
+    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(job.folder)):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
-        with begin(job.work, job.identity()):
+        with begin_work(job):
             finish(job.work)
-
-
-def _has_sections(folder: Path, sections: Sequence[Section]) -> bool:
-    """Return whether a lane was taken in these sections."""
-    if len(sections) == 1:
-        return not (folder / SECTIONS).is_file()
-    expected = {}
-    for name, section in zip(section_names(len(sections)), sections, strict=True):
-        expected[name] = [section.start, section.stop]
-    present = {}
-    try:
-        for result_folder in results_at(folder):
-            manifest = read_result_manifest(result_folder)
-            present[result_folder.name] = manifest.get("section", {}).get("rows")
-    except ResultError:
-        return False
-    return present == expected
-
-
-def _of_this_version(folder: Path) -> bool:
-    """Return whether this version of the program wrote the results of a lane."""
-    versions = [read_result_manifest(result)["flgpr"] for result in results_at(folder)]
-    return all(version == flgpr.__version__ for version in versions)
 
 
 def is_whole(job: LaneJob) -> bool:
     """Return whether the output of a job is a whole result of it."""
+    manifests = _own_manifests(job)
+    return bool(manifests) and not _lacks_report(job, manifests)
+
+
+def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
+    """Return the manifest of the whole result of a job, or those of its sections in order.
+
+    There is none if the result is not whole or was made of anything else.
+    """
+    manifests = []
     try:
-        if Folder(job.output).has(SECTIONS):
-            sections = read_sections(job.output)
-            for folder in sections.homes:
-                read_result(folder)
-            return bool(sections.identity == lasting_identity(job))
-        result = read_result(job.output)
+        if Folder(job.folder).has(SECTIONS):
+            sections = read_sections(job.folder)
+            if sections.identity == lasting_identity(job):
+                for folder in sections.homes:
+                    manifests.append(read_result(folder).manifest)
+        else:
+            result = read_result(job.folder)
+            if _is_result_of(job, result):
+                manifests.append(result.manifest)
     except ResultError:
+        return []
+    return manifests
+
+
+def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether a job writes a report that its result lacks; one in sections is not asked."""
+    if not job.report or len(manifests) > 1:
         return False
-    return _is_result_of(job, result)
+    return None in manifests[0]["added"].get("report.html", [None])
 
 
 def _is_result_of(job: LaneJob, result: Result) -> bool:
-    """Return whether a result was made of what a job names."""
+    """Return whether a result was made of what a job names, with a report or without."""
     manifest = result.manifest
     identity = job.identity()
     section = manifest.get("section", {})
@@ -360,7 +562,6 @@ def _is_result_of(job: LaneJob, result: Result) -> bool:
     others = {}
     for name, described in manifest["run"].get("others", {}).items():
         others[name] = str(described["store_sha256"])
-    report_is_missing = None in manifest["added"].get("report.html", [None])
     return bool(
         manifest["run"].get("store_sha256") == job.store_sha256
         and manifest["recipe_sha256"] == identity["recipe"]
@@ -368,5 +569,4 @@ def _is_result_of(job: LaneJob, result: Result) -> bool:
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and section.get("rows") == identity["rows"]
         and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
-        and not (job.report and report_is_missing)
     )

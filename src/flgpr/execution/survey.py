@@ -5,58 +5,22 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flgpr.chain.memory import plan_sections, sizes_of
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import Recipe, as_imaged, parse_recipe
-from flgpr.chain.recipe_fit import area_of
+from flgpr.chain.progress import Track
+from flgpr.chain.recipe import parse_recipe
 from flgpr.door import read_named
-from flgpr.execution.driver import detect_lane
-from flgpr.execution.job import LaneJob, choose_lane, holds_result, is_done, make_job
-from flgpr.execution.workers import (
-    Cluster,
-    Executor,
-    InProcess,
-    OnReport,
-    Processes,
-    ignore_report,
-)
+from flgpr.execution.driver import check_job, detect_lane
+from flgpr.execution.job import LaneJob, is_done, job_of_run
+from flgpr.execution.workers import DEFAULTS, Executor, RunOptions
 from flgpr.model import Lane
-from flgpr.results.result import check_free, read_result
+from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
-from flgpr.store import MAX_MEMORY, open_run, write_whole
+from flgpr.store import write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 
 PathLike = str | Path
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Who works on lanes, and how. The results are the same, bit for bit."""
-
-    workers: int | None = None  #: number of processes; None takes this one with all its threads
-    scheduler: str | None = None  #: address of a Dask scheduler in place of workers
-    max_memory: int = MAX_MEMORY  #: bytes that each process may take
-    track: Track = silent  #: shows progress
-    note: OnReport = ignore_report  #: takes a report of every piece of work that was done
-    #: folder of backgrounds, run-views and features that recipes share; it may be deleted
-    pass_cache: PathLike | None = None
-
-    def executor(self) -> Executor:
-        """Return who does the work; a ValueError if both workers and a scheduler are given."""
-        if self.scheduler is not None and self.workers is not None:
-            raise ValueError(
-                f"workers and scheduler exclude each other, got {self.workers} and {self.scheduler}"
-            )
-        if self.scheduler is not None:
-            return Cluster(self.scheduler)
-        return InProcess() if self.workers is None else Processes(self.workers)
-
-
-DEFAULTS = RunOptions()
 
 
 def detect_survey(
@@ -131,7 +95,7 @@ def detect_survey(
         log_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
-        track = _labelled(options.track, Path(job.output).name)
+        track = _labelled(options.track, job.name)
         detect_lane(job, executor, track, options.note, section, overwrite)
 
     with executor:
@@ -141,7 +105,7 @@ def detect_survey(
                 detect(job)
         else:
             _detect_at_once(detect, unfinished, at_once, executor)
-    folders = [Path(job.output) for job in jobs]
+    folders = [job.folder for job in jobs]
     _write_summary(survey, runs, folders)
     return folders
 
@@ -168,76 +132,20 @@ def _make_jobs(
         given_lane = None if lanes is None else lanes[number]
         other_runs = None if others is None else others[number]
         job = job_of_run(
-            run, recipe, recipe_text, survey / name, given_lane, other_runs, model, report, options
+            run,
+            recipe,
+            recipe_text,
+            survey / name,
+            given_lane,
+            other_runs,
+            model,
+            report,
+            options.max_memory,
+            options.pass_cache,
         )
         jobs.append(job)
-        check_free(survey / name)
-        sizes = sizes_of(as_imaged(open_run(run, options.max_memory), recipe))
-        area = Lane(*job.lane)
-        sections = plan_sections(sizes, recipe, area, options.max_memory, section)
-        if not overwrite:
-            holds_result(job, sections)
+        check_job(job, section, overwrite)
     return jobs
-
-
-def job_of_run(
-    run: PathLike,
-    recipe: Recipe,
-    recipe_text: str,
-    output: PathLike,
-    given_lane: PathLike | Lane | None = None,
-    others: Mapping[str, PathLike] | None = None,
-    model: PathLike | None = None,
-    report: bool = True,
-    options: RunOptions = DEFAULTS,
-) -> LaneJob:
-    """Choose the lane that a run is searched in, and describe the detection as a job.
-
-    Parameters
-    ----------
-    run : str or path
-        Run store.
-    recipe : Recipe
-        The recipe.
-    recipe_text : str
-        Its TOML text.
-    output : str or path
-        Result folder to make.
-    given_lane : str, path or Lane, optional
-        The lane's borders, or their file.
-    others : mapping of str to path, optional
-        Runs taken together with it, by the names that the recipe gives them.
-    model : str or path, optional
-        Folder of a trained model.
-    report : bool
-        Whether to write a report.
-    options : RunOptions
-        Who does the work.
-
-    Returns
-    -------
-    LaneJob
-        The job.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit the run, or a run, the lane or the model is not valid.
-    """
-    lane, lane_source = choose_lane(run, given_lane, recipe)
-    area = area_of(open_run(run, options.max_memory), recipe, lane)
-    return make_job(
-        run,
-        recipe_text,
-        area,
-        output,
-        report=report,
-        model=model,
-        max_memory=options.max_memory,
-        others=others,
-        pass_cache=options.pass_cache,
-        lane_source=lane_source,
-    )
 
 
 def _detect_at_once(

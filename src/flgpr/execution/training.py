@@ -30,7 +30,6 @@ from flgpr.chain.model import (
     save_model,
 )
 from flgpr.chain.recipe import RANKS, Recipe, parse_recipe
-from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import (
@@ -42,10 +41,8 @@ from flgpr.chain.too_few import (
 )
 from flgpr.door import read_named
 from flgpr.execution.driver import passes_of_lane
-from flgpr.execution.job import choose_lane, code_versions, make_job
-from flgpr.execution.pieces import report
-from flgpr.execution.survey import RunOptions
-from flgpr.execution.workers import Executor
+from flgpr.execution.job import code_versions, make_job, searched_area
+from flgpr.execution.workers import Executor, RunOptions, report
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.model import Lane
@@ -108,8 +105,7 @@ def training_lanes(
     lanes = []
     for number, run in enumerate(runs):
         lane_file = None if borders is None else borders[number]
-        lane, _ = choose_lane(run, lane_file, recipe)
-        area = area_of(open_run(run, max_memory), recipe, lane)
+        area, _ = searched_area(run, lane_file, recipe, max_memory)
         lanes.append(TrainingLane(run, truths[number], tables[number], area, others[number]))
     return lanes
 

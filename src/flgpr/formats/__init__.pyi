@@ -22,9 +22,10 @@ from flgpr.formats.gpr_survey import survey_run as survey_run
 from flgpr.formats.gprmax import GprmaxOutput as GprmaxOutput
 from flgpr.formats.gprmax import read_gprmax as read_gprmax
 from flgpr.formats.gprmax_decks import GprmaxRun as GprmaxRun
+from flgpr.formats.impulse import impulse_to_frequency as impulse_to_frequency
 from flgpr.formats.mapped import Imported as Imported
 from flgpr.formats.mapped import import_mapped as import_mapped
-from flgpr.formats.mapped import impulse_to_frequency as impulse_to_frequency
+from flgpr.formats.sigmf_writer import write_sigmf as write_sigmf
 from flgpr.formats.tracks import nmea_places as nmea_places
 from flgpr.formats.tracks import read_nmea as read_nmea
 from flgpr.formats.tracks import read_survey as read_survey

@@ -1,6 +1,7 @@
 """Named arrays in other people's files behind one interface.
 
-They are HDF5, MATLAB, NPZ, NPY, CSV and Touchstone files, recordings and takes of motion capture.
+They are HDF5, MATLAB, NPZ, NPY, CSV, Touchstone and SigMF files, recordings and takes of motion
+capture.
 """
 
 from __future__ import annotations
@@ -24,12 +25,15 @@ from flgpr.archive import Archive, array_bytes, npy_header
 from flgpr.door import check_expansion, open_named
 from flgpr.formats.motive import is_motive, read_motive
 from flgpr.formats.recording import Recording
+from flgpr.formats.sigmf import SigmfRecording
 from flgpr.formats.touchstone import touchstone_text
 from flgpr.store.extras import MissingExtraError, optional
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text_tables import read_text_table
 
+SIGMF = "SigMF recording"
+"""Kind of a recording in words."""
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless another limit is given."""
 _CONVERTED = {
@@ -116,7 +120,7 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     """Open a file of named arrays and list what it holds.
 
     HDF5 files, MCAP recordings and takes of Motive are known by their content; MATLAB, .npz, .npy,
-    .csv, .txt and Touchstone (.s2p, ...) by their ending.
+    .csv, .txt, Touchstone (.s2p, ...) and SigMF (.sigmf-meta) by their ending.
 
     Parameters
     ----------
@@ -207,12 +211,17 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
             return kind, opener
     if suffix == ".zip":
         raise ValueError(f"{path}: a zip holds other files: unzip it, and give one of them")
+    if suffix in (".sigmf", ".sigmf-collection"):
+        raise ValueError(
+            f"{path}: an archive or a collection of SigMF names other files: unpack it "
+            "(tar -xf), and give the .sigmf-meta of one recording, or of several"
+        )
     # Recordings of radars are no arrays, but what a user may have meant.
     from flgpr.formats.gpr_files import READERS
 
     raise ValueError(
         f"{path}: the format must be HDF5, MATLAB, MCAP, CPHD, .npz, .npy, .csv, .txt or "
-        "Touchstone (.s2p), or a recording of a commercial radar "
+        "Touchstone (.s2p), SigMF (.sigmf-meta), or a recording of a commercial radar "
         f"({', '.join(READERS)}), got the ending {suffix!r}"
     )
 
@@ -256,6 +265,13 @@ def _open_motive(path: Path, _: int, about: list[str], *_notes: list[str]) -> _O
     arrays, units, lines = read_motive(path)
     about += lines
     return _from_memory(arrays, units)
+
+
+def _open_sigmf(path: Path, limit: int, about: list[str], notes: list[str]) -> _Opened:
+    """Open a SigMF recording."""
+    recording = SigmfRecording(path, limit, notes)
+    about += recording.lines
+    return [ArrayInfo(*array) for array in recording.arrays], recording.read
 
 
 def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
@@ -434,6 +450,7 @@ _FORMATS: tuple[tuple[str, str, _Opener], ...] = (
     (r"\.npy", "NumPy array", _open_npy),
     (r"\.(csv|txt|dat|tsv)", "table of numbers", _open_text),
     (r"\.(s\d+p|ts)", "Touchstone file", _open_touchstone),
+    (r"\.sigmf-(meta|data)", SIGMF, _open_sigmf),
 )
 
 

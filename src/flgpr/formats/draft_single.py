@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.formats.arrays import ArrayFile, ArrayInfo
+from flgpr.formats.arrays import SIGMF, ArrayFile, ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
 from flgpr.formats.draft_units import is_fast_time, small_values, unit_of
 from flgpr.model.units import UNITS
@@ -83,6 +83,9 @@ class _Draft:
     def unused(self) -> list[ArrayInfo]:
         """Return the arrays that have no place yet."""
         infos = [info for info in self.opened.arrays.values() if info.name not in self.used]
+        if self.opened.kind == SIGMF and "sweeps" in self.opened.arrays:
+            # What the captures state is there for the sweeps as well.
+            infos = [info for info in infos if not info.name.startswith("captures/")]
         if self.topic:
             infos.sort(key=lambda info: not info.name.startswith(f"{self.topic}/"))
         return infos

@@ -46,8 +46,8 @@ class Explanation:
 def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     """Return what a file holds, with a draft of the mapping that imports it.
 
-    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP, a take of OptiTrack
-    Motive or the recording of a commercial radar (:func:`flgpr.formats.read_gpr`).
+    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, SigMF, CPHD, NMEA, MCAP, a take of
+    OptiTrack Motive or the recording of a commercial radar (:func:`flgpr.formats.read_gpr`).
 
     Parameters
     ----------

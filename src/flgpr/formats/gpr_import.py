@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flgpr.formats.gpr_files import NOT_READ, READERS, GprSection, read_gpr
 from flgpr.formats.gpr_parts import MissingHeaderError
 from flgpr.formats.gpr_places import doubts_of_fixes, options_that_place, trace_poses
-from flgpr.formats.mapped import impulse_to_frequency
+from flgpr.formats.impulse import impulse_to_frequency
 from flgpr.geo.anchor import Anchor
 from flgpr.model import make_run
 from flgpr.store.store_layout import MAX_MEMORY

@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.formats.arrays import LIMIT
+from flgpr.formats.impulse import impulse_to_frequency
 from flgpr.formats.mapping import (
     Mapping,
     PathOffset,
@@ -38,7 +39,6 @@ _ORDER = ("scan", "polarization", "pair", "frequency")
 _HIGHEST_FREQUENCY = 1e12
 _TWO_WAY = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
-_UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 
 
 @dataclass(frozen=True)
@@ -340,7 +340,10 @@ class _Importer:
         self.notes.append(
             f"impulse data taken to frequency, {band[0] / 1e9:g} to {band[1] / 1e9:g} GHz"
         )
-        return impulse_to_frequency(signal, delay, band, spec.pad)
+        carrier = spec.carrier * scale
+        if carrier:
+            self.notes.append(f"samples are at baseband, mixed down by {carrier / 1e9:g} GHz")
+        return impulse_to_frequency(signal, delay, band, spec.pad, carrier)
 
     def _stated_tones(self, spec: Quantity, count: int) -> FloatArray:
         """Return the tones that the files state, Hz."""
@@ -523,67 +526,3 @@ def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, Floa
             "frame instead"
         )
     return tx[0], rx[0], origin
-
-
-def impulse_to_frequency(
-    samples: ArrayLike, delay: ArrayLike, band: tuple[float, float], pad: int = 1
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Transform time-domain (impulse) data to tones.
-
-    A scatterer at the delay t gives ``exp(-j2πft)`` times the pulse's spectrum, since the axis
-    keeps its start. Outside the recorded time of ``1/Δf`` delays repeat.
-
-    Parameters
-    ----------
-    samples : (..., delay) array_like
-        Real or analytic signals.
-    delay : (delay,) array_like
-        Two-way delays in equal steps, s.
-    band : tuple of float
-        First and last frequency to keep, Hz; it ends below the Nyquist frequency.
-    pad : int
-        Zeros make the record so many times as long, and the tones denser.
-
-    Returns
-    -------
-    spectrum : (..., frequency) ndarray of complex
-        The spectrum.
-    frequency : (frequency,) ndarray
-        Its tones, Hz.
-
-    Raises
-    ------
-    ValueError
-        If the delays are uneven or do not fit the samples, or the band does not fit them.
-    """
-    values = np.asarray(samples)
-    axis = np.asarray(delay, dtype=np.float64)
-    if axis.ndim != 1 or axis.size < 2 or values.shape[-1] != axis.size:
-        raise ValueError(
-            f"delay must have one value per sample, got {axis.shape} for samples {values.shape}"
-        )
-    steps = np.diff(axis)
-
-    step = float(steps.mean())
-    rises = bool(np.isfinite(axis).all()) and step > 0
-    if not rises or np.abs(steps - step).max() > _UNEVEN * step:
-        raise ValueError(
-            "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
-        )
-    nyquist = 0.5 / step
-    if not (0 < band[0] < band[1] <= nyquist):
-        raise ValueError(
-            f"band must lie between 0 and the Nyquist frequency {nyquist:g} Hz, got {band}"
-        )
-    if pad < 1:
-        raise ValueError(f"pad must be at least 1, got {pad}")
-
-    count = axis.size * int(pad)
-    frequency: NDArray[np.float64] = np.arange((count + 1) // 2) / (count * step)
-    in_band = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))
-    if not in_band.size:
-        raise ValueError(f"band must hold a tone; tones are {frequency[1]:g} Hz apart, got {band}")
-    tones = frequency[in_band]
-    spectrum = np.fft.fft(values, count, axis=-1)[..., in_band]
-    # The transform counts delays from the first sample: its own delay turns the phase.
-    return spectrum * np.exp(-2j * np.pi * tones * axis[0]), tones

@@ -1,4 +1,4 @@
-"""Alarms, truth and run-views on the Earth: GeoJSON, GeoPackage, KML, GPX, CSV and GeoTIFF.
+"""Alarms, truth and rasters on the Earth: GeoJSON, GeoPackage, KML, GPX, CSV, GeoTIFF.
 
 Alarms are exported as evidence points: positions where the radar saw something, with the confidence
 and the processing that they came from. They are never drawn as areas, and ground without a point is
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -32,8 +32,10 @@ STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground "
     "without a point is not thereby free of hazards."
 )
-_QUANTITY = "magnitude over the gain background, no unit; no-data where no scan looked"
+RUN_VIEW_QUANTITY = "magnitude over the gain background, no unit; no-data where no scan looked"
+"""What the values of a run-view are."""
 _UNWRITTEN = "it could not be written, is there room on the disk?"
+_TILE = 512  # pixels
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 NATURES = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}
 _NOT_IN_XML = re.compile(r"[\x00-\x08\x0b-\x1f\ud800-\udfff]")
@@ -317,16 +319,27 @@ def corners(lane: Lane) -> NDArray[np.float64]:
 
 
 def write_geotiff(
-    view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str, crs: str | None = None
+    view: xr.DataArray,
+    path: str | Path,
+    anchor: Anchor,
+    processing_id: str,
+    crs: str | None = None,
+    quantity: str | None = None,
+    tags: Mapping[str, str] | None = None,
 ) -> float:
-    """Write a run-view as GeoTIFF, one band of magnitudes per polarization and sub-band.
+    """Write magnitudes as Cloud Optimized GeoTIFF, one band per polarization and sub-band.
 
     The raster keeps the lane's pixels, turned by its geotransform, so that nothing is resampled.
+    It has tiles of 512 x 512 pixels. Where it is larger than one tile it also has overviews, each
+    with half the pixels across and along of the one before. A pixel of an overview is the root of
+    the mean square of those below it, so that it shows their mean power; pixels without a value
+    do not count.
 
     Parameters
     ----------
     view : (..., y, x) DataArray
-        Run-view of at least two pixels both ways.
+        Magnitudes, such as a run-view, of at least two pixels both ways; NaN where nothing was
+        seen.
     path : str or Path
         The file, which holds its old content or all of the new one.
     anchor : Anchor
@@ -335,6 +348,10 @@ def write_geotiff(
         What the view came from, a tag of the file.
     crs : str, optional
         A projected reference system, by default the UTM zone.
+    quantity : str, optional
+        What the values are and in which unit, a tag of the file; by default those of a run-view.
+    tags : mapping of str to str, optional
+        Further tags of the file.
 
     Returns
     -------
@@ -361,43 +378,59 @@ def write_geotiff(
         outer, inner = (view[name].values for name in view.dims[:2])
         names = [f"{first} {second}" for first in outer for second in inner]
     sigma = float(anchor.uncertainty(float(x.mean()), float(y.mean())))
-    tags = {
+    all_tags = {
+        **dict(tags or {}),
         "flgpr_processing_id": processing_id,
-        "flgpr_quantity": _QUANTITY,
+        "flgpr_quantity": quantity or RUN_VIEW_QUANTITY,
         "flgpr_anchor_sigma_m": f"{sigma:.4g}",
         "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
         "flgpr_statement": STATEMENT,
     }
+    data = _cloud_optimized(bands, names, crs, transform, all_tags, rasterio)
+    write_whole(Path(path), data)
+    return misfit
+
+
+def _cloud_optimized(
+    bands: NDArray[np.float32],
+    names: Sequence[str],
+    crs: str,
+    transform: Any,
+    tags: Mapping[str, str],
+    rasterio: Any,
+) -> bytes:
+    """Return the bytes of a Cloud Optimized GeoTIFF of bands (band, row, column).
+
+    It is made in memory: GDAL leaves files of its own beside one on disk when it is killed, and
+    does not report a full disk.
+    """
+    count, height, width = bands.shape
     profile = {
-        "driver": "GTiff",
+        "driver": "COG",
         "dtype": "float32",
         "nodata": float("nan"),
-        "compress": "deflate",
-        "width": x.size,
-        "height": y.size,
-        "count": len(bands),
+        "width": width,
+        "height": height,
+        "count": count,
         "crs": crs,
         "transform": transform,
+        "BLOCKSIZE": _TILE,
+        "COMPRESS": "DEFLATE",
+        "PREDICTOR": "YES",
+        # Magnitudes are averaged as powers.
+        "RESAMPLING": "RMS",
+        "BIGTIFF": "IF_SAFER",
     }
-    with atomic_output(Path(path), replace=True) as partial, _disk_errors():
-        with rasterio.open(partial, "w", **profile) as file:
+    with rasterio.MemoryFile() as memory:
+        with memory.open(**profile) as file:
             file.write(bands)
             file.update_tags(**tags)
             for number, name in enumerate(names):
                 file.set_band_description(number + 1, name)
-        _check_written(partial, bands, rasterio)
-    return misfit
-
-
-def _check_written(path: Path, bands: NDArray[np.float32], rasterio: Any) -> None:
-    """Read a raster again, because the library that writes it does not report a full disk."""
-    try:
-        with rasterio.open(path) as file:
-            same = np.array_equal(file.read(), bands, equal_nan=True)
-    except (OSError, RuntimeError):
-        same = False
-    if not same:
-        raise OSError(errno.ENOSPC, f"{_UNWRITTEN}, for what was written does not read the same")
+        with memory.open() as file:
+            if not np.array_equal(file.read(), bands, equal_nan=True):
+                raise OSError(errno.EIO, "the GDAL library wrote a raster that reads otherwise")
+        return bytes(memory.getbuffer())
 
 
 def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:

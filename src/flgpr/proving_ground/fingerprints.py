@@ -14,7 +14,7 @@ from flgpr.door import Folder
 from flgpr.proving_ground.ground import Ground
 from flgpr.proving_ground.running import PRINTS
 from flgpr.store.files import existing
-from flgpr.store.tables import parse_columns
+from flgpr.store.tables import parse_columns, parse_csv
 
 
 def same_lanes(ground: Ground, folder: Path) -> dict[str, str]:
@@ -83,7 +83,7 @@ def packaged_fingerprints(ground: Ground) -> pd.DataFrame:
     ground of somebody else.
     """
     packaged = resources.files("flgpr.proving_ground") / "fingerprints.csv"
-    table = pd.read_csv(io.StringIO(packaged.read_text("utf-8")))
+    table = parse_csv(io.StringIO(packaged.read_text("utf-8")))
     title_and_lane = table["lane"].str.split(" ", n=1, expand=True)
     rows = table.assign(lane=title_and_lane[1])[title_and_lane[0] == ground.title]
     return rows.set_index("lane")

@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import engine_of
 from flgpr.chain.recipe import load_recipe
-from flgpr.execution.survey import DEFAULTS, RunOptions
-from flgpr.execution.workers import Report
+from flgpr.execution.workers import DEFAULTS, Report, RunOptions
 from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import SEALED, passphrase, read_ground
@@ -123,7 +121,7 @@ def _needed(ground: Ground) -> list[str]:
     """Return the names of the lanes that the oracle looks at."""
     names = []
     for site in ground.sites:
-        bare, tested = _lanes(ground, site)
+        bare, tested = lanes_of_site(ground, site)
         if bare is not None and tested:
             names += [lane.name for lane in (bare, *tested)]
     return names
@@ -136,7 +134,7 @@ def _look_at_tier(
     jobs: list[tuple[Any, ...]] = []
     sites = []
     for site in ground.sites:
-        bare, tested = _lanes(ground, site)
+        bare, tested = lanes_of_site(ground, site)
         if bare is None or not tested:
             continue
         names = [lane.name for lane in (bare, *tested)]
@@ -159,7 +157,7 @@ def _look_at_tier(
     return table
 
 
-def _lanes(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
+def lanes_of_site(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
     """Return a site's test lane without targets, and those with some that are like it.
 
     Their ground, and the array that sees them, are like those of the lane without targets.
@@ -194,11 +192,11 @@ def _look_at_site(
     ground = load_ground(*description)
     bare, *tested = (ground.lanes[name] for name in names)
     targets = pd.DataFrame(truth)
-    clutter = Clutter(_cleaned(folder, bare, recipe), bare.lane)
+    clutter = Clutter(cleaned_lane(folder, bare, recipe), bare.lane)
     rows = []
     for lane in tested:
         mines = targets[targets["lane"] == lane.name]
-        looks, echoes = _mines(_cleaned(folder, lane, recipe), lane, mines)
+        looks, echoes = looks_at_mines(cleaned_lane(folder, lane, recipe), lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
             at_mine = looks.place == number
             row: dict[str, Any] = {"site": site, "lane": lane.name}
@@ -231,10 +229,10 @@ class Clutter:
         metre = self.looks.ahead.astype(int)
         self._inverse = {}
         for number in np.unique(metre):
-            self._inverse[int(number)] = _inverted(self.looks.chip[metre == number])
+            self._inverse[int(number)] = inverse_covariance(self.looks.chip[metre == number])
         for number, inverse in self._inverse.items():
             chips = self.looks.chip[metre == number]
-            self.looks.chip[metre == number] = _evened(chips, inverse)
+            self.looks.chip[metre == number] = divided_by_rms(chips, inverse)
 
     def inverse(self, ahead: float) -> NDArray[np.complex128]:
         """Return the inverse covariance (value, value) at a distance (m).
@@ -269,19 +267,19 @@ class Clutter:
         for y, look, look_echo in zip(ahead, chip, echo, strict=True):
             inverse = self.inverse(y)
             filters.append(inverse @ look_echo)
-            evened.append(_evened(look[None], inverse)[0])
+            evened.append(divided_by_rms(look[None], inverse)[0])
         filter_array = np.array(filters)
         at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(evened))[None]
-        levels = _statistics(at_mine)
+        levels = log_likelihoods(at_mine)
 
         columns = []
         for y, look_filter in zip(ahead, filter_array, strict=True):
             columns.append(self._nearest(y) @ look_filter.conj())
-        maps = _statistics(np.stack(columns, axis=1))
+        maps = log_likelihoods(np.stack(columns, axis=1))
         counts = []
         for level, statistic in zip(levels, maps, strict=True):
             over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
-            counts.append(_maxima(over_ground, float(level[0])))
+            counts.append(count_maxima(over_ground, float(level[0])))
         without_phase, with_phase = counts
         return {
             "far": without_phase / self.area,
@@ -301,7 +299,7 @@ class Clutter:
         return chips
 
 
-def _inverted(chip: ComplexArray) -> NDArray[np.complex128]:
+def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
     """Invert the covariance of chips (look, value).
 
     A thousandth of its mean power is added to its diagonal.
@@ -311,13 +309,13 @@ def _inverted(chip: ComplexArray) -> NDArray[np.complex128]:
     return np.asarray(np.linalg.inv(covariance + load * np.eye(len(covariance))))
 
 
-def _evened(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
+def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
     """Divide chips (look, value) by their own rms in whitened clutter."""
     power = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True).real / len(inverse)
     return np.asarray(chip / np.sqrt(np.maximum(power, 1e-12))[:, None], dtype=np.complex64)
 
 
-def _cleaned(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
+def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
     """Return a lane with its background."""
     run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
     setup = LaneSetup(run, load_recipe(recipe), lane.lane, explains=False)
@@ -343,13 +341,15 @@ def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
     looks = []
     for index in range(len(setup.cleaned)):
         image = setup.cleaned.coherent(index)
-        numbers, places = _in_sight(setup, points, image)
-        chips = _chips(image.values, setup.cleaned.grid, places)
+        numbers, places = places_in_sight(setup, points, image.attrs["pose"])
+        chips = chips_at(image.values, setup.cleaned.grid, places)
         looks.append(Looks(numbers, places[:, 1], chips))
-    return _joined(looks)
+    return join_looks(looks)
 
 
-def _mines(setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame) -> tuple[Looks, ComplexArray]:
+def looks_at_mines(
+    setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame
+) -> tuple[Looks, ComplexArray]:
     """Cut the chips about the mines of a lane, and what the mines' bodies add to them."""
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
     cleaned = setup.cleaned
@@ -358,18 +358,18 @@ def _mines(setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame) -> tuple[Loo
     echoes = []
     for index, scan in enumerate(cleaned.imager.scans.tolist()):
         image = cleaned.coherent(index)
-        numbers, places = _in_sight(setup, points, image)
+        numbers, places = places_in_sight(setup, points, image.attrs["pose"])
         if not len(numbers):
             continue
         echo = cleaned.imager.image(scan, simulator.bodies(scan)).values
         echo = echo / (cleaned.gains[index][..., None, None] * cleaned.background.gain)
-        chips = _chips(image.values, cleaned.grid, places)
+        chips = chips_at(image.values, cleaned.grid, places)
         looks.append(Looks(numbers, places[:, 1], chips))
-        echoes.append(_chips(echo.astype(np.complex64), cleaned.grid, places))
-    return _joined(looks), np.concatenate(echoes)
+        echoes.append(chips_at(echo.astype(np.complex64), cleaned.grid, places))
+    return join_looks(looks), np.concatenate(echoes)
 
 
-def _joined(looks: Sequence[Looks]) -> Looks:
+def join_looks(looks: Sequence[Looks]) -> Looks:
     """Join the looks of scans."""
     return Looks(
         place=np.concatenate([of_scan.place for of_scan in looks]),
@@ -378,14 +378,14 @@ def _joined(looks: Sequence[Looks]) -> Looks:
     )
 
 
-def _in_sight(
-    setup: LaneSetup, points: FloatArray, image: xr.DataArray
+def places_in_sight(
+    setup: LaneSetup, points: FloatArray, pose: ArrayLike
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the numbers of the places whose chips an image shows, and their x and y.
+    """Return the numbers of the places whose chips the image of a pose shows, and their x and y.
 
     They count as far ahead as the run-view takes looks; x and y are in the scan frame, m.
     """
-    places = lane_to_scan(points, np.asarray(image.attrs["pose"]))[:, :2]
+    places = lane_to_scan(points, np.asarray(pose))[:, :2]
     x_min, x_max, y_min, _ = setup.cleaned.grid.extent()
     edge = 2 * STEP
     y_max = setup.recipe.run_view.y_max
@@ -395,7 +395,7 @@ def _in_sight(
     return numbers, places[numbers]
 
 
-def _chips(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
+def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
     """Cut chips out of an image: the pixels nearest to places and those about them.
 
     Returns
@@ -413,7 +413,7 @@ def _chips(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
     return np.ascontiguousarray(cut.reshape(len(places), math.prod(image.shape[:2]) * 9))
 
 
-def _statistics(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
+def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
     """Sum log-likelihood ratios of filtered looks (place, look): phases unknown, and known."""
     z = 2 * np.abs(values)
     unknown = (np.log(ive(0, z)) + z).sum(axis=1)
@@ -421,7 +421,7 @@ def _statistics(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
     return unknown, known
 
 
-def _maxima(values: FloatArray, level: float) -> int:
+def count_maxima(values: FloatArray, level: float) -> int:
     """Count the local maxima of a map (y, x) that reach a level."""
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]

@@ -35,6 +35,7 @@ GROUP = "flgpr.stages"
 PACKAGED = {
     "clutter": {
         "standing": "standing:StandingField",
+        "early": "early:EarlyEchoes",
         "masks": "masks:MaskedSuppression",
         "low-rank": "low_rank:LowRank",
         "roadside": "roadside:RoadsideSuppression",
