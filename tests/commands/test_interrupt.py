@@ -22,6 +22,7 @@ SCENE = (
 )
 GOES_ON = "stopped; the same command goes on"
 RESUMING = {
+    "benchmark make",
     "benchmark run",
     "detect",
     "import gprmax",

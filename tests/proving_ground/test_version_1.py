@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from flgpr.proving_ground import load_ground
+from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.running import PRINTS, fingerprint
-from flgpr.proving_ground.table import same_lanes
 from flgpr.store import write_whole
 
 NAME = "proving-ground-1"

@@ -68,6 +68,10 @@ READ = (
     "live {in}/incoming --recipe {in}/small.toml --anchor {bad} -o {out}/a",
     "benchmark run --ground {bad} -o {out}/a",
     "benchmark list --ground {bad}",
+    "benchmark make --ground {bad} -o {out}/a",
+    "benchmark croissant --ground {bad} -o {out}/a",
+    "benchmark validate {in}/submission --ground {bad}",
+    "benchmark enter {in}/submission --ground {bad} -o {out}/a",
 )
 TABLES = (
     "score {in}/alarms.csv --truth {bad} --lane {in}/lane.toml -o {out}/a",
