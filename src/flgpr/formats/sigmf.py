@@ -204,7 +204,7 @@ class SigmfRecording:
         if name == "segments":
             return segments
         used = len(self._starts) // self._sweep * self._sweep
-        wide = np.complex128 if self._samples.is_complex else np.float64
+        wide: Any = np.complex128 if self._samples.is_complex else np.float64
         means = segments[:used].mean(axis=1, dtype=wide)
         if self._samples.is_complex:
             means = means.astype(segments.dtype)
@@ -410,7 +410,7 @@ class SigmfRecording:
         total = samples.count * width // samples.number.itemsize
         numbers = np.frombuffer(content, samples.number, total)
         if samples.is_complex:
-            part = np.float32 if samples.value == np.complex64 else np.float64
+            part: Any = np.float32 if samples.value == np.complex64 else np.float64
             numbers = numbers.astype(part, copy=False).view(samples.value)
         return numbers.astype(samples.value, copy=False).reshape(samples.shape)
 
@@ -516,7 +516,7 @@ def _column_of(column: list[Any]) -> NDArray[Any] | None:
 def _texts_of(column: list[Any]) -> NDArray[np.str_] | None:
     """Return texts, or lists of equally many texts, as an array; None where they are not."""
     rows = ["" if value is None else value for value in column]
-    texts = []
+    texts: list[Any] = []
     for row in rows:
         texts += row if isinstance(row, list) else [row]
     if not texts or not all(isinstance(text, str) for text in texts):
