@@ -17,7 +17,7 @@ LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo benchmark quick test lint docs robustness clean
+.PHONY: demo benchmark quick test lint docs robustness oldest newest wheel-check sbom clean
 
 # Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
@@ -53,9 +53,60 @@ ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_command
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
+# The oldest versions that pyproject.toml allows, on the oldest Python, and the newest versions there are, on $(PYTHON):
+# imports, the demo, detection with its estimators, stores, formats, commands and live scans work with both.
+OLDEST_PYTHON ?= python3.11
+NEWEST_PYTHON ?= $(PYTHON)
+VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py chain detect features formats geo live report/test_score_page.py \
+    results scoring store systems/test_systems.py trials viewer/test_limits.py viewer/test_server.py \
+    $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
+NOT_VERSIONS := chain/test_goldens.py formats/test_fuzz_exchange.py live/test_live_fuzz.py live/test_live_machines.py \
+    store/test_store_machines.py
+
+# $(1): folder of the environment; $(2): its Python; $(3): options of uv, which unlike pip can choose the oldest versions
+define install_versions
+	test -x $(1)/bin/python || $(2) -m venv $(1)
+	$(1)/bin/python -m pip install --quiet --disable-pip-version-check uv
+	$(1)/bin/uv pip install --quiet --python $(1)/bin/python $(3) -e '.[test]'
+	$(1)/bin/python -P -m flgpr.kernels.ahead training < /dev/null
+endef
+
+# $(1): folder of the environment; $(2): options of pytest
+test_versions = $(1)/bin/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder $(2) \
+    $(addprefix tests/,$(VERSIONS)) $(addprefix --ignore=tests/,$(NOT_VERSIONS))
+
+# Versions as old use what newer versions of what they rest on deprecate.
+oldest:
+	$(call install_versions,$(VENV)-oldest,$(OLDEST_PYTHON),--resolution lowest-direct)
+	$(call test_versions,$(VENV)-oldest,-W default::DeprecationWarning -W default::PendingDeprecationWarning -W default::FutureWarning)
+
+# An environment that is there already is brought up to date.
+newest:
+	$(call install_versions,$(VENV)-newest,$(NEWEST_PYTHON),--upgrade)
+	$(call test_versions,$(VENV)-newest,)
+
+wheel-check:
+	tests/check_wheel.sh $(PYTHON)
+
 docs: $(VENV)/.docs
 	$(BIN)/codespell *.md docs src tests benchmarks evidence examples viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
+# The bill of materials (CycloneDX) of what `pip install flgpr` installs: an environment that holds nothing else, and the
+# tool that reads it in another.
+SBOM := $(VENV)/sbom
+
+sbom:
+	rm -rf $(SBOM)
+	$(PYTHON) -m venv $(SBOM)/tool
+	$(SBOM)/tool/bin/python -m pip install --quiet --disable-pip-version-check 'cyclonedx-bom~=7.5'
+	$(PYTHON) -m venv --without-pip $(SBOM)/core
+	$(SBOM)/tool/bin/python -m pip --python $(SBOM)/core/bin/python install --quiet --disable-pip-version-check \
+	    -c constraints.txt .
+	mkdir -p dist
+	$(SBOM)/tool/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --short-PURLs \
+	    --output-file dist/flgpr.cdx.json $(SBOM)/core/bin/python
+	rm -rf $(SBOM)
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -85,4 +136,4 @@ $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) docs/_build docs/examples demo-result .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-oldest $(VENV)-newest build dist docs/_build docs/examples demo-result .mypy_cache .pytest_cache .ruff_cache

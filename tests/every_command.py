@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 import flgpr
 import io_gpr
+from archives import read_archive
 from calibrate.echoes import echo
 from flgpr.chain.progress import silent
 from flgpr.commands import simulation
@@ -454,7 +455,7 @@ def make_inputs(home):
     sample = sample_lane()
     run = open_run(sample / "run.zarr").load()
     shutil.copy(DATA / "lane_a.npz", home)
-    arrays = dict(np.load(home / "lane_a.npz"))
+    arrays = read_archive(home / "lane_a.npz")
     np.savez(home / "louder.npz", **{**arrays, "data": 2 * arrays["data"]})
     _make_anchors(home)
     save_run(run, home / "run.zarr")

@@ -57,7 +57,6 @@ HEAVY = {
     "scipy",
     "matplotlib",
     "sklearn",
-    "skimage",
     "h5py",
     "pyproj",
     "starlette",

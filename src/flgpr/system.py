@@ -1,7 +1,8 @@
 """What operating systems do differently: locks, limits, folders as descriptors, interrupts.
 
-All else in the package is the same everywhere. Linux is where it is tested; `tests/other_system.py`
-takes away what Windows lacks and forbids what it forbids.
+All else in the package is the same everywhere, but for the sockets of ``live/unix_sockets.py`` and
+the memory limit in ``formats/child.py``, a script that imports nothing of flgpr. Linux is where it
+is tested; `tests/other_system.py` takes away what Windows lacks and forbids what it forbids.
 """
 
 from __future__ import annotations
@@ -84,6 +85,16 @@ def peak_memory() -> int:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in KiB, macOS in bytes.
     return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def most_open_files() -> int | None:
+    """Return how many files and connections this process may open; None where no limit is known."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return None if files == resource.RLIM_INFINITY else files
 
 
 def start_method() -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flgpr.chain.stages.body_signatures import sensor_of, window_of
-from flgpr.model import load_sensor
+from flgpr.model import load_sensor, make_run
 
 
 def setup_of(name="sri-array", shift=0.0, tones=None):
@@ -41,6 +41,20 @@ def test_other_tones_are_refused():
     tones = load_sensor("sri-array").tones.axis()[:-1]
     with pytest.raises(ValueError, match=r"map\.sensor must have the run's tones, got 'sri-array'"):
         sensor_of(setup_of(tones=tones), "sri-array")
+
+
+def test_the_runs_own_array_takes_antennas_and_errors_of_another():
+    other = load_sensor("full-wave")
+    tx, rx = other.pairs()
+    pose = [[0.0, 0.0, 1.7, 0.0, 0.0, 0.0]]
+    shape = (1, 1, len(tx), 40)
+    run = make_run(np.zeros(shape), 1e9 + 5e6 * np.arange(40), ["VV"], tx, rx, pose)
+    sensor = sensor_of(SimpleNamespace(run=run), "run", "sri-array")
+    assert (sensor.polarization, sensor.height, sensor.tones.count) == (("VV",), 1.7, 40)
+    np.testing.assert_array_equal(sensor.pairs(), (tx, rx))
+    errors = load_sensor("sri-array").errors
+    assert sensor.errors.antenna_phase == errors.antenna_phase > 0
+    assert (sensor.errors.position, sensor.errors.missing) == (0, 0)
 
 
 def test_a_window_can_be_compared():

@@ -227,6 +227,10 @@ def test_bad_entries_are_named():
     ):  # fmt: skip
         with pytest.raises(ValidationError, match=word):
             LikelihoodSettings(sensor="sri-array", **entries)
+    with pytest.raises(ValidationError, match=r"antennas must name a sensor.*got '' with"):
+        LikelihoodSettings(sensor="run")
+    with pytest.raises(ValidationError, match=r"antennas must name a sensor.*got 'sri-array'"):
+        LikelihoodSettings(sensor="sri-array", antennas="sri-array")
 
 
 @pytest.fixture(scope="module")

@@ -134,7 +134,7 @@ def test_scores_are_the_estimators_own(samples, name, estimator):
             RelevanceVectorClassifier(kernel=lambda a, b: a @ b.T),
             "kernel must be one of linear",
         ),
-        ("knn", KNN(metric="cosine", algorithm="auto"), "metric must be one of minkowski"),
+        ("knn", KNN(metric="canberra", algorithm="auto"), "metric must be one of minkowski"),
         ("random-forest", RandomForestClassifier(3), "must part two classes"),
         ("gradient-boosting", HistGradientBoostingClassifier(max_iter=3), "must part two classes"),
         ("logistic", LogisticRegression(), "must part two classes"),

@@ -170,7 +170,7 @@ def check_flgpr(words):
     if isinstance(given.get("recipe"), str) and not given["recipe"].endswith(".toml"):
         assert given["recipe"] in recipe_names()
     for sensor in [given.get("sensor"), *(given.get("compare") or [])]:
-        assert sensor is None or sensor.endswith(".toml") or sensor in sensor_presets()
+        assert sensor is None or sensor.endswith((".toml", ".zarr")) or sensor in sensor_presets()
     assert given.get("site", "arid-sand") in sites()
     assert given.get("paper", "all") in {*PAPERS, "all", "worlds"}
     assert given.get("to", "kml") in FORMATS

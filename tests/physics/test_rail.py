@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from archives import read_archive
 from flgpr.calibrate import (
     brightest_points,
     estimate_clock,
@@ -38,7 +39,9 @@ def measured():
     folder = Path(os.environ.get("FLGPR_MEASURED_DATA", "")) / "bwsi_rail"
     if not os.environ.get("FLGPR_MEASURED_DATA") or not folder.is_dir():
         pytest.skip("FLGPR_MEASURED_DATA has no bwsi_rail folder")
-    return import_mapped(MAPPING, folder=folder), np.load(folder / "rail_t6.npz")["reflectors_m"]
+    return import_mapped(MAPPING, folder=folder), read_archive(folder / "rail_t6.npz")[
+        "reflectors_m"
+    ]
 
 
 @pytest.fixture(scope="module")

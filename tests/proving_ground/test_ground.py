@@ -1,11 +1,14 @@
 """The proving ground's description: lanes, splits, entries."""
 
+import warnings
 from importlib import resources
 
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.chain.recipe_fit import check_fit
+from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.proving_ground import find_entry, listing, load_ground, packaged_entries
 from flgpr.simulate import draw_world
 from flgpr.store import open_run
@@ -181,6 +184,21 @@ def test_every_packaged_entry_is_a_recipe_that_fits_the_array(ground):
         edges = np.array(list(recipe.image.subbands.values()))
         assert edges.min() >= frequency[0], name
         assert edges.max() <= frequency[-1] + 1, name
+
+
+def test_fused_enters_the_full_wave_track_fitted_to_its_array():
+    run = open_run(FULLWAVE.lanes["arid-lane-1"].stored[0])
+    entry = find_entry("fused", FULLWAVE)
+    recipe = parse_recipe(entry.text, "fused")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_fit(run, recipe)
+    assert (recipe.map.settings.sensor, recipe.map.settings.antennas) == ("run", "full-wave")
+    own = parse_recipe(fit_recipe(run, like="fused"))
+    assert recipe == own.model_copy(update={"description": recipe.description})
+    others = {"fuse2018-wang2007", "cosgrove2004", "flsar2004-rvm", "low-rank"}
+    assert not others & set(packaged_entries(FULLWAVE))
+    assert packaged_entries(GROUNDS[False])["fused"].text.strip() == recipe_text("fused").strip()
 
 
 def test_entries_are_found_by_name_recipe_or_folder(tmp_path):

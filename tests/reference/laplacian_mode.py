@@ -1,13 +1,17 @@
 """The mode of logistic weights under a Laplacian prior, by scikit-learn's liblinear, which has another algorithm."""
 
 import numpy as np
+import sklearn
 from sklearn.linear_model import LogisticRegression
+
+SCIKIT_LEARN = tuple(int(part) for part in sklearn.__version__.split(".")[:2])
+LAPLACIAN = {"l1_ratio": 1.0} if SCIKIT_LEARN >= (1, 8) else {"penalty": "l1"}
 
 
 def liblinear_weights(design, target, scale):
     """Give the weights (basis,) at the least penalised loss."""
     machine = LogisticRegression(
-        l1_ratio=1.0,
+        **LAPLACIAN,
         solver="liblinear",
         C=1 / scale,
         tol=1e-10,

@@ -18,6 +18,7 @@ import pytest
 import bag
 import flgpr
 import io_gpr
+from archives import read_archive
 from every_command import make_cheap, make_inputs
 from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
 from flgpr.execution import checkpoint
@@ -193,7 +194,7 @@ class Import:
 
 
 def a_fullwave_lane(home):
-    arrays = dict(np.load(DATA / "lane_a.npz"))
+    arrays = read_archive(DATA / "lane_a.npz")
     scans = np.arange(24) % 3
     moved = {name: arrays[name][scans] + 0.0 for name in ("data", "tx_xyz_m", "rx_xyz_m")}
     for name in ("tx_xyz_m", "rx_xyz_m"):

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 import zarr
 
+from archives import read_archive
 from flgpr.formats import import_fullwave
 from flgpr.store import RunStoreError, RunWriter, open_run, read_table, sample_lane, save_run
 from flgpr.store.files import replaced_by
@@ -273,7 +274,7 @@ def test_the_importer_places_antennas_where_the_archive_has_them(fullwave_archiv
     from flgpr.model import vehicle_to_lane
 
     run = import_fullwave(fullwave_archive).run
-    archive = np.load(fullwave_archive)
+    archive = read_archive(fullwave_archive)
     for scan in range(3):
         tx = vehicle_to_lane(run["tx_position"].values, run["pose"].values[scan]).reshape(2, 16, 3)
         rx = vehicle_to_lane(run["rx_position"].values, run["pose"].values[scan]).reshape(2, 16, 3)
@@ -284,7 +285,7 @@ def test_the_importer_places_antennas_where_the_archive_has_them(fullwave_archiv
 
 
 def rewrite(archive, path, **changes):
-    arrays = dict(np.load(archive))
+    arrays = read_archive(archive)
     arrays.update(changes)
     np.savez(path, **{k: v for k, v in arrays.items() if v is not None})
     return path
@@ -302,7 +303,7 @@ def test_damaged_archives_are_refused(fullwave_archive, tmp_path):
         import_fullwave(tmp_path / "cut.npz")
     with pytest.raises(ValueError, match="missing: rx_xyz_m"):
         import_fullwave(rewrite(fullwave_archive, tmp_path / "b.npz", rx_xyz_m=None))
-    arrays = np.load(fullwave_archive)
+    arrays = read_archive(fullwave_archive)
     with pytest.raises(ValueError, match="hertz"):
         import_fullwave(
             rewrite(fullwave_archive, tmp_path / "c.npz", frequency_hz=arrays["frequency_hz"] / 1e9)

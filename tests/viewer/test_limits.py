@@ -318,6 +318,8 @@ def test_connections_fit_into_the_files_that_may_be_open(monkeypatch):
     ):
         monkeypatch.setattr(resource, "getrlimit", lambda which, soft=files: (soft, soft))
         assert fit_to_process(Limits(header=1.5)) == Limits(connections, header=1.5)
+    monkeypatch.setitem(sys.modules, "resource", None)  # a system that tells no limit
+    assert fit_to_process(Limits(header=1.5)) == Limits(header=1.5)
 
 
 def test_messages_of_the_server_are_few_and_the_others_are_counted(monkeypatch):

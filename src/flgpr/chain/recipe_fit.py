@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe import Recipe, as_imaged, lane_of
+from flgpr.chain.recipe import Recipe, as_imaged, lane_of, recipe_names
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Lane,
@@ -30,7 +30,8 @@ FEWEST_SCANS = 5
 SCAN_SPACING = 0.5
 """Mean distance between such scans, m."""
 
-_HINT = "`flgpr recipe for RUN` writes one that fits"
+FITTED_MAP = "likelihood"
+"""The map whose entries follow from an array: it simulates its own signatures."""
 _OUTSIDE = 0.1  # share of a sub-band that may lie outside the run's band
 _HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
 
@@ -160,7 +161,16 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
     faults, doubts = fit_faults(run, recipe)
     _raise(recipe, faults)
     for doubt in doubts:
-        warnings.warn(f"{doubt}; {_HINT}", stacklevel=2)
+        warnings.warn(f"{doubt}; {_hint(recipe)}", stacklevel=2)
+
+
+def _hint(recipe: Recipe) -> str:
+    """Return what writes a recipe that fits, with the same method where that can be fitted."""
+    like = ""
+    is_fitted = recipe.map is not None and recipe.map.stage == FITTED_MAP
+    if is_fitted and recipe.name in recipe_names():
+        like = f" --like {recipe.name}"
+    return f"`flgpr recipe for RUN{like}` writes one that fits"
 
 
 def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
@@ -258,7 +268,7 @@ def allow_features(polarizations: Sequence[str]) -> bool:
 def _raise(recipe: Recipe, faults: list[str]) -> None:
     """Raise the ValueError of a recipe's faults, if there are any."""
     if faults:
-        listed = "; ".join([*faults, _HINT])
+        listed = "; ".join([*faults, _hint(recipe)])
         raise ValueError(f"recipe {recipe.name} does not fit the run: {listed}")
 
 
@@ -270,6 +280,9 @@ def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatAr
         asked.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
     for name in recipe.image.polarizations:
         asked.append(("image.polarizations", name))
+    if recipe.map is not None:
+        for name in getattr(recipe.map.settings, "polarizations", ()):
+            asked.append(("map.polarizations", name))
 
     faults = []
     for entry, name in asked:

@@ -2,67 +2,74 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.recipe_fit import (
-    ALARM_RADIUS,
-    FEWEST_SCANS,
-    SCAN_SPACING,
-    Band,
-    FloatArray,
-    RadarSetup,
-    allow_features,
-    radar_setup,
+from flgpr.chain.recipe_choice import (
+    MEAN,
+    MEDIAN_STEP,
+    PATCH,
+    Choice,
+    choose,
+    described,
+    fitted_to,
+    image_x,
+    image_y,
+    last_look,
+    median_step,
+    pixels_of,
+    polarization_of,
+    reasons_for,
+    view_x,
+    window_of,
 )
+from flgpr.chain.recipe_fit import ALARM_RADIUS, RadarSetup, allow_features, radar_setup
+from flgpr.chain.recipe_like import like_text, load_model
 from flgpr.model import (
-    SPEED_OF_LIGHT,
+    Sensor,
     aperture_pose,
     aperture_run,
     complete_scans,
     lane_to_scan,
-    scan_to_lane,
-    unambiguous_path,
+    load_sensor,
 )
 from flgpr.model.motion import plausible_run
+from flgpr.model.run_sensor import preset_of, sensor_of_run
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.files import faults_of
 from flgpr.store.outputs import write_new
 
+Reasons = Mapping[str, str]
+
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
 _DENSITY = 0.75  # alarms per area of an alarm
 _HALO = 1.0
-_PATCH = 2.5
 _INNER = (0.5, 0.3)
 _GUARD = (0.9, 0.7)
 _COHERENT = (0.25, 0.15)
 _MEDIAN = 1.05
-_MEAN = 2.55
-_MEDIAN_STEP = 0.15
-_BANDWIDTH = 0.6e9  # Hz, whose range cell, 25 cm, is about a mine
-_OVERLAP = 1 / 6  # share of a sub-band that the next one has, too
-_HALF_VIEW = 3.0  # half width of the run-view, m
-# Antenna heights ahead at which images begin and looks end: incidence of 50 and 76 degrees.
-_NEAR = 1.2
-_FAR = 4.0
-_FAR_APERTURE = 8.0  # the same for a synthetic aperture, which is as wide as what it looks at
-_SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)  # of pixels, m
-_PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
-_GAP = 20  # usual steps without a tone that divide two bands
 _ALIKE = 0.95  # length of the mean of the headings' unit vectors of a radar that looks one way
 # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
 _ACROSS = (0.5, 2.0)
+ASSUMED_ANTENNAS = "sri-array"
+"""The packaged sensor whose antennas and errors a run is assumed to have."""
+# Antenna heights beyond an image that hold clutter, too: those of sri-array's footprint.
+_FILLED_ASIDE = 0.2
+_FILLED_BEFORE = 0.3
+_FILLED_BEHIND = 0.4
 _PAPER = "as in Wang et al. 2007"
 
 
 def recipe_for(
-    run: str | Path, output: str | Path | None = None, max_memory: int = MAX_MEMORY
+    run: str | Path,
+    output: str | Path | None = None,
+    max_memory: int = MAX_MEMORY,
+    like: str | Path | None = None,
 ) -> str:
     """Make a recipe for a stored run, see :func:`fit_recipe`.
 
@@ -74,6 +81,8 @@ def recipe_for(
         File to write the recipe to.
     max_memory : int
         Bytes that reading the run may take.
+    like : str or path, optional
+        Packaged recipe, or a file, whose method the recipe has.
 
     Returns
     -------
@@ -87,15 +96,17 @@ def recipe_for(
     ValueError
         As of :func:`fit_recipe`.
     """
+    if like is not None:
+        load_model(like)  # refuses a model before the run is read
     dataset = open_run(run, max_memory)
     with faults_of(run):
-        text = fit_recipe(dataset)
+        text = fit_recipe(dataset, like=like)
     if output is not None:
         write_new(Path(output), text)
     return text
 
 
-def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
+def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = None) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
     Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and
@@ -104,6 +115,12 @@ def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
     ground that the run sees. A radar that moves past what it looks at, farther than twice its
     array's width, gets an image over the whole run (``frames = "all"``).
 
+    With ``like`` the method is that of another recipe: what belongs to the array follows from the
+    run as without it, all else stays as it is there. A map that simulates signatures of bodies
+    simulates them for the antennas, tones and height of the run; the pattern and tilt of the
+    antennas, and the errors, are those of the packaged sensor that has this array, or else assumed
+    as in the other recipe.
+
     Parameters
     ----------
     run : xarray.Dataset
@@ -111,6 +128,8 @@ def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
     begins : bool
         Whether the scans are the beginning of a drive that goes on. Its recipe takes the mean of
         many scans as self-signature.
+    like : str or path, optional
+        Packaged recipe, or a file, whose method the recipe has.
 
     Returns
     -------
@@ -121,7 +140,7 @@ def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
     ------
     ValueError
         If the run has no complete scan or no height, or its tones are too few or too far apart to
-        make an image.
+        make an image; or the other recipe cannot be fitted to an array, or not to this one.
 
     Examples
     --------
@@ -136,9 +155,60 @@ def fit_recipe(run: xr.Dataset, begins: bool = False) -> str:
     aperture = _goes_across(run)
     setup = radar_setup(aperture_run(run) if aperture else run, aperture)
     setup = replace(setup, begins=begins)
-    text = _text(setup, _choose(setup))
+    if like is None:
+        text = _text(setup, choose(setup))
+    else:
+        text = like_text(setup, like, preset_of(run))
     parse_recipe(text, "fitted")
     return text
+
+
+def sensor_for(run: xr.Dataset) -> Sensor:
+    """Return a sensor that simulates lanes as the array of a run would see them.
+
+    Antennas, tones, polarizations and height are those of the run, see
+    :func:`flgpr.model.run_sensor.sensor_of_run`. What a run does not hold, the antennas' pattern
+    and tilt and the radar's errors, is that of the packaged sensor with these antennas and tones;
+    without one it is assumed as in ``sri-array``, and the ground that is filled with clutter is
+    that of the images of :func:`fit_recipe` and what surrounds it.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+
+    Returns
+    -------
+    Sensor
+        The sensor.
+
+    Raises
+    ------
+    ValueError
+        If no recipe can be made for the run, its tones lie on no even raster, or the radar moves
+        across what it looks at.
+    """
+    run = plausible_run(run)
+    if _goes_across(run):
+        raise ValueError(
+            "sensor must look ahead, got a run that moves across what it looks at: name a "
+            "sensor's file"
+        )
+    preset = preset_of(run)
+    if preset:
+        return sensor_of_run(run, load_sensor(preset))
+    setup = radar_setup(run)
+    choice = choose(setup)
+    nearest, far = image_y(setup, choice)
+    left, right = image_x(choice)
+    height = setup.height
+    footprint = (
+        left - _FILLED_ASIDE * height,
+        right + _FILLED_ASIDE * height,
+        nearest - _FILLED_BEFORE * height,
+        far + _FILLED_BEHIND * height,
+    )
+    return sensor_of_run(run, load_sensor(ASSUMED_ANTENNAS), footprint)
 
 
 def _goes_across(run: xr.Dataset) -> bool:
@@ -154,143 +224,16 @@ def _goes_across(run: xr.Dataset) -> bool:
     return bool(across > least and across > 2 * ahead)
 
 
-@dataclass(frozen=True)
-class _Choice:
-    """The figures of a recipe; distances count from the middle of the antennas."""
-
-    bands: dict[str, Band]  #: sub-bands, Hz
-    subband: str  #: that of the prescreener
-    half: float  #: half width of the images, m
-    reach: float  #: distance ahead up to which looks count, m
-    far: float  #: distance ahead at which images end, m
-    fine: float  #: spacing of the images, m
-    coarse: float  #: spacing of the run-view, m
-
-
-def _choose(setup: RadarSetup) -> _Choice:
-    """Choose the figures of a recipe."""
-    height = setup.height
-    if not height >= 0.05:
-        raise ValueError(
-            f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m"
-        )
-    blur = 1 if setup.drives else 2  # the main lobe of a Hann window is twice as wide
-    bands = _divide(setup.tones, blur * _BANDWIDTH)
-    nearest = _NEAR * height
-    middle = 2 * _NEAR * height
-    subband = _prescreener_band(setup, bands, middle)
-    band = bands[subband]
-
-    half = min(max(nearest, _HALF_VIEW), 2 * _HALF_VIEW)
-    if setup.aperture:
-        half = float(np.ptp(setup.tx[:, 0])) / 2 + max(nearest, _HALF_VIEW) + _PATCH / 2
-    most_heights = _FAR_APERTURE if setup.aperture else _FAR
-    reach = min(most_heights * height, max(setup.reach(band), middle))
-    # Patches of the features and windows of the background reach beyond the last look.
-    wanted_end = reach + (_PATCH + _MEAN) / 2
-    far = _clear_end(setup, list(bands.values()), half, middle, wanted_end)
-    reach = min(reach, max(far - _PATCH / 2, middle))
-
-    widest = max(high - low for low, high in bands.values())
-    range_cell = blur * SPEED_OF_LIGHT / (2 * widest)
-    fine = min(range_cell, setup.cross_range(float(setup.tones[-1]), nearest))
-    range_cell = blur * SPEED_OF_LIGHT / (2 * (band[1] - band[0]))
-    coarse = min(range_cell, setup.cross_range((band[0] + band[1]) / 2, (nearest + reach) / 2))
-    return _Choice(bands, subband, half, reach, far, _spacing(fine, 0.05), _spacing(coarse, 0.1))
-
-
-def _prescreener_band(setup: RadarSetup, bands: dict[str, Band], distance: float) -> str:
-    """Return the lowest sub-band that resolves an alarm's radius at a distance, else the last."""
-    names = [name for name in bands if name != "F0"]
-    for name in names:
-        if setup.reach(bands[name]) >= distance:
-            return name
-    return names[-1]
-
-
-def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
-    """Divide a band, or what gaps make of it, into equal sub-bands that overlap.
-
-    They are as many as are at least so many Hz wide.
-    """
-    steps = np.diff(tones)
-    pieces = []
-    if steps.size:
-        gaps = np.flatnonzero(steps > _GAP * np.median(steps))
-        pieces = np.split(tones, gaps + 1)
-    subbands: list[Band] = []
-    for piece in pieces:
-        low = float(piece[0])
-        bandwidth = float(np.ptp(piece))
-        if not bandwidth > 0:
-            continue
-        count = max(int((bandwidth / least - _OVERLAP) / (1 - _OVERLAP)), 1)
-        width = bandwidth / (count - (count - 1) * _OVERLAP)
-        for number in range(count):
-            start = low + number * width * (1 - _OVERLAP)
-            subbands.append((start, start + width))
-    if not subbands:
-        raise ValueError(
-            f"run.frequency must hold neighbouring tones, which make a band, got {tones.size} tone"
-        )
-    bands = {}
-    if len(pieces) == 1 and len(subbands) > 1:
-        bands["F0"] = (float(tones[0]), float(tones[-1]))
-    for number, subband in enumerate(subbands, 1):
-        bands[f"F{number}"] = subband
-    return bands
-
-
-def _clear_end(
-    setup: RadarSetup, bands: Sequence[Band], half: float, least: float, farthest: float
-) -> float:
-    """Return the distance wanted ahead, or the farthest that the steps of the tones tell apart.
-
-    Less than the ``least`` is a ValueError.
-    """
-    inside = [setup.tones[(setup.tones >= low) & (setup.tones <= high)] for low, high in bands]
-    cell = SPEED_OF_LIGHT / min(float(np.ptp(tones)) for tones in inside)
-    longest = (min(unambiguous_path(tones) for tones in inside) - cell) / 2
-    ends = np.concatenate([setup.tx, setup.rx])
-    back = setup.ahead - ends[:, 1].min()
-    side = half + np.abs(ends[:, 0]).max()
-    up = ends[:, 2].max()
-    far = math.sqrt(max(longest**2 - side**2 - up**2, 0.0)) - back - 0.1  # borders are rounded
-    if far < least:
-        widest = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up) + cell)
-        raise ValueError(
-            f"run.frequency must have tones at most {widest / 1e6:.3g} MHz apart for antennas "
-            f"{setup.height:.3g} m high, got {setup.step / 1e6:.4g} MHz"
-        )
-    return min(farthest, far)
-
-
-def _spacing(cell: float, most: float) -> float:
-    """Return the spacing of pixels, m, that is nearest to two thirds of a resolution cell."""
-
-    def off(spacing: float) -> float:
-        return abs(spacing - _PIXEL * cell)
-
-    return min((spacing for spacing in _SPACINGS if spacing <= most), key=off)
-
-
-def _pixels(lengths: Sequence[float], spacing: float) -> list[int]:
-    """Return lengths (m) in odd numbers of pixels."""
-    return [2 * round((length / spacing - 1) / 2) + 1 for length in lengths]
-
-
-def _text(setup: RadarSetup, choice: _Choice) -> str:
+def _text(setup: RadarSetup, choice: Choice) -> str:
     """Write a recipe, with the reason for every entry beside it."""
-    nearest = _rounded(setup.ahead + _NEAR * setup.height)
-    far = _rounded(setup.ahead + choice.far)
-    reach = _rounded(setup.ahead + choice.reach)
+    reasons = reasons_for(setup, choice)
     tables = [
         _head(setup),
-        _image_table(setup, choice, nearest, far),
-        _subbands_table(choice),
-        _background_table(setup, choice),
-        _run_view_table(setup, choice, nearest, reach),
-        _prescreen_table(setup, choice),
+        _image_table(setup, choice, reasons),
+        _subbands_table(choice, reasons),
+        _background_table(setup, choice, reasons),
+        _run_view_table(setup, choice, reasons),
+        _prescreen_table(setup, choice, reasons),
         _contrast_table(setup, choice),
     ]
     if allow_features(setup.polarizations):
@@ -299,153 +242,96 @@ def _text(setup: RadarSetup, choice: _Choice) -> str:
     return "\n".join(tables)
 
 
-def _rounded(distance: float) -> float:
-    """Round a distance to 5 cm."""
-    return round(20 * distance) / 20
-
-
-def _polarization(setup: RadarSetup) -> str:
-    """Return the polarization of the prescreener."""
-    return next(label for label in ("HH", "VV", "HV", "VH") if label in setup.polarizations)
-
-
-def _band_text(setup: RadarSetup) -> str:
-    return f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
-
-
 def _head(setup: RadarSetup) -> str:
     """Write what the recipe was made from, its name and its description."""
-    counts = f"{len(setup.poses)} complete scans and {len(setup.tx)} pairs"
-    if setup.aperture:
-        counts = f"{len(setup.tx)} places of antennas, one aperture"
-    labels = ", ".join(setup.polarizations)
     confidence = "Ten features" if allow_features(setup.polarizations) else "Local contrast"
-    band = _band_text(setup)
     return f"""\
-# Made by `flgpr recipe for` from a run of {counts}, {labels}, {band} in steps of
-# {setup.step / 1e6:.4g} MHz, antennas {setup.height:.2f} m high. Lengths in m, frequencies in Hz.
+# Made by `flgpr recipe for` {described(setup)} Lengths in m, frequencies in Hz.
 
 name = "fitted"
-description = "{confidence} after Wang et al. 2007, fitted to {labels}, {band}, \
-antennas {setup.height:.2f} m high"
+description = "{confidence} after Wang et al. 2007, {fitted_to(setup)}"
 """
 
 
-def _image_table(setup: RadarSetup, choice: _Choice, nearest: float, far: float) -> str:
+def _image_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
     """Write the table of the scan images."""
-    sides = f"{_NEAR} antenna heights to either side, but {_HALF_VIEW:g} to {2 * _HALF_VIEW:g} m"
     frames = ""
     if setup.aperture:
-        sides = (
-            f"half the way across, and {_HALF_VIEW:g} m or {_NEAR} antenna heights and half a "
-            "patch to either side of it"
-        )
-        frames = (
-            'frames = "all"  # the radar moves across what it looks at: all scans are one '
-            "synthetic aperture\n"
-        )
-    window = "hann"
-    reason = "its low sidelobes keep the direct coupling out, for no self-signature is subtracted"
-    if setup.drives:
-        window = "boxcar"
-        reason = f"{_PAPER}: subtracting the self-signature removes the direct coupling"
+        frames = f'frames = "all"  # {reasons["image.frames"]}\n'
+    left, right = image_x(choice)
+    nearest, far = image_y(setup, choice)
     return f"""\
 [image]
-x = [{-choice.half:.2f}, {choice.half:.2f}]  # {sides}
-y = [{nearest:.2f}, {far:.2f}]  # from {_NEAR} antenna heights ahead (incidence 50 degrees) \
-to what y_max needs around it
-spacing = {choice.fine}  # two thirds of the finest resolution, but 0.01 to 0.05 m
-window = "{window}"  # {reason}
+x = [{left:.2f}, {right:.2f}]  # {reasons["image.x"]}
+y = [{nearest:.2f}, {far:.2f}]  # {reasons["image.y"]}
+spacing = {choice.fine}  # {reasons["image.spacing"]}
+window = "{window_of(setup)}"  # {reasons["image.window"]}
 {frames}"""
 
 
-def _subbands_table(choice: _Choice) -> str:
+def _subbands_table(choice: Choice, reasons: Reasons) -> str:
     """Write the table of the sub-bands."""
-    lines = [
-        "[image.subbands]  # equal parts of the run's band, as many as keep a range cell of 25 cm; "
-        "F0 is all of it\n"
-    ]
+    lines = [f"[image.subbands]  # {reasons['image.subbands']}\n"]
     for name, (low, high) in choice.bands.items():
         lines.append(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]\n")
     return "".join(lines)
 
 
-def _background_table(setup: RadarSetup, choice: _Choice) -> str:
+def _background_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
     """Write the table of self-signature and gain background."""
-    method = "none"
-    reason = (
-        f"the mean of fewer than {FEWEST_SCANS} scans {SCAN_SPACING:g} m apart holds the targets"
-    )
-    if setup.drives:
-        method = "mean"
-        reason = "the vehicle drives on, so the mean scan holds little of any target"
-    step = max(round(_MEDIAN_STEP / choice.fine), 1)
+    method = "mean" if setup.drives else "none"
     return f"""\
 [background]
-self_signature = "{method}"  # {reason}
+self_signature = "{method}"  # {reasons["background.self_signature"]}
 median = {_MEDIAN}  # {_PAPER}
-mean = {_MEAN}  # {_PAPER}
-median_step = {step}  # {_MEDIAN_STEP} m, {_PAPER}
+mean = {MEAN}  # {_PAPER}
+median_step = {median_step(choice)}  # {MEDIAN_STEP} m, {_PAPER}
 """
 
 
-def _run_view_table(setup: RadarSetup, choice: _Choice, nearest: float, reach: float) -> str:
+def _run_view_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
     """Write the table of the run-view."""
-    x = float(np.median(setup.poses[:, 0]))
-    left, right = x - _HALF_VIEW, x + _HALF_VIEW
-    extent = f"{_HALF_VIEW:g} m to either side of the vehicle's course"
-    heights = _FAR
-    if setup.aperture:
-        corners = []
-        for side in (-choice.half, choice.half):
-            for ahead in (nearest, reach):
-                corners.append((side, ahead, 0.0))
-        covered = scan_to_lane(corners, setup.poses[0])[:, 0]
-        left, right = float(covered.min()), float(covered.max())
-        extent = "what the image covers"
-        heights = _FAR_APERTURE
+    left, right = view_x(setup, choice)
     return f"""\
 [run_view]
-x = [{left:.2f}, {right:.2f}]  # {extent}; it is as long as the lane
-spacing = {choice.coarse}  # two thirds of the resolution that {choice.subband} has in the middle, \
-but 0.01 to 0.1 m
-y_max = {reach:.2f}  # {heights:g} antenna heights, or as far as {choice.subband} resolves \
-{ALARM_RADIUS} m across
+x = [{left:.2f}, {right:.2f}]  # {reasons["run_view.x"]}
+spacing = {choice.coarse}  # {reasons["run_view.spacing"]}
+y_max = {last_look(setup, choice):.2f}  # {reasons["run_view.y_max"]}
 """
 
 
-def _prescreen_table(setup: RadarSetup, choice: _Choice) -> str:
+def _prescreen_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
     """Write the table of the prescreener."""
+    polarization = polarization_of(setup.polarizations)
     return f"""\
 [prescreen]
-polarization = "{_polarization(setup)}"  # co-polarized if the run has it, HH before VV
-subband = "{choice.subband}"  # the lowest part that resolves {ALARM_RADIUS} m across, \
-{2 * _NEAR:g} antenna heights ahead
+polarization = "{polarization}"  # {reasons["prescreen.polarization"]}
+subband = "{choice.subband}"  # {reasons["prescreen.subband"]}
 radius = {ALARM_RADIUS}  # {_PAPER}
 density = {_DENSITY}  # {_PAPER}
 count = "view"
 """
 
 
-def _contrast_table(setup: RadarSetup, choice: _Choice) -> str:
+def _contrast_table(setup: RadarSetup, choice: Choice) -> str:
     """Write the table of the local contrast."""
     spacing = choice.coarse
     return f"""\
 [contrast]
-polarization = "{_polarization(setup)}"  # the prescreener's channel
+polarization = "{polarization_of(setup.polarizations)}"  # the prescreener's channel
 subband = "{choice.subband}"
-size = {_pixels([_PATCH], spacing)[0]}  # {_PATCH} m, {_PAPER}
+size = {pixels_of([PATCH], spacing)[0]}  # {PATCH} m, {_PAPER}
 spacing = {spacing}  # the run-view's
-inner = {_pixels(_INNER, spacing)}  # {_INNER[0]} m x {_INNER[1]} m, {_PAPER}
-guard = {_pixels(_GUARD, spacing)}  # {_GUARD[0]} m x {_GUARD[1]} m, {_PAPER}
+inner = {pixels_of(_INNER, spacing)}  # {_INNER[0]} m x {_INNER[1]} m, {_PAPER}
+guard = {pixels_of(_GUARD, spacing)}  # {_GUARD[0]} m x {_GUARD[1]} m, {_PAPER}
 """
 
 
-def _features_table(choice: _Choice) -> str:
+def _features_table(choice: Choice) -> str:
     """Write the table of the features."""
     return f"""\
 [features]  # the run has HH, VV and a cross-polarized channel
-inner = {_pixels(_COHERENT, choice.fine)}  # {_COHERENT[0]} m x {_COHERENT[1]} m of the image, \
+inner = {pixels_of(_COHERENT, choice.fine)}  # {_COHERENT[0]} m x {_COHERENT[1]} m of the image, \
 {_PAPER}
 psi = "circular"  # angles are averaged as directions
 """

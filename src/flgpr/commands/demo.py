@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flgpr.chain.detection import Detection
     from flgpr.results.result import Result
     from flgpr.scoring import Score
+    from flgpr.scoring.score_entries import ScoreSummary
 
 VIEW = Annotated[bool, Option("--view", help="Open the result in the viewer.")]
 NO_OPEN = Annotated[bool, Option("--no-open", help="Open no browser: print where the page is.")]
@@ -54,7 +55,7 @@ def _when(result: Result, score: Score) -> str:
     return " before the vehicle reached them" if is_ahead else ""
 
 
-def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> dict[str, Any]:
+def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary:
     """Return the figures of the score."""
     result, scores = returned
     return score_summary(result.folder, scores)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument
+from typer import Argument, Option
 
 from flgpr.commands.options import PathLike, RunArgument, ShellType, output_option
 from flgpr.commands.shell import Arguments, RawText, command
@@ -73,10 +73,16 @@ def _recipe_lines(text: str, call: Arguments) -> Iterator[str | Path]:
 def recipe_for(
     run: RunArgument,
     output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
+    like: Annotated[
+        PathLike | None,
+        Option(help="Recipe whose method it has, such as fused; by default parts of wang2007."),
+        ShellType(str),
+    ] = None,
 ) -> str:
     """Make a recipe for a run's band, polarizations and array.
 
-    Comments in it state where each figure comes from.
+    Comments in it state where each figure comes from. With --like what belongs to the array comes
+    from the run, and all else from another recipe.
 
     Returns
     -------
@@ -86,13 +92,13 @@ def recipe_for(
     Raises
     ------
     ValueError
-        If no recipe can be made for the run.
+        If no recipe can be made for the run, or the other one cannot be fitted to an array.
     FileExistsError
         If another file is at the output.
     """
     from flgpr.chain.recipe_for_run import recipe_for as write_recipe
 
-    return write_recipe(run, output)
+    return write_recipe(run, output, like=like)
 
 
 def _good_lines(recipe: Recipe, call: Arguments) -> Iterator[str]:

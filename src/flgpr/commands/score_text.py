@@ -16,13 +16,14 @@ if TYPE_CHECKING:
 
     from flgpr.commands.analysts import PairAgreement
     from flgpr.scoring import Agreement, Score, SideBySide
+    from flgpr.scoring.score_entries import ScoreSummary
     from flgpr.trials import BlindScore
 
 _LEFT_COLUMNS = ("target", "outcome")
 _RIGHT_COLUMNS = ("first seen", "rank", "above", "off by")
 
 
-def score_summary(folder: Path, scored: list[Score]) -> dict[str, Any]:
+def score_summary(folder: Path, scored: list[Score]) -> ScoreSummary:
     """Return the figures of a score as ``--json`` prints them."""
     from flgpr.commands.scoring import outcome_table
 

@@ -15,6 +15,7 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.chain.progress import Track
+    from flgpr.model import Sensor
 
 ENGINES = ("flgpr", "gprmax")
 
@@ -53,7 +54,9 @@ def simulate_lane(
         PathLike | None,
         output_option("run store, folder of decks or table"),
     ] = None,
-    sensor: Annotated[str, Option(help="Sensor preset or TOML file.")] = "sri-array",
+    sensor: Annotated[
+        str, Option(help="Sensor preset, TOML file, or run store whose array it is.")
+    ] = "sri-array",
     seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
     errors: Annotated[
         bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
@@ -112,12 +115,11 @@ def simulate_lane(
         raise ValueError("simulate needs --output or --preview, got neither")
     from flgpr.commands.simulation import write_gprmax_decks, write_preview
     from flgpr.execution.simulated_lane import simulate_to_store
-    from flgpr.model import load_sensor
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
 
     loaded_scene = load_scene(scene)
-    array = load_sensor(sensor)
+    array = _array(sensor)
     is_simulated = output is not None and engine == "flgpr"
     check_effort(loaded_scene, array if is_simulated else None, force)
 
@@ -145,6 +147,21 @@ def simulate_lane(
                 force=force,
             )
     return SimulationOutput(paths, lines)
+
+
+def _array(sensor: str) -> Sensor:
+    """Return the sensor of a name or file, or that of the array of a stored run."""
+    from flgpr.model import load_sensor
+
+    if not Path(sensor).is_dir():
+        return load_sensor(sensor)
+    from flgpr.chain.recipe_for_run import sensor_for
+    from flgpr.store import open_run
+    from flgpr.store.files import faults_of
+
+    run = open_run(sensor)
+    with faults_of(sensor):
+        return sensor_for(run)
 
 
 @contextmanager

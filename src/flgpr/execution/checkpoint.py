@@ -177,12 +177,10 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
 
     def missing_blocks(self, name: str, numbers: Sequence[int]) -> list[int]:
         """Return those of some blocks of a pass that are still to be done."""
+        absent = [number for number in numbers if block_name(name, number) not in self]
+        # Asked last: another process may just have merged a block and deleted its state.
         merged = self.merged_blocks(name)
-        missing = []
-        for number in numbers:
-            if number >= merged and block_name(name, number) not in self:
-                missing.append(number)
-        return missing
+        return [number for number in absent if number >= merged]
 
     def block_states(self, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
         """Yield the states of some blocks of a pass.

@@ -49,7 +49,7 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     ValueError
         If the header names no columns, or there are no frames or no positions.
     """
-    import pandas as pd
+    from flgpr.store.tables import parse_csv
 
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         head = list(csv.reader(islice(file, _HEAD)))
@@ -68,7 +68,7 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
 
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
-        table = pd.read_csv(
+        table = parse_csv(
             file,
             header=None,
             skiprows=start + 1,

@@ -516,7 +516,7 @@ def _column_of(column: list[Any]) -> NDArray[Any] | None:
 def _texts_of(column: list[Any]) -> NDArray[np.str_] | None:
     """Return texts, or lists of equally many texts, as an array; None where they are not."""
     rows = ["" if value is None else value for value in column]
-    texts = []
+    texts: list[Any] = []
     for row in rows:
         texts += row if isinstance(row, list) else [row]
     if not texts or not all(isinstance(text, str) for text in texts):

@@ -34,6 +34,7 @@ from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
+from flgpr.live.event_types import ViewGrid
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
@@ -372,7 +373,7 @@ class LiveDetector:
             if fault:
                 warnings.warn(fault, stacklevel=3)
 
-    def view_grid(self) -> dict[str, float] | None:
+    def view_grid(self) -> ViewGrid | None:
         """Return the lattice of the run-view; None before a pose came.
 
         ``x`` and ``y`` are the centre of its first pixel, ``dx`` and ``dy`` the spacings, m, and

@@ -9,9 +9,9 @@ import re
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
-Event = dict[str, Any]
+from flgpr.live.event_types import Event
+
 BURST = 10  # events of a kind that are written one by one
 # s between the summaries of a flood; the page reports a missing radar after 0.75 s
 _PERIOD = {"problem": 1.0, "counts": 0.25}
@@ -116,4 +116,4 @@ def _summary(flood: _Flood, now: float) -> Event | None:
         return event
     noun = "problem" if left_out == 1 else "problems"
     words = f"{left_out:,} more {noun} like this: {event['words']}"
-    return event | {"more": left_out, "words": words}
+    return {**event, "more": left_out, "words": words}

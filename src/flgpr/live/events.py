@@ -9,9 +9,9 @@ import base64
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,24 @@ from numpy.typing import NDArray
 from flgpr.append_log import write_all
 from flgpr.chain.look_samples import decibels
 from flgpr.door import open_own
-from flgpr.live.event_rate import BURST, Event, EventRate
+from flgpr.live.event_rate import BURST, EventRate
+from flgpr.live.event_types import (
+    AlarmEvent,
+    AnewEvent,
+    Event,
+    PositionEvent,
+    ProblemEvent,
+    ViewEvent,
+)
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
+from flgpr.model.plausible import Step
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
+
+AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
+"""Event of an alarm, or an alarm of a result."""
 
 EVENT_FILE = "live.jsonl"
 _BLOCK = 65536  # bytes that are searched for a line's end at once
@@ -71,14 +83,14 @@ class EventFile:
             os.utime(self.path)
 
 
-def as_line(event: Mapping[str, Any]) -> str:
+def as_line(event: Event) -> str:
     """Return an event, JSON values and finite numbers, as a line with its end."""
     return json.dumps(event, separators=(",", ":"), allow_nan=False) + "\n"
 
 
 def alarm_event(
     alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], vehicle: Vehicle, latency: float
-) -> dict[str, Any]:
+) -> AlarmEvent:
     """Return the event of an alarm that a scan raised or changed.
 
     Parameters
@@ -101,7 +113,7 @@ def alarm_event(
         ``in_time`` is whether the vehicle can stop before the alarm, and ``margin_m`` by how much.
     """
     left = vehicle.left(alarm.x, alarm.y, pose)
-    event: Event = {
+    event: AlarmEvent = {
         "event": "alarm",
         "alarm_id": alarm.alarm_id,
         "state": alarm.state,
@@ -117,17 +129,18 @@ def alarm_event(
     }
     margin = vehicle.margin(left, latency)
     if margin is not None:
-        event |= {"in_time": margin >= 0, "margin_m": round(margin, 3)}
+        event["in_time"] = margin >= 0
+        event["margin_m"] = round(margin, 3)
     return event
 
 
-def add_places_on_earth(events: Sequence[Event], anchor: Anchor) -> None:
+def add_places_on_earth(events: Sequence[AnyAlarm], anchor: Anchor) -> None:
     """Add ``latitude`` and ``longitude`` (WGS 84, degrees) to the events of alarms.
 
     Parameters
     ----------
     events : sequence of dict
-        Events of :func:`alarm_event`, with x and y on the ground of their lane.
+        Events of :func:`alarm_event`, or alarms of a result, with x and y on the ground of their lane.
     anchor : Anchor
         Where the lane lies. All places are found at once, which takes as long as one.
     """
@@ -140,12 +153,17 @@ def add_places_on_earth(events: Sequence[Event], anchor: Anchor) -> None:
         event["longitude"] = round(float(longitude), _DEGREE_DIGITS)
 
 
-def position_events(name: str, update: LiveUpdate) -> list[Event]:
+def problem_event(name: str, words: str) -> ProblemEvent:
+    """Return the event that something is wrong with ``name``, a file or the socket."""
+    return {"event": "problem", "name": name, "words": words}
+
+
+def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
     """Return the events of a frame whose pose ("pose") or time ("clock") is not plausible.
 
     ``name`` is the frame's file, or the socket.
     """
-    faults = []
+    faults: list[tuple[Literal["pose", "clock"], Step]] = []
     # A strain up to 1 is plausible by itself: the pose only agrees better with those held back.
     if update.step is not None and update.step.strain > 1:
         faults.append(("pose", update.step))
@@ -153,12 +171,13 @@ def position_events(name: str, update: LiveUpdate) -> list[Event]:
         faults.append(("clock", update.clock))
     events = []
     for kind, step in faults:
-        event = {"event": "problem", "name": name, "words": step.words, "kind": kind}
-        events.append(event | step.as_json())
+        problem = problem_event(name, step.words)
+        event: PositionEvent = {**problem, "kind": kind, **step.as_json()}
+        events.append(event)
     return events
 
 
-def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> Event:
+def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> AnewEvent:
     """Return the event that detection started anew with ``scan`` and those held back before it.
 
     ``pose`` is the newest scan's. ``forgotten`` in the event is whether all before was given up,
@@ -173,7 +192,7 @@ def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> Even
     }
 
 
-def view_event(row: int, view: NDArray[np.float32]) -> Event:
+def view_event(row: int, view: NDArray[np.float32]) -> ViewEvent:
     """Return the event of rows of the run-view (y, x).
 
     ``halves`` holds dB over the background as little-endian half floats in base64. Rows before the

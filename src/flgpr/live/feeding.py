@@ -17,6 +17,7 @@ import xarray as xr
 
 from flgpr.door import Folder
 from flgpr.live.tcp import connected_tcp, parse_tcp
+from flgpr.live.unix_sockets import unix_socket
 from flgpr.store import (
     RunDescription,
     describe_for_live,
@@ -255,7 +256,7 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
 
 def _connected_unix(path: Path) -> socket.socket:
     """Return a socket that is connected to a Unix socket."""
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection = unix_socket(path)
     try:
         connection.connect(str(path))
     except OSError as error:

@@ -29,6 +29,7 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.model import Model
 from flgpr.chain.recipe import Recipe
 from flgpr.live.detector import LiveDetector
+from flgpr.live.event_types import ForecastEntries
 from flgpr.live.updates import LiveAlarm
 from flgpr.model import complete_scans
 from flgpr.store import Scan
@@ -156,7 +157,7 @@ def forecast_event(
     margin: float | None,
     threshold: float,
     worth: float,
-) -> dict[str, Any]:
+) -> ForecastEntries:
     """Return the members of an alarm's event that forecast it.
 
     They are its probability and, of an open alarm, what further looks will make of it. The looks
@@ -180,7 +181,7 @@ def forecast_event(
         brings the confidence to the other side of ``threshold`` is at least this.
     """
     odds = alarm.confidence
-    event: dict[str, Any] = {"p": round(_probability(odds), 4)}
+    event: ForecastEntries = {"p": round(_probability(odds), 4)}
     if alarm.state in ("withdrawn", "final"):
         return event
     expected = detector.expected_looks(alarm)

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.live.detector import LiveSettings
+from flgpr.live.unix_sockets import check_unix_sockets
 from flgpr.live.vehicle import Vehicle
 
 PathLike = str | Path
@@ -21,7 +22,8 @@ class LiveOptions:
     Raises
     ------
     ValueError
-        If there is nothing to take scans from, or an option has no sense or needs another one.
+        If there is nothing to take scans from, this system has no Unix sockets, or an option has
+        no sense or needs another one.
     """
 
     recipe: PathLike | None  #: packaged recipe or TOML file; None makes one for the run
@@ -52,6 +54,8 @@ class LiveOptions:
                 "live needs a folder, a socket, a TCP address or a recording to take scans from, "
                 "got none"
             )
+        if self.socket is not None:
+            check_unix_sockets(Path(self.socket))
         if self.rate is not None and self.played is None:
             raise ValueError(f"rate goes with a recording that is played, got {self.rate:g}")
         if self.threshold is not None and not np.isfinite(self.threshold):

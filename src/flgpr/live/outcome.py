@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from flgpr.live.event_types import Latencies
+
 
 @dataclass(frozen=True)
 class LiveReport:
@@ -15,14 +17,14 @@ class LiveReport:
     counts: dict[str, int]  #: see ``COUNTS`` in ``live.intake``
     #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and the
     #: number of ``scans``
-    latency_ms: dict[str, float]
+    latency_ms: Latencies
     alarms: int  #: alarms that stand at the end
     #: frames processed per second between the first and the last one of this process; NaN with
     #: fewer than two
     rate: float
 
 
-def latency_percentiles(latency: list[float]) -> dict[str, float]:
+def latency_percentiles(latency: list[float]) -> Latencies:
     """Return median, 95th percentile and largest of latencies (s) in ms, and their number."""
     if not latency:
         return {"scans": 0}

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.door import check_expansion, parse_json, read_named
-from flgpr.live.event_rate import Event
+from flgpr.live.event_types import Event
 from flgpr.live.events import EVENT_FILE, EventFile
 
 _BEAT = 0.1  # s between signs of life while nothing comes, as in live detection
@@ -123,4 +123,4 @@ def _wait_until(moment: float, file: EventFile, wait: Callable[[float], bool]) -
 
 def _dated(event: Event, arrived: float) -> Event:
     """Return an event; a scan arrived at a moment, s since 1970."""
-    return event | {"arrived": round(arrived, 3)} if event["event"] == "scan" else event
+    return {**event, "arrived": round(arrived, 3)} if event["event"] == "scan" else event

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from flgpr.live.stream import FrameStream
 from flgpr.live.tcp import TcpAddress, listening_tcp
+from flgpr.live.unix_sockets import unix_socket
 from flgpr.live.watch import Inbox
 from flgpr.store.scan_file import MAGIC
 
@@ -220,7 +221,8 @@ class SocketWatch(_SenderWatch):
     Raises
     ------
     ValueError
-        If the path cannot be made a socket, or another program listens on it.
+        If the path cannot be made a socket, another program listens on it, or this system has no
+        Unix sockets.
     """
 
     def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
@@ -261,7 +263,7 @@ class TcpWatch(_SenderWatch):
 def _listening_unix(path: Path) -> socket.socket:
     """Return a Unix socket that listens on a path, which only this user may open."""
     _remove_stale_socket(path)
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener = unix_socket(path)
     previous_mask = os.umask(0o177)
     try:
         listener.bind(str(path))
@@ -296,7 +298,7 @@ def _remove_stale_socket(path: Path) -> None:
         return
     if not stat.S_ISSOCK(path.lstat().st_mode):
         raise ValueError(f"socket must be a new path, got {path}, where another file lies")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+    with unix_socket(path) as probe:
         probe.settimeout(1.0)
         try:
             probe.connect(str(path))

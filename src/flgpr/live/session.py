@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,17 @@ from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live import forecast
 from flgpr.live.causal_steps import check_causal
 from flgpr.live.detector import LiveDetector, LiveSettings
-from flgpr.live.event_rate import Event
+from flgpr.live.event_types import (
+    AlarmEvent,
+    EndEvent,
+    Event,
+    LaneBorders,
+    ReportEntries,
+    ResumeEvent,
+    ScanEvent,
+    StartEvent,
+    VehicleEntries,
+)
 from flgpr.live.events import (
     EVENT_FILE,
     EventFile,
@@ -37,6 +47,7 @@ from flgpr.live.events import (
     anew_event,
     as_line,
     position_events,
+    problem_event,
     view_event,
 )
 from flgpr.live.intake import Intake
@@ -54,7 +65,8 @@ from flgpr.live.state import (
 )
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
-from flgpr.live.updates import LiveAlarm, LiveUpdate
+from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
+from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
 from flgpr.store import (
@@ -160,7 +172,7 @@ class LiveRun:
         recipe = self._use_recipe(text, "fitted")
         write_whole(self.output / RECIPE_FILE, text)
         words = f"no recipe was given: {RECIPE_FILE} was made for this run and is used"
-        events.append([{"event": "problem", "name": RECIPE_FILE, "words": words}])
+        events.append([problem_event(RECIPE_FILE, words)])
         return recipe
 
     def stop(self) -> None:
@@ -270,7 +282,7 @@ class LiveRun:
             name = f"senders_{outcome}"
             self._senders[name] += count
             words = f"senders {outcome}: {count}, {self._senders[name]} in all; {SENDERS[outcome]}"
-            events.append([{"event": "problem", "name": SOCKET, "words": words}])
+            events.append([problem_event(SOCKET, words)])
 
     def _take_description(self, arrival: Arrival, events: EventFile) -> None:
         """Take a description of this run.
@@ -286,7 +298,7 @@ class LiveRun:
         except ValueError as error:
             if arrival.name != SOCKET:
                 raise ValueError(f"{arrival.name}: {error}") from None
-            events.append([{"event": "problem", "name": arrival.name, "words": str(error)}])
+            events.append([problem_event(arrival.name, str(error))])
 
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
@@ -321,7 +333,7 @@ class LiveRun:
             self._anchor = _anchor_on_earth(reference)
         except ValueError as error:
             words = f"alarms have places in the lane alone: {error}"
-            events.append([{"event": "problem", "name": RUN_FILE, "words": words}])
+            events.append([problem_event(RUN_FILE, words)])
 
     def _build(
         self, recipe: Recipe, intake: Intake, events: EventFile, snapshot: Snapshot | None
@@ -336,7 +348,8 @@ class LiveRun:
             self._waiting = set(detector.alarms.open)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
-            events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
+            resumed: ResumeEvent = {"event": "resume", "scan": newest, "counts": intake.counts}
+            events.append([resumed])
         rehearse(description, recipe, self._model)
         self._detector = detector
         self._intake = intake
@@ -348,7 +361,7 @@ class LiveRun:
         intake = self._intake
         if intake is None:
             reason = arrival.value or "left out: it came before the description of its run"
-            events.append([{"event": "problem", "name": arrival.name, "words": str(reason)}])
+            events.append([problem_event(arrival.name, str(reason))])
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
@@ -357,9 +370,7 @@ class LiveRun:
         scan, problem = _admitted(arrival, intake)
         if detector is None:
             if scan is None:
-                events.append(
-                    [{"event": "problem", "name": arrival.name, "words": problem or _NO_POSE}]
-                )
+                events.append([problem_event(arrival.name, problem or _NO_POSE)])
                 return False
             recipe = self._fit_recipe(scan, intake.description, events)
             detector = self._build(recipe, intake, events, None)
@@ -369,7 +380,7 @@ class LiveRun:
         if scan is not None and update is not None:
             lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
-            lines.append({"event": "problem", "name": arrival.name, "words": problem})
+            lines.append(problem_event(arrival.name, problem))
         if _faults(counts_before) != _faults(intake.counts):
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
@@ -388,7 +399,7 @@ class LiveRun:
     ) -> list[Event]:
         """Return the events of what a scan changed, and of the scans held back that it released."""
         latency = max(time.time() - arrival.when, 0.0)
-        lines = position_events(arrival.name, update)
+        lines: list[Event] = [*position_events(arrival.name, update)]
         pose = detector.newest_pose if detector.newest_pose is not None else scan.pose
         if update.anew and pose is not None:
             lines.append(anew_event(scan.number, update, pose))
@@ -401,7 +412,9 @@ class LiveRun:
             lines.append(self._start_event(detector, intake.description))
         settled = [*update.released, (scan, update)]
         for settled_scan, change in settled:
-            lines.append(_scan_event(settled_scan, change.outcome, arrival, latency))
+            # Scans that are released, and one that was not left out, are settled.
+            outcome = cast(SettledOutcome, change.outcome)
+            lines.append(_scan_event(settled_scan, outcome, arrival, latency))
         if pose is not None:
             lines += self._alarm_events(update, scan.number, pose, latency, detector)
         for _, change in settled:
@@ -418,7 +431,7 @@ class LiveRun:
         pose: NDArray[np.float64],
         latency: float,
         detector: LiveDetector,
-    ) -> list[Event]:
+    ) -> list[AlarmEvent]:
         """Return the events of alarms that changed, and send their lines to the callback."""
         events = [self._alarm_event(alarm, scan, pose, latency) for alarm in update.alarms]
         # The last event of some alarms advised to wait for a look that did not come. They are
@@ -442,20 +455,21 @@ class LiveRun:
 
     def _alarm_event(
         self, alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], latency: float
-    ) -> Event:
+    ) -> AlarmEvent:
         """Return an alarm's event, with a forecast where the model has one."""
         event = alarm_event(alarm, scan, pose, self.options.vehicle, latency)
-        if self._forecast is not None and self._detector is not None:
-            threshold = 0.0 if self.options.threshold is None else self.options.threshold
-            event |= forecast.forecast_event(
-                self._forecast,
-                self._detector,
-                alarm,
-                event.get("margin_m"),
-                threshold,
-                self.options.worth,
-            )
-        return event
+        if self._forecast is None or self._detector is None:
+            return event
+        threshold = 0.0 if self.options.threshold is None else self.options.threshold
+        entries = forecast.forecast_event(
+            self._forecast,
+            self._detector,
+            alarm,
+            event.get("margin_m"),
+            threshold,
+            self.options.worth,
+        )
+        return {**event, **entries}
 
     def _judge(
         self, scan: Scan, detector: LiveDetector, intake: Intake
@@ -475,11 +489,10 @@ class LiveRun:
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
         return update, update.words
 
-    def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
+    def _start_event(self, detector: LiveDetector, description: RunDescription) -> StartEvent:
         """Return the event that detection starts."""
         recipe = detector.recipe
         screen = recipe.prescreen
-        vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
         if self.options.anchor is not None and self._anchor is not None:
             reference = self._anchor.georeference()
@@ -487,12 +500,12 @@ class LiveRun:
             "event": "start",
             "title": description.title,
             "recipe": recipe.name,
-            "lane": None if detector.lane is None else asdict(detector.lane),
+            "lane": _lane_borders(detector.lane),
             "grid": detector.view_grid(),
             "channel": [screen.polarization, screen.subband],
             "georeference": reference,
             "threshold": self.options.threshold,
-            "vehicle": asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance},
+            "vehicle": _vehicle_entries(self.options.vehicle),
         }
 
     def _snapshot(self) -> Snapshot:
@@ -521,9 +534,12 @@ class LiveRun:
             return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
         report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
-        end = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
-        events.append([end | counts])
-        entries = asdict(report) | {
+        end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
+        events.append([{**end, **counts}])
+        entries: ReportEntries = {
+            "counts": report.counts,
+            "latency_ms": report.latency_ms,
+            "alarms": report.alarms,
             "rate": report.rate if np.isfinite(report.rate) else None,
             "recipe": detector.recipe.name,
         }
@@ -559,7 +575,25 @@ def _anchor_on_earth(reference: Any) -> Anchor:
     return anchor
 
 
-def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
+def _lane_borders(lane: Lane | None) -> LaneBorders | None:
+    """Return the borders of a lane as the event ``start`` states them."""
+    if lane is None:
+        return None
+    return {"x_min": lane.x_min, "x_max": lane.x_max, "y_min": lane.y_min, "y_max": lane.y_max}
+
+
+def _vehicle_entries(vehicle: Vehicle) -> VehicleEntries:
+    """Return a vehicle as the event ``start`` states it."""
+    return {
+        "speed": vehicle.speed,
+        "reaction": vehicle.reaction,
+        "deceleration": vehicle.deceleration,
+        "front": vehicle.front,
+        "stopping_distance": vehicle.stopping_distance,
+    }
+
+
+def _scan_event(scan: Scan, outcome: SettledOutcome, arrival: Arrival, latency: float) -> ScanEvent:
     """Return the event of what became of a scan."""
     pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
     return {

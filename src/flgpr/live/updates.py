@@ -15,6 +15,9 @@ from flgpr.model.plausible import Step
 from flgpr.store import Scan
 
 State = Literal["new", "update", "withdrawn", "final"]
+SettledOutcome = Literal["taken", "warm-up", "still", "late", "refused"]
+"""What became of a scan that is not held back."""
+Outcome = SettledOutcome | Literal["held", "implausible", "duplicate"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class LiveUpdate:
     where it may have changed, from ``row`` of the lane on; ground that no scan has seen is NaN.
     """
 
-    outcome: str
+    outcome: Outcome
     alarms: list[LiveAlarm]
     row: int = 0
     view: NDArray[np.float32] | None = None

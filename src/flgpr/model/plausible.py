@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
+from typing_extensions import TypedDict
 
 from flgpr.model.arrays import FloatArray
 from flgpr.model.bounds import Entries, Largest
@@ -77,6 +78,18 @@ class Sighting:
     pose: FloatArray  #: (6,), m and rad
 
 
+class StepEntries(TypedDict):
+    """A :class:`Step` as JSON values."""
+
+    scan: int  #: scan after the step
+    since: int  #: scan before the step
+    limit: str  #: name of the limit
+    value: float | None  #: value of the step, in ``unit``; null where it is not finite
+    most: float  #: largest value that the limit allows, in ``unit``
+    unit: str  #: m, rad, s or scans
+    seconds: float | None  #: duration of the step; null where times do not tell it
+
+
 @dataclass(frozen=True)
 class Step:
     """The step between two scans, and the limit that it strains most."""
@@ -120,7 +133,7 @@ class Step:
         unit = f"{self.unit}/s"
         return f"{text}, {rate:.4g} {unit}, at most {most:.4g} {unit} ({self.limit})"
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> StepEntries:
         """Return it as JSON values; what is not finite is null."""
         return {
             "scan": self.scan,

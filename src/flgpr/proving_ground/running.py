@@ -21,12 +21,16 @@ import numpy as np
 import pandas as pd
 
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.chain.recipe_fit import RadarSetup, radar_setup
+from flgpr.chain.recipe_like import like_text
 from flgpr.door import Folder
 from flgpr.execution.job import code_versions
 from flgpr.execution.survey import detect_survey
 from flgpr.execution.training import train_on_lanes, training_lanes
 from flgpr.execution.workers import DEFAULTS, Report, RunOptions
+from flgpr.model import vehicle_to_scan
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
+from flgpr.simulate.scene.world import draw_track
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
@@ -64,7 +68,8 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     """Return the packaged entries of a ground by name.
 
     They are packaged recipes in which some text is replaced, for the array of the ground or by the
-    entry. More is replaced for the quick form, whose few mines would teach them nothing.
+    entry. More is replaced for the quick form, whose few mines would teach them nothing. On a
+    ground with a recipe for its own array some are fitted to the array.
 
     Raises
     ------
@@ -76,9 +81,12 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     entries = {}
     own_recipe = ground.table.recipe
     for name, row in rows.items():
-        if own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
+        if own_recipe and row.get("fitted"):
+            text = like_text(_array_of(ground), row["recipe"], ground.table.sensor)
+        elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
             continue  # made for another array
-        text = recipe_text(own_recipe or row["recipe"])
+        else:
+            text = recipe_text(own_recipe or row["recipe"])
         replacements = list(row.get("replace", []))
         if ground.quick:
             replacements += row.get("quick", [])
@@ -91,6 +99,19 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
         entries[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
     return entries
+
+
+def _array_of(ground: Ground) -> RadarSetup:
+    """Return what a recipe that is fitted to the array of a ground depends on."""
+    for lane in ground.lanes.values():
+        if lane.stored is None:
+            poses, _ = draw_track(lane.scene, lane.sensor.height, lane.seed)
+            pose = np.median(poses, axis=0)
+            tx, rx = (vehicle_to_scan(places, pose) for places in lane.sensor.pairs())
+            labels = list(lane.sensor.polarization)
+            return RadarSetup(labels, lane.sensor.tones.axis(), tx, rx, poses)
+        return radar_setup(open_run(lane.stored[0]))
+    raise ValueError(f"ground must have a lane, got none in {ground.title}")
 
 
 def find_entry(what: str | Path, ground: Ground) -> Entry:

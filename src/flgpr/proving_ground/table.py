@@ -37,7 +37,7 @@ from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
-from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.store.tables import parse_columns, parse_csv, read_table_in
 from flgpr.trials import alarm_hash
 from flgpr.trials.blind import match_blind
 
@@ -561,7 +561,7 @@ def same_lanes(ground: Ground, folder: Path) -> dict[str, str]:
         "same bits", "alike", "other", "not there" or "not known" by the name of the lane.
     """
     packaged = resources.files("flgpr.proving_ground") / "fingerprints.csv"
-    known = pd.read_csv(io.StringIO(packaged.read_text("utf-8"))).set_index("lane")
+    known = parse_csv(io.StringIO(packaged.read_text("utf-8"))).set_index("lane")
     existing(folder / PRINTS, "fingerprints of lanes")
     present = parse_columns(Folder(folder).read(PRINTS)).set_index("lane")
     likeness = {}

@@ -47,7 +47,7 @@ _NOT_CONTENT = ("identity", "added", "added_sizes", "sha256")
 FRAMES = "frames.npz"
 """Alarms of every frame, where the recipe scores by frames."""
 _FRAME_COLUMNS = ("frame", "across", "ahead", "confidence")
-_LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
+_LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,17 @@ from flgpr.scoring.curve import operating_row, pd_mean, pd_mean_by_chance
 from flgpr.scoring.lane_roc import assign, label_alarms, roc_of
 from flgpr.scoring.matching import LaneLike, Match, match
 from flgpr.scoring.places import Refraction, SurveyShare, survey_share
+from flgpr.scoring.score_entries import (
+    CurvePoint,
+    DetectionEntries,
+    KindEntries,
+    KindPoint,
+    MeanPd,
+    MeanPdInterval,
+    OperatingPoint,
+    RulesEntries,
+    TargetOutcome,
+)
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _SAME_IN_ALL_ROWS = ("n_targets", "area")
@@ -76,7 +87,7 @@ class Score:
     survey: SurveyShare | None  #: what the error of the survey takes of the halo, if it is known
 
     @cached_property
-    def pd_mean(self) -> dict[str, float] | None:
+    def pd_mean(self) -> MeanPdInterval | None:
         """PD_mean with its bootstrap interval and chance level; None without targets.
 
         The entries are ``value``, ``low``, ``high``, ``chance`` and ``far_max``, per m².
@@ -278,41 +289,50 @@ class Score:
         row = [int((thresholds > confidence).sum()) - 1 for confidence in worst["confidence"]]
         return worst.assign(found_above=n_detected[row])
 
-    def rules_summary(self) -> dict[str, Any]:
+    def rules_summary(self) -> RulesEntries:
         """Return the convention and all choices, which are the same for all lists of a lane."""
-        summary: dict[str, Any] = {}
+        stated = {}
         for name, value in self.curve.attrs.items():
             if name not in COUNTS:
-                summary[str(name)] = value
-        summary["far"] = self.rules.far
-        summary["bootstrap"] = {"draws": self.rules.draws, "seed": self.rules.seed}
-        summary["chance"] = {"shifts": self.rules.shifts, "seed": self.rules.seed}
+                stated[str(name)] = value
+        stated["far"] = self.rules.far
+        stated["bootstrap"] = {"draws": self.rules.draws, "seed": self.rules.seed}
+        stated["chance"] = {"shifts": self.rules.shifts, "seed": self.rules.seed}
         if self.survey is not None:
-            summary["survey_error"] = asdict(self.survey)
-        return summary
+            stated["survey_error"] = asdict(self.survey)
+        return cast(RulesEntries, stated)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> DetectionEntries:
         """Return counts, operating point, PD_mean, curve, kinds and outcomes as nested entries."""
+        counts = self.curve.attrs
+        operating_point = {"far_asked": self.rules.far, "far_allowed": self.far, **self.point}
+        points = self.curve.drop(columns=list(_SAME_IN_ALL_ROWS)).to_dict("records")
         return {
             "title": self.title,
-            **{name: self.curve.attrs[name] for name in COUNTS},
+            "n_alarms": counts["n_alarms"],
+            "n_targets": counts["n_targets"],
+            "n_known_targets": counts["n_known_targets"],
+            "area": counts["area"],
             "n_false": self.curve["n_false"].iloc[-1],
-            "operating_point": {"far_asked": self.rules.far, "far_allowed": self.far, **self.point},
+            "operating_point": cast(OperatingPoint, operating_point),
             "pd_mean": self.pd_mean,
-            "points": self.curve.drop(columns=list(_SAME_IN_ALL_ROWS)).to_dict("records"),
+            "points": cast(list[CurvePoint], points),
             "kinds": {name: self._kind_summary(curve) for name, curve in self.kinds().items()},
-            "targets": self.outcomes.to_dict("records"),
+            "targets": cast(list[TargetOutcome], self.outcomes.to_dict("records")),
         }
 
-    def _kind_summary(self, curve: pd.DataFrame) -> dict[str, Any]:
+    def _kind_summary(self, curve: pd.DataFrame) -> KindEntries:
         """Return targets, PD_mean and operating points of the curve of one kind of target."""
         far_max = self.rules.far_max
-        mean = {"value": pd_mean(curve, far_max), "chance": pd_mean_by_chance(curve, far_max)}
+        mean: MeanPd = {
+            "value": pd_mean(curve, far_max),
+            "chance": pd_mean_by_chance(curve, far_max),
+        }
         points = self.operating_points(curve).drop(columns=["threshold", *_SAME_IN_ALL_ROWS])
         return {
             "n_targets": curve.attrs["n_targets"],
             "pd_mean": mean,
-            "points": points.to_dict("records"),
+            "points": cast(list[KindPoint], points.to_dict("records")),
         }
 
 

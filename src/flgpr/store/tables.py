@@ -31,6 +31,9 @@ from flgpr.store.text import decode_text
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
 _NUMBER = re.compile(r"\s*[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?\s*")
+_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
+_NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
+"""Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
 _MOST_HEAD = 100_000  # bytes of a header
 _MOST_ROWS = 2_000_000
 _MOST_COLUMNS = 4096
@@ -236,7 +239,7 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     mark = separator_of(head)
     _check_table_size(data)
     if mark == ",":
-        return unquoted(pd.read_csv(io.BytesIO(data), dtype=as_text))
+        return unquoted(parse_csv(io.BytesIO(data), dtype=as_text))
     if mark == ";" and "," in head:
         raise ValueError(
             "columns must be separated by commas or by semicolons, "
@@ -244,7 +247,27 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
         )
     text = data.decode("utf-8-sig")
     decimal = _decimal_mark(text, mark, texts)
-    return unquoted(pd.read_csv(io.StringIO(text), sep=mark, decimal=decimal, dtype=as_text))
+    return unquoted(parse_csv(io.StringIO(text), sep=mark, decimal=decimal, dtype=as_text))
+
+
+def parse_csv(source: Any, **options: Any) -> pd.DataFrame:
+    """Parse a table by pandas, every number as the nearest one of double precision.
+
+    Tables that are written and read again hold the same numbers then, to the last bit.
+
+    Parameters
+    ----------
+    source : file
+        What is parsed.
+    **options
+        Options of ``pandas.read_csv``.
+
+    Returns
+    -------
+    DataFrame
+        The table.
+    """
+    return pd.read_csv(source, **_NEAREST_NUMBERS, **options)
 
 
 def _decimal_mark(text: str, mark: str, text_columns: Sequence[str]) -> str:

@@ -14,6 +14,8 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from flgpr import system
+
 _PROGRESS = 65536  # bytes of an answer that a slow client must take in time
 _BACKLOG = 32  # connections that wait to be accepted, and as many are accepted at once
 _BUSY = (
@@ -243,11 +245,7 @@ _LOG = logging.getLogger("uvicorn.error")
 
 def fit_to_process(limits: Limits) -> Limits:
     """Return limits with at most an eighth as many connections as this process may open files."""
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        return limits
-    files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    if files == resource.RLIM_INFINITY:
+    files = system.most_open_files()
+    if files is None:
         return limits
     return replace(limits, connections=min(limits.connections, max(files // 8, 4)))

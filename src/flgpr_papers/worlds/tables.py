@@ -9,6 +9,7 @@ import pandas as pd
 
 from flgpr.door import read_named
 from flgpr.store import write_whole
+from flgpr.store.tables import parse_csv
 
 _DIGITS = 5
 
@@ -32,4 +33,4 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
     path = folder / f"{name}.csv"
     if not path.is_file():
         return pd.DataFrame()
-    return pd.read_csv(BytesIO(read_named(path)), keep_default_na=False, na_values=[""])
+    return parse_csv(BytesIO(read_named(path)), keep_default_na=False, na_values=[""])

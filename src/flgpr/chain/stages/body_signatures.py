@@ -11,8 +11,11 @@ import numpy as np
 from flgpr.chain.stages import ComplexArray, FloatArray, Setup
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor
+from flgpr.model.run_sensor import sensor_of_run
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 
+OWN_ARRAY = "run"
+"""Name of the sensor that is the array of the run itself."""
 _APART = 100.0  # m between simulated bodies: a scan sees no farther
 _TILT = math.radians(4)  # rms in each axis, as mines are laid
 _SEED = 2026
@@ -39,6 +42,7 @@ class Imaging(NamedTuple):
     tolerance: float
     pixels: tuple[tuple[float, float], ...]  #: pixels of a chip about its place, m
     limits: tuple[float, float]  #: limits across, m
+    tones: tuple[float, ...]  #: tones of the run, Hz, among those of the sensor
 
 
 class _Spot(NamedTuple):
@@ -78,6 +82,7 @@ def signatures(bodies: Bodies, sensor: Sensor, imaging: Imaging) -> tuple[Comple
         rng = np.random.default_rng([_SEED, number])
         spots = _draw_spots(bodies, imaging, rng)
         run, poses = _simulate(bodies, soil, spots, imaging, sensor, number)
+        run = run.sel(frequency=list(imaging.tones), method="nearest")
         imager = ScanImager(
             run.sel(polarization=list(imaging.polarizations)),
             imaging.grid,
@@ -178,22 +183,36 @@ def _stone(spot: _Spot) -> dict[str, Any]:
     return {"kind": "rock", "x": spot.x, "y": spot.y, "radius": spot.stone_radius}
 
 
-def sensor_of(setup: Setup, name: str) -> Sensor:
-    """Load a sensor, without missing sweeps and errors of navigation.
+def sensor_of(setup: Setup, name: str, antennas: str = "") -> Sensor:
+    """Return the sensor of signatures, without missing sweeps and errors of navigation.
 
     Parameters
     ----------
     setup : Setup
         The chain of the stage.
     name : str
-        A packaged sensor, or a file.
+        A packaged sensor, or a file; "run" is the array of the run itself, see
+        :func:`flgpr.model.run_sensor.sensor_of_run`.
+    antennas : str
+        With "run" the packaged sensor, or the file, whose antennas' pattern and tilt, and whose
+        errors are assumed.
 
     Raises
     ------
     ValueError
         If it is not the array of the run.
     """
-    sensor = load_sensor(name)
+    if name == OWN_ARRAY:
+        sensor = sensor_of_run(setup.run, load_sensor(antennas))
+    else:
+        sensor = load_sensor(name)
+        _check_array(setup, sensor, name)
+    no_errors = dict.fromkeys(("missing", "position", "heading", "attitude"), 0.0)
+    return sensor.model_copy(update={"errors": sensor.errors.model_copy(update=no_errors)})
+
+
+def _check_array(setup: Setup, sensor: Sensor, name: str) -> None:
+    """Refuse a sensor with other antennas or tones than the run."""
     for end, ours in zip(("tx", "rx"), sensor.pairs(), strict=True):
         theirs = setup.run[f"{end}_position"].values
         if theirs.shape != np.shape(ours) or not np.allclose(theirs, ours, atol=0.01):
@@ -205,8 +224,6 @@ def sensor_of(setup: Setup, name: str) -> Sensor:
         raise ValueError(
             f"map.sensor must have the run's tones, got {name!r} with {len(tones)} others"
         )
-    no_errors = dict.fromkeys(("missing", "position", "heading", "attitude"), 0.0)
-    return sensor.model_copy(update={"errors": sensor.errors.model_copy(update=no_errors)})
 
 
 def window_of(imager: ScanImager) -> str | tuple[float, ...] | None:

@@ -19,7 +19,14 @@ from scipy.special import logsumexp
 
 from flgpr.chain.engine import Accumulator, Arrays, sum_accumulator
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
-from flgpr.chain.stages.body_signatures import Bodies, Imaging, sensor_of, signatures, window_of
+from flgpr.chain.stages.body_signatures import (
+    OWN_ARRAY,
+    Bodies,
+    Imaging,
+    sensor_of,
+    signatures,
+    window_of,
+)
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Grid, Sensor, scan_to_lane
@@ -37,10 +44,12 @@ class LikelihoodSettings(Table):
 
     Signatures are those of bodies of these ``kinds``, their tops at ``depths``, in ``soils``
     (permittivity, loss tangent), ``copies`` of each over all distances, as ``sensor`` sees them: a
-    preset or a file that describes the run's array. Chips are 3 x 3 pixels ``step`` apart. Clutter
-    is learnt beyond ``clear`` of all targets. ``rank`` is the number of signature vectors, ``load``
-    the share of the mean power that is added to the covariance's diagonal, ``ratios`` are the
-    powers of a signature in whitened clutter over which the likelihood is averaged.
+    preset or a file that describes the run's array, or "run", the array of the run itself with the
+    pattern, tilt and errors of the antennas of another sensor, ``antennas``. Chips are 3 x 3 pixels
+    ``step`` apart. Clutter is learnt beyond ``clear`` of all targets. ``rank`` is the number of
+    signature vectors, ``load`` the share of the mean power that is added to the covariance's
+    diagonal, ``ratios`` are the powers of a signature in whitened clutter over which the likelihood
+    is averaged.
 
     The contrast of these ``polarizations``, the power over the half width ``inner`` against that of
     the ring from ``guard`` to ``outer``, dB, is added ``level`` times. ``blur`` is the standard
@@ -48,6 +57,7 @@ class LikelihoodSettings(Table):
     """
 
     sensor: str
+    antennas: str = ""
     kinds: tuple[str, ...] = Field(("metal",), min_length=1)
     depths: tuple[Annotated[float, Field(ge=0)], ...] = Field((0.0, 0.05, 0.1, 0.15), min_length=1)
     soils: tuple[tuple[Annotated[float, Field(ge=1)], Annotated[float, Field(ge=0)]], ...] = Field(
@@ -66,6 +76,16 @@ class LikelihoodSettings(Table):
     outer: Positive = 1.55
     blur: Annotated[float, Field(ge=0, le=10)] = 0.15
     offset: Positive = 40.0
+
+    @model_validator(mode="after")
+    def _antennas_of_run(self) -> LikelihoodSettings:
+        """Refuse antennas of a sensor that has its own, and none of a run, which has none."""
+        if (self.sensor == OWN_ARRAY) != bool(self.antennas):
+            raise ValueError(
+                f"antennas must name a sensor with sensor = {OWN_ARRAY!r} and only then, "
+                f"got {self.antennas!r} with sensor = {self.sensor!r}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _nested(self) -> LikelihoodSettings:
@@ -274,7 +294,7 @@ class LikelihoodMap(MapStage):
         pixels = np.stack([across, ahead, np.zeros_like(ahead)], axis=-1)
         metre = self._metre(ahead)
         size = 9 * len(self.setup.imaged) * len(self.setup.imager.subbands)
-        sensor = sensor_of(self.setup, self.settings.sensor)
+        sensor = sensor_of(self.setup, self.settings.sensor, self.settings.antennas)
         sums: Arrays = {
             "covariance": np.zeros((self._metres, size, size), complex),
             "count": np.zeros(self._metres),
@@ -395,6 +415,7 @@ class LikelihoodMap(MapStage):
             tolerance=setup.imager.tolerance,
             pixels=pixels,
             limits=(left, right),
+            tones=tuple(setup.run["frequency"].values.tolist()),
         )
 
 
