@@ -7,17 +7,26 @@ CASES ?= 10000
 # What a change needs every time: it takes about a minute.
 QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_method.py chain/test_recipe.py \
     simulate/test_spread.py simulate/test_echoes.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
-SLOW := jit/test_compiled.py kernels/test_ahead.py trials/test_register.py
 
 # Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
+# The checks go on beside the tests; what they say comes last.
+# $(1): the command of the tests.
+define beside_the_checks
+@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & checks=$$!; \
+trap 'kill $$checks 2> /dev/null; rm -f $$log' EXIT; trap 'exit 130' INT TERM; \
+$(1); tests=$$?; wait $$checks; lint=$$?; cat $$log; \
+test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
+exit $$((lint || tests))
+endef
+
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo benchmark quick test lint docs robustness oldest newest wheel-check sbom clean
+.PHONY: demo benchmark quick test test-slow test-full lint docs robustness oldest newest wheel-check sbom clean
 
 # Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
@@ -27,16 +36,17 @@ demo: $(VENV)/.core
 benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
 
-quick: lint
-	$(PYTEST) -q $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(SLOW))
+quick: $(VENV)/.test
+	$(call beside_the_checks,$(PYTEST) -q -m "not slow" $(addprefix tests/,$(QUICK)))
 
-# The checks go on beside the tests; what they say comes last.
 test: $(VENV)/.test
-	@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & checks=$$!; \
-	trap 'kill $$checks 2> /dev/null; rm -f $$log' EXIT; trap 'exit 130' INT TERM; \
-	$(PYTEST); tests=$$?; wait $$checks; lint=$$?; cat $$log; \
-	test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
-	exit $$((lint || tests))
+	$(call beside_the_checks,$(PYTEST) -m "not slow")
+
+# What `make test` leaves out; pyproject.toml says what "slow" means.
+test-slow: $(VENV)/.test
+	$(PYTEST) -m slow
+
+test-full: test test-slow
 
 lint: $(VENV)/.test
 	$(LINT)
@@ -49,7 +59,7 @@ ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_command
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
     store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
 
-# Many more random kills and damaged files than `make test` tries.
+# Many more random kills and damaged files than `make test-slow` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 

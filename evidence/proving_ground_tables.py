@@ -1,11 +1,13 @@
 """Make the tables and the figures of docs/evidence/proving-ground.md from the folder of a full run.
 
-    python evidence/proving_ground_tables.py FOLDER [docs/evidence/benchmark] [docs/images]
+    python evidence/proving_ground_tables.py FOLDER [docs/evidence/benchmark [docs/images [src/flgpr/proving_ground]]]
 
 Writes for every tier of the ground ``TIER.csv`` (Pd of every entry in the standard split at the false alarm rate of
 comparison, and how many mines it finds at other rates), ``TIER-splits.csv`` (mines by kind and site, Pd in the other
-splits) and ``TIER-bodies.csv`` (targets found of every body), and the opening figure. Nothing is opened that is
-sealed. The cost of an entry whose run was resumed after a stop counts the last part alone: write it by hand.
+splits) and ``TIER-bodies.csv`` (targets found of every body), and the opening figure. For leaderboards it writes what
+all entries find at the false alarm rate of comparison into the package, ``scores-GROUND.csv`` and
+``costs-GROUND.csv``. Nothing is opened that is sealed. The cost of an entry whose run was resumed after a stop counts
+the last part alone: write it by hand, or leave it empty.
 """
 
 from __future__ import annotations
@@ -24,6 +26,11 @@ REFERENCE = "wang2007"
 ORACLES = ("oracle-phase", "oracle")
 OTHER_RATES = (0.001, 0.005, 0.05)
 ABSENT = "·"
+KINDS = ("metal", "plastic", "ap")
+PACKAGED_COLUMNS = [
+    "tier", "entry", "split", "group", "far_allowed", "chance", "n_detected", "n_targets", "n_false", "area",
+    "only", "reference_only", "p",
+]  # fmt: skip
 
 
 def main() -> None:
@@ -31,6 +38,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     tables = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/evidence/benchmark")
     images = Path(sys.argv[3] if len(sys.argv) > 3 else "docs/images")
+    package = Path(sys.argv[4] if len(sys.argv) > 4 else "src/flgpr/proving_ground")
     ground = read_ground(folder)
     scores = pd.read_csv(folder / "scores.csv")
     costs = pd.read_csv(folder / "costs.csv")
@@ -44,6 +52,17 @@ def main() -> None:
         splits_table(scored, entries, ground).to_csv(tables / f"{tier}-splits.csv", index=False)
         bodies_table(scored, entries, ground).to_csv(tables / f"{tier}-bodies.csv", index=False)
     tiers_figure(ground, scores).savefig(images / "benchmark-tiers.png", dpi=130)
+    packaged = packaged_scores(scores, ground)
+    packaged.to_csv(package / f"scores-{ground.title}.csv", index=False, float_format="%.6g")
+    costs.drop(columns="peak_bytes").to_csv(package / f"costs-{ground.title}.csv", index=False)
+
+
+def packaged_scores(scores: pd.DataFrame, ground: Ground) -> pd.DataFrame:
+    """Return the counts of mines in every split, and of the kinds of mines in the standard one."""
+    of_mines = scores["group"] == "mines"
+    of_kinds = scores["group"].isin(KINDS) & (scores["split"] == STANDARD)
+    at_far = scores["far_allowed"] == ground.table.far
+    return scores.loc[at_far & (of_mines | of_kinds), PACKAGED_COLUMNS]
 
 
 def at_rate(scores: pd.DataFrame, split: str, group: str, far: float) -> pd.DataFrame:

@@ -31,47 +31,70 @@ DRAWING = {
 NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan", "test_demo_shell"}
 """Files in these folders whose tests look at none."""
 HEAVY = (
-    "test_systems",
     "test_freeze_recipes",
-    "test_docs_run",
-    "test_running",
-    "test_fuzz_exchange",
-    "test_wang2007_study",
-    "test_sections",
-    "test_workers",
-    "test_flsar2004_study",
-    "test_live_page",
-    "test_drive_page",
-    "test_fuse2018_study",
-    "test_session",
-    "test_feeding",
-    "test_cosgrove2004_study",
-    "test_simulator",
-    "test_detector",
-    "test_state",
-    "test_page",
-    "test_simulation",
-    "test_demo",
-    "test_imaging_speed",
-    "test_cuda",
-    "test_compiled",
-    "test_ahead",
-    "test_docs_theory",
-    "test_raw_data",
-    "test_raw_run",
-    "test_layers",
+    "test_benchmarks",
+    "test_systems",
+    "test_plain_errors",
+    "test_freeze_commands",
+    "test_again",
     "test_kills",
-    "test_rail",
-    "test_cli",
-    "test_plugin",
-    "test_server",
-    "test_verdicts",
-    "test_notebook",
-    "test_operator_page",
-    "test_score_pages",
+    "test_workers",
+    "test_notebook_score",
+    "test_running",
+    "test_drive_page",
+    "test_docs_run",
+    "test_interrupt",
+    "test_wang2007_study",
+    "test_fuzz_exchange",
+    "test_live_page",
     "test_few_mines",
+    "test_shell",
+    "test_static",
+    "test_page",
+    "test_sections",
+    "test_system",
+    "test_flsar2004_study",
+    "test_detector",
+    "test_live_positions",
+    "test_compiled",
+    "test_kit_mines",
+    "test_session",
+    "test_design_page",
+    "test_demo",
+    "test_imports",
+    "test_small_screens",
+    "test_fuse2018_study",
+    "test_lane_roc",
+    "test_trial_card",
+    "test_cosgrove2004_study",
+    "test_picture_lines",
+    "test_rail",
+    "test_groups_and_scans",
+    "test_implausible_poses",
+    "test_freeze_formats",
+    "test_rvm",
+    "test_demo_shell",
+    "test_method",
+    "test_worlds",
+    "test_iteration",
+    "test_signal_to_clutter",
+    "test_raw_data",
+    "test_tiers",
+    "test_door",
+    "test_recipe_for_run",
+    "test_cluster",
+    "test_detect",
+    "test_survey_lines",
+    "test_docs_own_array",
+    "test_cuda",
+    "test_docs_theory",
+    "test_plugin",
+    "test_scoring",
 )
-"""Files that take longest: they are begun first, so that the processes end together."""
+"""Files that take longest, by what they take in ``make test`` or half of it in ``make test-slow``.
+
+They are begun first, so that the processes end together.
+"""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
 # At its usual pace the collector goes through all that was imported time and again: a twentieth of
@@ -84,6 +107,10 @@ def pytest_collection_finish():
 
 
 def pytest_collection_modifyitems(items):
+    for item in items:
+        for mark in item.iter_markers("slow"):
+            if len(mark.args) != 1 or mark.kwargs:
+                raise pytest.UsageError(f"{item.nodeid}: slow must say why, got {mark.args}")
     items.sort(
         key=lambda item: HEAVY.index(item.path.stem) if item.path.stem in HEAVY else len(HEAVY)
     )

@@ -25,7 +25,7 @@ from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
 from flgpr.model import load_sensor, make_run
 from flgpr.model.track import make_track
-from flgpr.proving_ground import run_benchmark
+from flgpr.proving_ground import load_ground, run_benchmark, write_score_tables
 from flgpr.simulate import load_scene
 from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes
@@ -41,6 +41,7 @@ from io_gprmax import lane_and_sensor, write_output
 from robust import digests
 from scans_mapping import TIME, line_mapping
 from small_lane import LANE_TOML, small_recipe, small_run
+from submitted import CARD, write_submission
 from systems.lanes import SENSOR
 from systems.lanes import small_recipe as cut_recipe
 
@@ -436,6 +437,29 @@ COMMANDS = [
         drawn=("*/score-*.json",),
     ),
     Command(
+        "benchmark make",
+        "benchmark make --ground {in}/ground.toml -o {out}/ground",
+        "benchmark make --ground {in}/other-ground.toml -o {out}/ground",
+        loose=("*/truth.sealed.json",),
+    ),
+    Command(
+        "benchmark croissant",
+        "benchmark croissant {in}/ground -o {out}/croissant.json",
+        "benchmark croissant --ground {in}/other-ground.toml -o {out}/croissant.json",
+    ),
+    Command(
+        "benchmark enter",
+        "benchmark enter {in}/submission --ground {in}/ground.toml -o {out}/ground",
+        "benchmark enter {in}/other-submission --ground {in}/ground.toml -o {out}/ground",
+        loose=("*/truth.sealed.json*",),
+        drawn=("*/score-*.json",),
+    ),
+    Command(
+        "benchmark leaderboard",
+        "benchmark leaderboard {out}/ground -o {out}/page.html",
+        beside=("ground",),
+    ),
+    Command(
         "reproduce",
         "reproduce all -o {out}/papers --quick",
         "reproduce all -o {out}/papers",
@@ -638,6 +662,11 @@ def _make_ground(home):
         (home / f"{name}.toml").write_text(text)
     (home / "entry.toml").write_text(cut_recipe("wang2007"))
     run_benchmark([home / "entry.toml"], home / "ground", ground=home / "ground.toml")
+    write_score_tables([home / "ground"], home / "ground")
+    ground = load_ground(False, home / "ground.toml")
+    card = CARD.replace("tiny-3", ground.title)
+    write_submission(home / "submission", ground, card)
+    write_submission(home / "other-submission", ground, card, share=1)
 
 
 def names_of_commands():

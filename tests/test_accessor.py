@@ -65,6 +65,7 @@ def test_checks_are_at_hand(run):
     assert run.flgpr.describe()["scans"] == run.sizes["scan"]
 
 
+@pytest.mark.slow("runs in processes of its own")
 @pytest.mark.parametrize(
     "first",
     [

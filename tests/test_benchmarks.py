@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow("runs the work of every benchmark")
+
 HOME = Path(__file__).parents[1] / "benchmarks"
 MODULES = sorted(
     path.stem for path in (HOME / "suite").glob("*.py") if path.stem not in ("__init__", "data")

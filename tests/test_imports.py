@@ -220,6 +220,7 @@ def loaded_by(code: str) -> set[str]:
     return set(ran.stdout.splitlines()[-1].split())
 
 
+@pytest.mark.slow("runs in processes of its own")
 @pytest.mark.parametrize(
     ("arguments", "besides"),
     [

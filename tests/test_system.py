@@ -76,6 +76,7 @@ def no_posix(monkeypatch):
     monkeypatch.setattr(system, "NO_LINK", 0)
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_every_module_is_imported_without_posix():
     assert int(as_another_system(TESTS / "import_all.py").split()[0]) > 400
 
@@ -94,6 +95,7 @@ def test_what_is_taken_away_is_missed_where_it_is_used(tmp_path):
         as_another_system(script)
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_the_demo_runs_without_posix(tmp_path):
     as_another_system("-m", "flgpr", "demo", "-o", tmp_path / "result", cwd=tmp_path)
     assert (tmp_path / "result" / "report.html").is_file()

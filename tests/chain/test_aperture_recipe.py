@@ -85,6 +85,7 @@ def test_a_radar_that_moves_past_reflectors_finds_them_where_they_are(heading):
     assert alarms["confidence"][1] > 3 * alarms["confidence"][2:].max()
 
 
+@pytest.mark.slow("images every scan alone")
 def test_without_summing_the_scans_the_reflectors_are_arcs():
     """The experiment that could prove the aperture needless."""
     run = rail()

@@ -103,6 +103,7 @@ def test_json_and_csv_hold_the_same_alarms_and_no_map_takes_metres_for_degrees(d
     assert table["confidence"].is_monotonic_decreasing
 
 
+@pytest.mark.slow("runs the demo again")
 def test_the_same_input_gives_the_same_bytes(demo, untold, tmp_path):
     """And the same identity, which is the digest of all that is compared and of where the run lies."""
     again, _ = make_demo(tmp_path / "again")
@@ -133,6 +134,7 @@ def test_a_recipe_with_variants_is_told_what_became_of_them():
         parse_recipe(text)
 
 
+@pytest.mark.slow("runs the demo again")
 def test_the_demo_stays_or_is_refused_where_it_may_not_overwrite(demo, tmp_path):
     folder = shutil.copytree(demo[0].folder, tmp_path / "result")
     again, _ = make_demo(folder, overwrite=False)

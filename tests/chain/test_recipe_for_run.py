@@ -56,6 +56,7 @@ def bare_run(
     return make_run(signal, tones, polarization, antennas, antennas, pose)
 
 
+@pytest.mark.slow("detects with three very different arrays")
 @pytest.mark.parametrize(
     ("sensor", "step", "target", "polarization", "features"),
     [(TALL, 1.5, 12.0, "HH", True), (X_BAND, 1.0, 11.5, "VV", False), (LOW, 0.5, 3.0, "HH", False)],

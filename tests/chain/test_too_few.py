@@ -58,6 +58,7 @@ COSGROVE = "map.deflection"
 MASKS = "clutter.masks"
 
 
+@pytest.mark.slow("trains for every advice")
 @pytest.mark.parametrize(
     ("recipe", "old", "new", "stage", "counted"),
     [
@@ -105,6 +106,7 @@ def test_targets_that_no_scan_saw_are_told(lane, tmp_path):
     assert counts["taken for this stage"] == 1
 
 
+@pytest.mark.slow("trains for every advice")
 def test_a_prescreener_that_raises_nothing_is_named_and_what_it_advises_lets_train(lane, tmp_path):
     text = changed(resized("wang2007", lane), "density = 0.75", "density = 0.001")
     message = refused(lane, text, tmp_path / "model")

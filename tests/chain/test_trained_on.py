@@ -20,6 +20,7 @@ def test_a_model_without_a_note_was_trained_on_nothing_known():
     assert trained_on(Model(notes={"runs": ["b", "a"]}), "a")
 
 
+@pytest.mark.slow("trains and detects several times")
 @pytest.mark.parametrize("is_trained_on_it", [True, False])
 def test_a_detection_on_its_own_training_run_says_so(tmp_path, is_trained_on_it):
     save_run(small_run(), tmp_path / "road.zarr")

@@ -173,6 +173,7 @@ def sparse():
     return operator_on, points, (points[..., 1] > 4.25).astype(int), A
 
 
+@pytest.mark.slow("iterates with the slow twin")
 @pytest.mark.parametrize(("seed", "diverges"), [(0, False), (2, False), (1, True)])
 def test_all_seven_iterations_are_those_of_the_equations_through_a_rise(sparse, seed, diverges):
     """The slow twin knows nothing of a residual: it iterates Eq. 5 to 8 seven times, whatever comes."""

@@ -47,6 +47,7 @@ def test_the_demo_ends_with_a_picture_a_sentence_and_the_page(output, opened):
     assert opened == [output / "report.html"]
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_details_are_an_option_away(output):
     text = call("-o", output, "--details").stdout
     assert "What became of each target" in text
@@ -54,6 +55,7 @@ def test_details_are_an_option_away(output):
     assert "chance" in text
 
 
+@pytest.mark.slow("runs a whole command more than once")
 @pytest.mark.parametrize("option", ["--no-open", "--quiet", "--json"])
 def test_a_page_does_not_open_unless_it_is_wanted(output, opened, option):
     text = call("-o", output, option).stdout
@@ -62,6 +64,7 @@ def test_a_page_does_not_open_unless_it_is_wanted(output, opened, option):
         assert json.loads(text)["found"] == 2
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_there_is_no_browser_without_a_terminal(output, monkeypatch):
     monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser opened"))
     call("-o", output)

@@ -77,6 +77,7 @@ def score(files, name, *more):
     )
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_the_command_line_tells_what_was_read_and_doubted(files):
     done = score(files, "alarms.csv", "--columns", "x=q,y=l")
     assert done.exit_code == 0, done.output
@@ -92,6 +93,7 @@ def test_the_command_line_tells_what_was_read_and_doubted(files):
     assert "x is the column &#39;q&#39;" in (files / "score" / "report.html").read_text()
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_swapped_axes_are_told_on_the_command_line_unless_it_shall_be_quiet(files):
     assert "are the axes swapped?" in score(files, "swapped.csv").stderr
     again = score(files, "swapped.csv", "--quiet", "--overwrite")

@@ -5,6 +5,7 @@ import pytest
 from flgpr.commands import imaging_peers, imaging_speed
 
 
+@pytest.mark.slow("images with every engine")
 def test_every_case_is_within_its_tolerance_and_counted(few_pixels, monkeypatch):
     monkeypatch.setattr(imaging_peers.importlib.util, "find_spec", lambda name: None)
     table = imaging_speed.bench_imaging(rounds=1)

@@ -58,6 +58,7 @@ def without(home):
     return detected(home, "without")[1]
 
 
+@pytest.mark.slow("runs a whole command more than once")
 @pytest.mark.parametrize("name", ["near", "far"])
 def test_detection_leaves_the_scan_out_and_tells_it(home, without, name):
     words, result = detected(home, name)
@@ -86,6 +87,7 @@ def test_the_viewers_picture_marks_the_scan(home):
     assert index["scans"]["masked"] == [WRONG]
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_honest_runs_are_told_nothing(home):
     words, result = detected(home, "honest")
     assert "motion" not in result.manifest["run"]

@@ -22,6 +22,7 @@ SCENE = (
 )
 GOES_ON = "stopped; the same command goes on"
 RESUMING = {
+    "benchmark make",
     "benchmark run",
     "detect",
     "import gprmax",
@@ -81,6 +82,7 @@ def test_these_commands_go_on():
     assert resuming == RESUMING
 
 
+@pytest.mark.slow("interrupts commands that run in processes of their own")
 def test_an_interrupted_detection_goes_on_to_the_same_bytes(lane, tmp_path, monkeypatch):
     from flgpr.execution import driver
 
@@ -115,6 +117,7 @@ def test_an_interrupted_training_leaves_no_model(lane, tmp_path, monkeypatch):
     assert not list(tmp_path.glob(".partial*"))
 
 
+@pytest.mark.slow("interrupts commands that run in processes of their own")
 def test_an_interrupted_simulation_goes_on_and_another_seed_names_restart(tmp_path, monkeypatch):
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE)
@@ -188,6 +191,7 @@ def interrupted_detection(words, output):
     return process.returncode, errors
 
 
+@pytest.mark.slow("interrupts commands that run in processes of their own")
 def test_ctrl_c_on_a_terminal_ends_workers_without_a_traceback(lane, tmp_path):
     """The signal reaches the command and its workers, two lanes being worked on at once."""
     save_run(small_run(scans=300, step=0.02), tmp_path / "a.zarr")
@@ -227,6 +231,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow("interrupts commands that run in processes of their own")
 def test_workers_that_are_ended_in_compiled_code_leave_nothing_and_say_nothing(tmp_path):
     """Once a worker is gone its pool terminates the other, which has not seen the interrupt yet."""
     script = tmp_path / "busy.py"

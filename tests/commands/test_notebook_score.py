@@ -26,6 +26,7 @@ def test_a_result_and_a_truth_in_memory_are_scored_as_their_files(tmp_path):
     assert scored.scores[0].in_words().split(",")[0] in shown
 
 
+@pytest.mark.slow("draws all figures of a score")
 def test_names_of_files_are_escaped(tmp_path):
     (tmp_path / "lane.toml").write_text("x_min = -2\nx_max = 2\ny_min = 0\ny_max = 60\n")
     (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,3\n-1,50,2\n1,30,1\n")

@@ -44,6 +44,7 @@ def test_import_detect_and_score_a_lane_from_its_archive(fullwave_archive, tmp_p
     )
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
     (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\n")
     scored = call(
@@ -81,6 +82,7 @@ def test_what_the_user_can_mend_is_one_line(arguments, words, tmp_path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow("runs a whole command more than once")
 @pytest.mark.parametrize(
     ("number", "words"),
     [(errno.ENOSPC, "the disk must have room"), (errno.EIO, "the disk must work")],
@@ -162,6 +164,7 @@ def test_an_alarm_list_needs_a_lane(tmp_path):
     assert "a.csv" in refused.stderr
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     pytest.importorskip("cryptography")
     (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")

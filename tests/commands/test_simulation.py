@@ -46,6 +46,7 @@ def wait_for_scans(journal, wanted, process):
     raise AssertionError(f"no {wanted} scans were written: {process.stderr.read()}")
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 def test_a_killed_simulation_goes_on_to_the_same_bits(small, tmp_path):
     """With grass, holes, shadows, all that lies in the soil, and an array that is not ideal."""
     _, sensor = small

@@ -56,6 +56,7 @@ def fill_in(trial, **changes):
     return trial / "filled.csv"
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
     plan = read_table(trial / "plan.csv", "truth")
     x, y = plan["x"].iloc[2] + 0.03, plan["y"].iloc[2] - 0.04

@@ -44,6 +44,7 @@ def test_vendors_are_one_line_names_one_for_each_list():
             checked_vendors([name], 1)
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_the_page_bears_vendor_file_day_lane_and_rules_also_in_its_margins(scoring_files):
     hostile = 'ACME "</style><script>alert(1)</script>'
     folder = scoring_files / "scored"
@@ -67,6 +68,7 @@ def test_the_page_bears_vendor_file_day_lane_and_rules_also_in_its_margins(scori
     assert unescaped == f"{hostile}: alarms.csv ({notes['alarms_sha256'][:12]})"
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_without_a_card_a_page_says_that_nothing_is_stated(scoring_files):
     folder = scoring_files / "scored"
     files = [scoring_files / name for name in ("alarms.csv", "truth.csv", "lane.toml")]
@@ -75,6 +77,7 @@ def test_without_a_card_a_page_says_that_nothing_is_stated(scoring_files):
     assert "<dt>vendor</dt><dd>not stated</dd>" in (folder / "report.html").read_text()
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_lists_without_confidences_rank_equal_and_have_one_operating_point(scoring_files):
     files = [scoring_files / name for name in ("truth.csv", "lane.toml")]
     bare = scoring_files / "bare.csv"
@@ -130,6 +133,7 @@ def test_a_comparison_draws_all_lists_and_says_whose_they_are(scoring_files):
     assert "one operating point, at its last alarm: bare" in page
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_the_same_score_made_on_a_later_day_keeps_its_day(scoring_files, monkeypatch):
     folder = scoring_files / "scored"
     today = day_of_score(folder, "roc.json", overwrite=False)

@@ -51,6 +51,7 @@ def test_a_sparse_array_has_its_grating_lobe_where_the_spacing_puts_it():
     assert amplitude.max() > 0.7
 
 
+@pytest.mark.slow("studies an array on simulated ground")
 def test_what_a_study_finds(small, found):
     assert found.down.shape == (13, 9)
     assert np.isfinite(found.down).all()
@@ -70,6 +71,7 @@ def test_what_a_study_finds(small, found):
     assert np.median(metal - plastic) > 5
 
 
+@pytest.mark.slow("studies an array on simulated ground")
 def test_the_simulated_map_is_what_the_formula_expects(found):
     middle = found.ratio_y.size // 2
     viewing = Viewing(distance=float(found.ratio_y[middle]), window="hann")
@@ -84,6 +86,7 @@ def test_the_simulated_map_is_what_the_formula_expects(found):
     assert found.distance == found.y[found.y.size // 2]
 
 
+@pytest.mark.slow("studies an array on simulated ground")
 def test_deeper_mines_are_weaker_against_the_same_clutter(small, found):
     deeper = study(small, Question(site="temperate", depth=0.15))
     # The soil takes about 5 dB more; waves between the body and the surface make it a little more

@@ -41,6 +41,7 @@ def smooth(**parts):
     return ground_model(**({"permittivity": 6.0, "loss_tangent": 0.02, "unevenness": 0.0} | parts))
 
 
+@pytest.mark.slow("makes images of simulated ground")
 @pytest.mark.parametrize("site", ["arid-sand", "temperate", "prepared-earth"])
 def test_formula_and_images_agree(sensor, site):
     bodies = ["metal-at", "plastic-at", "m19", "pmn"]
@@ -57,6 +58,7 @@ def test_formula_and_images_agree(sensor, site):
     assert margin.between(0.1, 1.8).all()
 
 
+@pytest.mark.slow("makes images of simulated ground")
 def test_the_upper_band_agrees_where_beams_are_narrow():
     data = load_sensor("sri-array").model_dump()
     data["tones"] = {"start": 2.25e9, "step": 5e6, "count": 121}
@@ -336,6 +338,7 @@ def test_the_command_prints_the_functions_figures():
         assert f"{level:.1f}" in line
 
 
+@pytest.mark.slow("makes images of simulated ground")
 def test_the_command_measures_where_it_is_asked_to():
     result = call(*ONE_CASE, "--band", "0.75e9", "1.35e9", "--json", "--measure", "2")
     for row in json.loads(result.stdout)["signal_to_clutter"]:

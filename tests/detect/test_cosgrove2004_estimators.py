@@ -1,5 +1,6 @@
 """scikit-learn's own checks; complex data are the one thing that our estimators take and theirs refuse."""
 
+import pytest
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from flgpr.clutter import ClutterWhitener
@@ -10,6 +11,7 @@ def declared(estimator):
     return {"check_complex_data": "takes complex samples"}
 
 
+@pytest.mark.slow("all checks of scikit-learn for every form")
 @parametrize_with_checks(
     [
         DeflectionDetector(),

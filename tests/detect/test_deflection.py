@@ -97,6 +97,7 @@ def test_training_follows_equations_7_to_12(rng):
         assert np.allclose(detector.decision_function(X), expected)
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_estimate_with_ddof_0_is_unbiased_and_the_papers_is_not(rng):
     mu, C = moments(rng, n=3)
     truth = np.trace(C).real + np.linalg.norm(mu) ** 2

@@ -19,6 +19,7 @@ from flgpr.detect.rvm_fit import SparseFit, fit_sparse
 from reference.ripley1996 import design_of, ripley, ripley_odds
 
 
+@pytest.mark.slow("all checks of scikit-learn for every form")
 @parametrize_with_checks(
     [
         RelevanceVectorClassifier(),
@@ -154,6 +155,7 @@ def test_leave_one_out_is_refitting_without_the_example():
     assert np.abs(p - own).max() > 0.01  # held out is not resubstituted
 
 
+@pytest.mark.slow("fits many machines")
 def test_warm_starts_reach_the_same_optimum_or_a_better_one():
     X, y = ripley(100, 13)
     machine = RelevanceVectorClassifier(gamma=4.0)

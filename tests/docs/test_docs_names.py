@@ -156,14 +156,19 @@ def test_functions_classes_and_entries_that_a_page_names_exist(page, sources):
     assert not wrong_names(spans(page), sources, dotted=page in PHYSICS)
 
 
+@pytest.fixture(scope="module")
+def program_files():
+    """Names of all program files of the repository."""
+    return {path.name for home in HOMES for path in home.rglob("*.py")}
+
+
 @pytest.mark.parametrize("page", CURRENT, ids=identify)
-def test_program_files_that_a_page_names_exist(page):
-    every_name = {path.name for home in HOMES for path in home.rglob("*.py")}
+def test_program_files_that_a_page_names_exist(page, program_files):
     wrong = []
     for span in spans(page):
         if not re.fullmatch(r"[\w./-]+\.py", span):
             continue
-        known = span in every_name or any((home / span).is_file() for home in HOMES)
+        known = span in program_files or any((home / span).is_file() for home in HOMES)
         if not known:
             wrong.append(span)
     assert not wrong

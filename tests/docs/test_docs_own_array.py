@@ -12,6 +12,8 @@ import pytest
 from flgpr.store import open_run, read_table
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 
+pytestmark = pytest.mark.slow("simulates and imports a lane for the page")
+
 PAGE = ROOT / "docs" / "guide" / "own-array.md"
 PORT = "5601"
 MINES = [(0.4, 9.0), (-0.6, 11.5), (0.1, 14.0)]

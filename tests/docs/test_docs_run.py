@@ -24,6 +24,8 @@ from io_sigmf import stepped, write
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 from take import take_text
 
+pytestmark = pytest.mark.slow("follows whole guides")
+
 TINY = """
 length = 8.0
 [[draws]]

@@ -19,6 +19,7 @@ def table():
     return pd.read_csv(DOCS / "evidence" / "signal-to-clutter.csv")
 
 
+@pytest.mark.slow("makes images of simulated ground")
 @pytest.mark.parametrize(
     ("site", "body", "rms_mm"),
     [("prepared-earth", "vs-1.6", 2.0), ("temperate", "metal-at", 4.0), ("gravel", "m19", 1.0)],

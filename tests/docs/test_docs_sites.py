@@ -111,6 +111,7 @@ def carried_off_db(site, frequency):
     return 10 * np.log10(carried**2 / np.ravel(exact))
 
 
+@pytest.mark.slow("simulates ground at many frequencies")
 def test_what_three_functions_of_frequency_lose():
     assert (
         "1.3 dB too weak at 0.5 GHz and 0.5 dB at 0.6 GHz; the other sites stay within 0.7 dB"

@@ -43,6 +43,7 @@ def table_row(page, start):
     return [float(cell) for cell in re.findall(r"[-+]?\d+\.?\d*", row.removeprefix(f"| {start}"))]
 
 
+@pytest.mark.slow("draws all figures of the theory")
 @pytest.mark.parametrize(
     "name",
     [

@@ -19,6 +19,8 @@ from flgpr.store import decode_frame, describe_for_live, save_run
 from flgpr.store.scan_file import frame_size
 from live_lane import make_lane_run, small_recipe
 
+pytestmark = pytest.mark.slow("compiles senders and runs them in processes of their own")
+
 SENDERS = Path(__file__).parents[2] / "examples" / "senders"
 SCANS = 8
 RUN = make_lane_run(scans=SCANS)

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 CODE = """
 import gc
 from flgpr.execution import job
@@ -13,6 +15,7 @@ print(before, after > 1000, job.code_versions.cache_info().currsize, job.process
 """
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_what_every_worker_asks_for_is_there_before_the_first_is_forked():
     done = subprocess.run(
         [sys.executable, "-c", CODE], capture_output=True, text=True, check=True, timeout=120

@@ -25,6 +25,7 @@ def small():
     return scene, Sensor.model_validate(data)
 
 
+@pytest.mark.slow("simulates and detects twice")
 def test_a_stored_lane_is_the_simulated_one(small, tmp_path, caplog):
     scene, sensor = small
     written = simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")

@@ -38,6 +38,7 @@ def test_a_run_comes_back(lane, anchor, tmp_path):
     assert (np.abs(back["signal"].values - lane["signal"].values) <= 5e-7 * scale).all()
 
 
+@pytest.mark.slow("sarkit checks every rule of the standard")
 def test_sarkit_finds_the_file_consistent(lane, small_run, anchor, tmp_path):
     assert failures(write_cphd(lane, tmp_path / "a.cphd", anchor)) == {}
     small_run["pose"][:, 3] = 0.1

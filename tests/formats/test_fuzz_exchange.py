@@ -83,6 +83,7 @@ def read_all(path):
         opened.read(array)
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @pytest.mark.parametrize("name", NAMES)
 @FUZZ
 @given(data=st.data())
@@ -98,6 +99,7 @@ def test_damaged_array_files(good, name, data, tmp_path):
 GUARDED = ["a.h5", "merged.h5", "a.mat", "b.mat"]
 
 
+@pytest.mark.slow("draws many damaged files anew, each read by a child")
 @pytest.mark.parametrize("name", GUARDED)
 @FUZZ
 @given(data=st.data())
@@ -117,6 +119,7 @@ def test_whole_files_are_read_in_forks(good, name, tmp_path):
     read_all(tmp_path / name)
 
 
+@pytest.mark.slow("draws many damaged files anew, each read by a child")
 @pytest.mark.parametrize("name", ["a.h5", "a.mat"])
 def test_damaged_files_in_a_real_child(good, name, tmp_path):
     for size in (400, len(good[name])):
@@ -125,6 +128,7 @@ def test_damaged_files_in_a_real_child(good, name, tmp_path):
         assert (said is None) == (size == len(good[name]))
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @FUZZ
 @given(data=st.data())
 def test_damaged_cphd(small_run, data, tmp_path):
@@ -189,6 +193,7 @@ RECORDINGS = {
 }
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @pytest.mark.parametrize("kind", RECORDINGS)
 @FUZZ
 @given(data=st.data())
@@ -231,6 +236,7 @@ NMEA = (
 )
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @FUZZ
 @given(data=st.data())
 def test_damaged_tracks(data, tmp_path):
@@ -247,6 +253,7 @@ def test_damaged_tracks(data, tmp_path):
 LIST = "# ours\nNr;quer [cm];längs;Wertung\n1;25;3,5;7\n2;-5;10,25;9\n".encode("latin-1")
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @FUZZ
 @given(data=st.data())
 def test_damaged_lists_of_alarms(data, tmp_path):
@@ -257,6 +264,7 @@ def test_damaged_lists_of_alarms(data, tmp_path):
         assert said is None or str(path) in said
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @FUZZ
 @given(data=st.data())
 def test_damaged_nmea(data, tmp_path):
@@ -282,6 +290,7 @@ northing = 5300049.98
 MAPPING = line_mapping(tones="values = [1.0, 1.1]").encode()
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @FUZZ
 @given(data=st.data())
 def test_damaged_toml(data, tmp_path):

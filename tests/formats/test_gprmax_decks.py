@@ -131,6 +131,7 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
         write_gprmax_decks(scene, sensor, 1, copy, cells_per_wavelength=12)  # its manifest is gone
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, monkeypatch):
     copy = shutil.copytree(folder[0], tmp_path / "decks")
     manifest = json.loads((copy / "manifest.json").read_text())

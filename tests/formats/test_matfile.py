@@ -139,6 +139,7 @@ def test_what_unpacks_to_more_than_the_limit_is_refused(tmp_path):
         open_arrays(path, limit=400 * 400 * 8 - 1)
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path):
     """A variable of 768 MB of zeros in 3.5 MB; the child may take 560."""
     size = 768 * 2**20

@@ -135,6 +135,7 @@ PRINTED = {
     "anchor": [
         "anchor IN/points.csv --crs EPSG:4326 --accuracy 0.02 --write OUT/a.toml LANE",
     ],
+    "benchmark validate": ["benchmark validate IN/submission --ground IN/ground.toml"],
     "calibrate clock": ["calibrate clock IN/rail.zarr AREA CLOCK"],
     "calibrate joint": ["calibrate joint IN/rail.zarr REFLECTORS CLOCK --biases -0.5 1"],
     "calibrate permittivity": [

@@ -18,6 +18,10 @@ from freeze.commands import (
 )
 from freeze.frozen import read_json
 
+SLOW = {
+    name: pytest.param(name, marks=pytest.mark.slow("a detection that other tests run as well"))
+    for name in ("demo", "detect a survey", "detect in sections")
+}
 COMMANDS = {" ".join(["flgpr", *words]): (words, command) for words, command in walk()}
 
 
@@ -62,7 +66,7 @@ def test_whatever_prints_json_is_tried():
     assert tried == offering
 
 
-@pytest.mark.parametrize("name", PRINTED)
+@pytest.mark.parametrize("name", [SLOW.get(name, name) for name in PRINTED])
 def test_json_has_the_keys_that_it_had(name, inputs, tmp_path):
     output = tmp_path / "out"
     output.mkdir()

@@ -82,6 +82,7 @@ def test_its_numbers_are_the_same_to_the_byte(case):
     check_digests(case.name, result_digests(case.folder / "result"))
 
 
+@pytest.mark.slow("interrupted and begins again for every recipe")
 def test_interrupted_and_resumed_it_gives_the_same_bytes(case, monkeypatch):
     words = case.detection("resumed")
     replace = os.replace
@@ -103,6 +104,7 @@ def test_interrupted_and_resumed_it_gives_the_same_bytes(case, monkeypatch):
     assert result_digests(case.folder / "resumed") == result_digests(case.folder / "result")
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 @pytest.mark.parametrize("case", KILLED, indirect=True)
 def test_killed_and_resumed_by_two_workers_it_gives_the_same_bytes(case):
     words = case.detection("killed")
@@ -113,6 +115,7 @@ def test_killed_and_resumed_by_two_workers_it_gives_the_same_bytes(case):
     assert result_digests(case.folder / "killed") == result_digests(case.folder / "result")
 
 
+@pytest.mark.slow("runs every recipe again in sections")
 def test_sections_find_what_they_found(case):
     folder = case.detect("sections", "--section", SECTION[case.name])
     assert len(list(folder.glob("section-*"))) > 1
@@ -134,6 +137,7 @@ def test_live_it_finds_what_it_found(causal):
     check_digests(f"{causal.name} live", live_digests(causal.folder / "live"))
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 @pytest.mark.parametrize("case", CAUSAL[:1], indirect=True)
 def test_live_killed_and_resumed_it_finds_the_same(causal):
     words = causal.live("live-resumed", "--snapshot", 2)

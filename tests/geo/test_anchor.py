@@ -53,6 +53,7 @@ def test_there_and_back(lon, lat, azimuth, height):
     np.testing.assert_allclose(anchor.to_geodetic([1.0, 2.0, 0.3])[2], height, atol=1e-6)
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_the_uncertainty_is_that_of_repeated_surveys():
     rng = np.random.default_rng(4)
     sigma = 0.02

@@ -95,6 +95,7 @@ def test_one_band_is_grey_and_the_end_of_the_map_is_clear(tmp_path):
     assert (picture[..., 3][~known] == 0).all()
 
 
+@pytest.mark.slow("draws a map for every case")
 def test_a_long_lane_is_as_sharp_whichever_way_it_lies(tmp_path):
     """Stripes of 8 m across the lane; a fourth band that is not opacity changes nothing."""
     for azimuth in (0.0, 60.0, 90.0):
@@ -131,6 +132,7 @@ def test_few_pixels_are_means_of_many(tmp_path):
     assert 20 < picture[..., 0].max() < 255
 
 
+@pytest.mark.slow("draws a map for every case")
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -23,6 +23,7 @@ def has_device():
     return cuda.is_available()
 
 
+@pytest.mark.slow("CUDA's simulator runs every thread in Python")
 @pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="needs numba-cuda")
 def test_kernels_under_the_simulator():
     tests = Path(__file__).with_name("cuda_simulated.py")

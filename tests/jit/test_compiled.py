@@ -10,6 +10,8 @@ import threading
 import time
 from pathlib import Path
 
+import pytest
+
 import flgpr
 from flgpr.jit import compiled
 
@@ -32,6 +34,7 @@ print(*(hashlib.sha256(np.ascontiguousarray(one).tobytes()).hexdigest() for one 
 """
 
 
+@pytest.mark.slow("compiles in processes of its own")
 def test_a_copy_of_the_sources_loads_what_was_compiled_and_gives_the_same_bits(tmp_path):
     package = Path(flgpr.__file__).parent
     copy = shutil.copytree(
@@ -137,6 +140,7 @@ def test_one_process_compiles_and_the_others_wait_but_not_for_ever(tmp_path, mon
     assert order[2:] == ["the other was stopped", "without a lock"]
 
 
+@pytest.mark.slow("compiles in processes of its own")
 def test_kernels_are_plain_functions_where_compiling_is_switched_off(tmp_path):
     program = "from flgpr.kernels.layout import row_size as one; print(hasattr(one, 'nopython_signatures'))"
     said = subprocess.run([sys.executable, "-c", program], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, text=True,
@@ -163,6 +167,7 @@ def test_folders_that_nobody_used_for_long_are_removed_when_another_is_made(tmp_
     assert time.time() - recent.stat().st_mtime < 86400, "it is in use"
 
 
+@pytest.mark.slow("compiles in processes of its own")
 def test_two_processes_never_write_one_file_of_code(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "cache_folder", lambda _: tmp_path / "kernels")
     source = tmp_path / "twice.py"

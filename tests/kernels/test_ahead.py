@@ -6,6 +6,7 @@ import sys
 from unittest import mock
 
 import numpy as np
+import pytest
 
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels import ahead, profiles
@@ -13,6 +14,7 @@ from flgpr.kernels import ahead, profiles
 DEMO = """
 import sys
 import numpy as np
+import pytest
 import flgpr
 from flgpr.detect import RelevanceVectorClassifier
 from flgpr.io import sample_lane
@@ -31,12 +33,14 @@ print(*sorted(more - {"row_size", "padded"}))
 """
 
 
+@pytest.mark.slow("compiles in processes of its own")
 def test_what_is_compiled_ahead_is_what_the_demo_and_a_training_call(tmp_path):
     command = [sys.executable, "-c", DEMO, str(tmp_path / "result")]
     ran = subprocess.run(command, text=True, check=True, capture_output=True)
     assert ran.stdout.split() == [], "more was compiled: add it to flgpr.kernels.ahead"
 
 
+@pytest.mark.slow("compiles in processes of its own")
 def test_imaging_to_other_tolerances_calls_what_was_compiled_ahead(monkeypatch):
     named = {kernel: [] for kernel in (profiles.adjoint, profiles.forward)}
     for kernel, given in named.items():
@@ -56,6 +60,7 @@ def test_imaging_to_other_tolerances_calls_what_was_compiled_ahead(monkeypatch):
         assert called <= set(given)
 
 
+@pytest.mark.slow("compiles in processes of its own")
 def test_who_compiles_ahead_ends_with_the_process_that_asked_for_it(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
     monkeypatch.setattr(ahead, "cache_folder", lambda _: tmp_path / "done")

@@ -279,6 +279,7 @@ def sharp_played(run, scans, sharp):
     return detector, play(detector, scans)
 
 
+@pytest.mark.slow("trains an estimator on the lane")
 def test_named_features_and_an_estimator_run_live(run, scans, sharp, sharp_played):
     recipe, model = sharp
     detector, _ = sharp_played

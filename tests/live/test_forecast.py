@@ -139,6 +139,7 @@ def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
             assert detector.mean_of_looks(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
 
 
+@pytest.mark.slow("plays a drive to its end")
 def test_what_is_followed_is_what_alarms_became(run, model):
     followed = list(follow(started(run, model, looks=2), run))
     assert len(followed) > 100
@@ -214,6 +215,7 @@ def test_odds_beyond_all_bounds_end_no_training():
             assert all(np.isfinite(one).all() for one in arrays.values())
 
 
+@pytest.mark.slow("plays a drive to its end")
 def test_events_tell_it_where_the_model_does(run, model, tmp_path):
     (tmp_path / "recipe.toml").write_text(RECIPE)
     (tmp_path / "lane.toml").write_text(

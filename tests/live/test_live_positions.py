@@ -46,6 +46,7 @@ def same_alarms(one, other):
     return one.table().equals(other.table())
 
 
+@pytest.mark.slow("plays the lane once for every wrong pose")
 @pytest.mark.parametrize("lane", [LANE, None], ids=["lane", "no lane"])
 @pytest.mark.parametrize(
     ("component", "by"),
@@ -64,6 +65,7 @@ def test_one_wrong_pose_costs_its_scan_alone(component, by, lane):
     assert detector.left_out == 1
 
 
+@pytest.mark.slow("plays the lane once for every wrong pose")
 @pytest.mark.parametrize("wrong", [[0], [0, 1], [6, 7], [5, 7], [0, 6]])
 @pytest.mark.parametrize("lane", [LANE, None], ids=["lane", "no lane"])
 def test_the_first_pose_and_several_may_be_wrong(wrong, lane):
@@ -83,6 +85,7 @@ def test_poses_without_times_are_judged_as_well():
     assert same_alarms(detector, without)
 
 
+@pytest.mark.slow("plays the lane once for every wrong pose")
 @pytest.mark.parametrize("by", [1.5, 8.0, 14.0])
 def test_a_pose_that_is_wrong_by_less_than_the_limits_closes_no_ground(by):
     """Without times the pose is believed; it stands in one look, and all later scans are used and raise alarms."""
@@ -345,6 +348,7 @@ def spoilt(scan, fault):
     return encode_frame("scan", header | changes[fault], frame.payload)
 
 
+@pytest.mark.slow("plays the lane once for every wrong pose")
 @pytest.mark.parametrize(
     "faults", [("nan", "nan"), ("pose", "pose"), ("nan", "pose"), ("run", "nan")]
 )

@@ -249,6 +249,7 @@ def run_command(words):
     app(words)
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, tmp_path):
     """SIGKILL after so many lines of the event file, three times, snapshots being written all along; one is whole."""
     incoming = tmp_path / "in"
@@ -447,6 +448,7 @@ def test_bad_options_are_named(tmp_path, monkeypatch, options, words):
     assert not (tmp_path / "live-result").exists()
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_the_command_line_ends_on_a_signal_and_keeps_what_it_has(home, tmp_path):
     """A process of its own, stopped by SIGTERM while it waits for more."""
     incoming = tmp_path / "in"

@@ -87,6 +87,7 @@ def sharp_played(run, scans, sharp):
     return detector, play(detector, scans)
 
 
+@pytest.mark.slow("plays a lane with every kind of detector twice")
 @pytest.mark.parametrize("how", ["contrast", "estimator"])
 def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, request, tmp_path, how):
     recipe, model = (recipe, None) if how == "contrast" else request.getfixturevalue("sharp")

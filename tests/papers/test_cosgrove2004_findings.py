@@ -55,6 +55,7 @@ def premises(seed):
     }
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_verdicts_follow_the_interval_over_seeds():
     recipe = study_recipe()
     rng = np.random.default_rng(0)

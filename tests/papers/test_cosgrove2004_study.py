@@ -85,6 +85,7 @@ def test_what_stands_beside_the_lane_brings_no_ground_of_its_own(recipe):
         np.testing.assert_array_equal(beside.values, alone.values)
 
 
+@pytest.mark.slow("makes lanes of the study again with one thing changed")
 def test_a_twin_with_nothing_changed_is_the_studys_open_lane(recipe, looks):
     twin = open_looks(recipe, "sand", 3, 0.1, LaneChange())
     assert len(twin) == len(looks["open"])
@@ -105,6 +106,7 @@ def test_a_lane_without_its_mines_is_looked_at_where_they_lay(recipe, looks):
     assert peaks[0] < 0.7 * peaks[1]
 
 
+@pytest.mark.slow("makes lanes of the study again with one thing changed")
 def test_mines_and_ground_can_be_changed_one_by_one(recipe, looks):
     ahead = open_looks(recipe, "sand", 3, 0.1, LaneChange(mine={"x": 0.0}))
     assert all(abs(look.position[0]) < 0.1 for look in ahead)
@@ -284,6 +286,7 @@ def test_measures_of_looks_are_of_mines_and_clutter(recipe, looks):
     assert measures["fourth_moment_ratio"] > 1
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_path, monkeypatch):
     first: dict = {}
 

@@ -241,6 +241,7 @@ def reproduced(tmp_path_factory):
     return folder, text
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_page_holds_every_figure_and_finding(reproduced):
     folder, text = reproduced
     found = read_findings(folder)
@@ -261,6 +262,7 @@ def test_the_page_holds_every_figure_and_finding(reproduced):
         assert name in text
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_variants_have_intervals_and_the_main_one_no_difference_to_itself(reproduced):
     told = json.loads((reproduced[0] / "results.json").read_text(encoding="utf-8"))["notes"][
         "templates"

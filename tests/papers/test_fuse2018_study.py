@@ -191,6 +191,7 @@ def test_an_aperture_is_the_coherent_sum_of_its_frames():
     np.testing.assert_allclose((*stage.grid.extent(), stage.grid.dy), (-10.1, 10.1, 4.9, 15.1, 0.2))
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_masks_hold_the_bushes_and_leave_the_mines(lanes):
     for result, _, shown in lanes.values():
         first = result.mines[result.mines["variant"] == "original"]
@@ -203,6 +204,7 @@ def test_masks_hold_the_bushes_and_leave_the_mines(lanes):
             ].any()
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
     boxes = strongest_boxes(both(lanes))
     for name in VARIANTS:
@@ -217,6 +219,7 @@ def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
     assert (power_db(boxes, "least squares") < power_db(boxes, "shared")).mean() > 0.5
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     result, frames, _ = lanes["A"]
     assert {"iteration", "least squares", "least squares spared"} == set(result.own["variant"])
@@ -248,6 +251,7 @@ def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     )  # ... and what the iteration did to all of it
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_one_frame_of_the_paper_is_compared_with_frames_of_ours():
     rng = np.random.default_rng(0)
     wrong = 0
@@ -296,6 +300,7 @@ def test_equal_cost_counts_pixels(calibration):
     assert equal_cost(7, np.zeros_like(mask), region) == 1
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_scores_count_every_frame_or_every_place(lanes):
     lane, frames, _ = lanes["A"]
     looks = frame_match(lane, "original", RECIPE)
@@ -318,6 +323,7 @@ def test_scores_count_every_frame_or_every_place(lanes):
     assert better[0] >= better[1]
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
     path = tmp_path / "calibration.json"
     first = fuse2018_results.stored_calibration(path, lambda: calibration)
@@ -353,6 +359,7 @@ def fullwave():
     return fullwave_study(quick=True)
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_full_wave_post_falls(fullwave):
     table = fullwave.table.set_index(["roadside", "method", "object"])
     assert len(table) == 2 * 4 * 5
@@ -363,6 +370,7 @@ def test_the_full_wave_post_falls(fullwave):
             assert table.loc[(rule, method, "post"), "VV"] < -6
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
     results = both(lanes)
     loose = results[0]

@@ -69,6 +69,7 @@ def test_the_error_of_a_figure_widens_the_interval_of_the_difference():
     assert share_error(1.0, 48) == pytest.approx(share_error(1 - 0.5 / 48, 48))
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_parts_that_hold_together_disagree_no_more_often_than_one():
     rng = np.random.default_rng(1)
     wrong = 0

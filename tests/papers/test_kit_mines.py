@@ -229,6 +229,7 @@ def test_the_tma_4_is_as_high_as_its_charge_and_no_higher_than_with_its_fuzes():
     assert TMA_4.height < 0.11
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize(("mine", "body"), TAKEN_AS)
 def test_a_mine_that_is_taken_as_another_body_scatters_nearly_as_much(mine, body):
     """Mean power of HH and of VV over the first subband, in soil of permittivity 3.5, 7 cm deep."""

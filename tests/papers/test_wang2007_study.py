@@ -260,6 +260,7 @@ def fake_examples(path):
     write_bundle(path, arrays)
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, monkeypatch):
     draws = Pool.draws
     monkeypatch.setattr(
@@ -315,6 +316,7 @@ def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
     np.testing.assert_allclose(a["far"], roc_of(plain, MINES)["far"])
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_costs_of_what_nobody_reads_are_zero(results):
     blind = [fake_lane("b1", 5)]
     lanes_of = Lanes(results, blind)
@@ -355,6 +357,7 @@ def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():
     assert plain == packaged
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path, monkeypatch):
     def sensor(band=None):
         array = lanes.sensor(band)
@@ -387,6 +390,7 @@ def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path, monke
         )
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_a_stored_lane_is_not_made_again_unless_it_changed(tmp_path, monkeypatch):
     scene, seed = lanes.quick_scenes()[1]["b1"]
     data = scene.model_dump(exclude_unset=True) | {

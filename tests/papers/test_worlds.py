@@ -109,6 +109,7 @@ def made(tmp_path_factory):
     return folder, page.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_every_part_has_its_tables_figures_and_section(made):
     folder, page = made
     for part in maps.PARTS[:-1]:
@@ -129,6 +130,7 @@ def test_every_part_has_its_tables_figures_and_section(made):
     assert "quick run" not in page
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_effects_tell_what_the_axes_do(made):
     folder, _ = made
     effects = pd.read_csv(folder / "detection-effects.csv")
@@ -154,6 +156,7 @@ def test_effects_tell_what_the_axes_do(made):
     assert not (effects[effects["response"] == "metal 0.02"]["axis"] == "mines").any()
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_costs_find_the_part_that_matters(made):
     folder, _ = made
     costs = pd.read_csv(folder / "ablation-costs.csv")
@@ -166,6 +169,7 @@ def test_costs_find_the_part_that_matters(made):
     assert set(costs["replicates"]) == {4}
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_geometries_are_averaged_over_lanes(made):
     folder, _ = made
     means = pd.read_csv(folder / "geometry-means.csv")
@@ -188,6 +192,7 @@ def test_geometries_are_averaged_over_lanes(made):
     assert shares["high"].le(1).all()
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_the_map_tells_where_a_statement_holds(made):
     folder, page = made
     table = pd.read_csv(folder / "statements.csv")
@@ -217,6 +222,7 @@ def test_the_map_tells_where_a_statement_holds(made):
     assert short.loc["A beats B", "permittivity: 3.0, 4.5, 6.0, 9.0"] == "✓ ✓ ✗ ✗"
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_figures_come_from_the_tables_alone(made, tmp_path):
     folder, _ = made
     for path in folder.glob("ablation*.csv"):
@@ -227,6 +233,7 @@ def test_figures_come_from_the_tables_alone(made, tmp_path):
     assert not (tmp_path / "index.html").exists()
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_what_is_there_is_not_run_again(made, monkeypatch):
     folder, _ = made
     paper, world = statements.studies()[0]
@@ -277,6 +284,7 @@ def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
     assert counts.loc["cosgrove2004"].tolist() == [1, 48, 1]
 
 
+@pytest.mark.slow("runs a quick form of the whole study")
 def test_a_cluster_does_what_is_left(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     for paper in flgpr_papers.PAPERS:

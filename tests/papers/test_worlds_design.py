@@ -62,6 +62,7 @@ def test_an_unknown_level_is_named():
         model_matrix(pd.DataFrame({"a": [1], "b": ["x"], "c": [2.0]}), SMALL, [])
 
 
+@pytest.mark.slow("searches the design of the table")
 def test_the_declared_table_is_what_its_seed_gives(table):
     declared = DECLARED["design"]
     again = d_optimal(AXES, CROSSED, declared["each"], declared["repeats"], declared["seed"])

@@ -146,6 +146,7 @@ def lane(tmp_path_factory):
     return folder, job
 
 
+@pytest.mark.slow("simulates lanes of several worlds")
 def test_a_lane_is_kept_and_not_run_again(lane, monkeypatch):
     folder, job = lane
     record = json.loads(job.path(folder).read_text())

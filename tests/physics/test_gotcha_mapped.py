@@ -14,6 +14,7 @@ MAPPING = Path(__file__).parent.parent / "data" / "mappings" / "gotcha.toml"
 TARGET = np.array([-15.63, 21.59, 0.0])
 
 
+@pytest.mark.slow("reads a whole measured recording")
 def test_the_mapping_says_it_all():
     folder = Path(os.environ.get("FLGPR_MEASURED_DATA", "")) / "gotcha"
     if not os.environ.get("FLGPR_MEASURED_DATA") or not folder.is_dir():

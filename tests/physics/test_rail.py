@@ -61,6 +61,7 @@ def focused(measured):
     return clock, bias, reflectors, brightest_points(image, pixels, 3, 0.5)
 
 
+@pytest.mark.slow("images the rail's recording over and over")
 def test_clock_and_range_bias_are_where_others_found_them(focused):
     clock, bias, _, _ = focused
     assert clock.offset == pytest.approx(9.22, abs=0.15)
@@ -92,6 +93,7 @@ def test_the_echoes_lie_farther_apart_than_the_marks(focused):
     assert np.linalg.norm(points[0, :3] - points[1, :3]) == pytest.approx(5.11, abs=0.04)
 
 
+@pytest.mark.slow("images the rail's recording over and over")
 @pytest.mark.parametrize("more", [0.0, 1.9, -1.9])
 def test_clock_and_bias_are_found_together_from_a_wide_start(measured, more):
     arrived, reflectors = measured
@@ -107,6 +109,7 @@ def test_clock_and_bias_are_found_together_from_a_wide_start(measured, more):
     assert fit.over_moved > 8
 
 
+@pytest.mark.slow("images the rail's recording over and over")
 def test_an_added_bias_is_found_before_and_after_the_clock(measured, focused):
     """A bias added to the run with the right clock, and to that of the recorder: the first is told, not the second."""
     arrived, reflectors = measured
@@ -213,6 +216,7 @@ def from_anywhere(echoes):
     )
 
 
+@pytest.mark.slow("images the rail's recording over and over")
 def test_the_echoes_do_not_come_from_the_marks_and_no_clock_can_mend_that(echoes):
     starts = [(offset, 1.0, 0.45, 0.45) for offset in (9.1, 9.25)]
     _, marks = echoes.best(from_marks(echoes), starts, (0.05, 0.02, 0.03, -0.03))

@@ -15,20 +15,24 @@ from flgpr.commands.app import app
 from flgpr.execution.workers import RunOptions
 from flgpr.proving_ground import (
     load_ground,
+    make_ground,
     oracle,
     run_benchmark,
     run_oracle,
     score_entries,
     write_score_tables,
 )
+from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
-from flgpr.proving_ground.table import pd_in_words, same_lanes
+from flgpr.proving_ground.table import pd_in_words
 from flgpr.simulate import draw_world
 from flgpr.store import read_manifest, read_table, sample_lane
 from flgpr.trials import open_truth, read_register
 from robust import digests
 from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
+
+pytestmark = pytest.mark.slow("trains and runs detectors on the lanes of a proving ground")
 
 GROUND = """
 name = "small"
@@ -256,6 +260,17 @@ def test_alarms_made_elsewhere_enter(field, tmp_path):
     given.rename(tmp_path / "oracle")
     with pytest.raises(ValueError, match="must not be called oracle"):
         run_benchmark([tmp_path / "oracle"], out, ground=field / "ground.toml")
+
+
+def test_lanes_that_are_there_are_not_made_again(field, caplog):
+    out = field / "out"
+    before = digests(out / "lanes")
+    with caplog.at_level("INFO"):
+        assert make_ground(out, ground=field / "ground.toml") == out
+    assert digests(out / "lanes") == before
+    assert "exists already" in caplog.text
+    with pytest.raises(ValueError, match="output must be a folder of proving-ground-2-quick"):
+        make_ground(out, quick=True)
 
 
 def test_an_entry_that_cannot_be_trained_does_not_stop_the_others(field, tmp_path):

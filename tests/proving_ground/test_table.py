@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from flgpr.proving_ground.table import _compared, paired_in_words, pd_in_words
+from flgpr.proving_ground.fingerprints import _compared
+from flgpr.proving_ground.table import paired_in_words, pd_in_words
 
 SCORE = {
     "pd": 0.5, "pd_low": 0.25, "pd_high": 0.75, "n_detected": 6, "n_targets": 12, "n_false": 3,

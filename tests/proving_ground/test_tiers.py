@@ -25,6 +25,8 @@ from flgpr.trials import open_truth, read_register
 from robust import digests
 from systems.lanes import SENSOR, small_recipe
 
+pytestmark = pytest.mark.slow("trains and runs detectors on lanes of both tiers")
+
 LADDER = Path(__file__).parents[2] / "evidence" / "ladder.py"
 TIERS = ("smooth", "rough")
 GROUND = """

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from flgpr.proving_ground import load_ground
+from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.running import PRINTS, fingerprint
-from flgpr.proving_ground.table import same_lanes
 from flgpr.store import write_whole
 
 NAME = "proving-ground-1"
@@ -60,6 +60,7 @@ def test_its_lanes_and_titles_are_as_they_were(quick, title):
     assert digest(lane_lines(ground)) == LANES[quick]
 
 
+@pytest.mark.slow("simulates a lane in full")
 def test_a_lane_of_it_is_simulated_as_it_was(tmp_path):
     ground = load_ground(True, NAME)
     name = "arid-test-1"

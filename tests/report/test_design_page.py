@@ -29,6 +29,7 @@ def made_up():
     )  # fmt: skip
 
 
+@pytest.mark.slow("draws all figures of a design")
 def test_the_page_needs_nothing_beside_it():
     page = design_html([made_up(), made_up()], Question(depth=0.1))
     assert page.count("data:image/png;base64") == 7
@@ -51,6 +52,7 @@ def test_the_page_needs_nothing_beside_it():
     assert "nan" not in told.split("</table>")[0]
 
 
+@pytest.mark.slow("draws all figures of a design")
 def test_faults_are_told(tmp_path):
     for sensors in ([], ["sri-array"] * 5):
         with pytest.raises(ValueError, match="sensors must be one to four"):

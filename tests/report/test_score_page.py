@@ -180,6 +180,7 @@ def test_figures_are_png_and_pdf(written):
         assert paths[f"{name}_pdf"].read_bytes()[:4] == b"%PDF"
 
 
+@pytest.mark.slow("draws all figures of a score")
 def test_a_report_is_the_same_each_time(written, tmp_path):
     alarms, truth, paths = written
     again = write_score_report(tmp_path, alarms, truth, LANE, draws=40)
@@ -187,6 +188,7 @@ def test_a_report_is_the_same_each_time(written, tmp_path):
     assert again["roc_pdf"].read_bytes() == paths["roc_pdf"].read_bytes()
 
 
+@pytest.mark.slow("draws all figures of a score")
 def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
     alarms, truth = made_lane()
     blank = write_score_report(tmp_path / "blank", alarms, truth.iloc[:0], LANE, draws=10)

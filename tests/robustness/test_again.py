@@ -42,6 +42,7 @@ SLOW = ("demo", "design", "simulate gprmax", "detect a survey")
 GIVEN = [one.name for one in COMMANDS if one.name not in SLOW or "FLGPR_KILLS" in os.environ]
 
 
+@pytest.mark.slow("runs every command three times")
 @pytest.mark.parametrize("name", GIVEN)
 def test_given_again_it_says_so_and_on_another_input_it_is_refused(
     name, commands, tmp_path, monkeypatch
@@ -82,6 +83,7 @@ MADE_BY_WHOLE_FILES = [
 ]
 
 
+@pytest.mark.slow("runs every command three times")
 @pytest.mark.parametrize("name", MADE_BY_WHOLE_FILES)
 def test_a_file_of_the_same_name_with_other_bytes_is_never_written_over(name, commands, tmp_path):
     command = commands[name]
@@ -105,12 +107,13 @@ def test_every_command_of_the_command_line_is_tried():
         one.words.split()[0] for one in COMMANDS
     }
     writes_nothing = {
-        "view", "replay", "recipe list", "recipe show", "recipe check", "bench imaging", "benchmark list", "plan mines",
-        "plan check", "calibrate permittivity",
+        "view", "replay", "recipe list", "recipe show", "recipe check", "bench imaging", "benchmark list",
+        "benchmark validate", "plan mines", "plan check", "calibrate permittivity",
     }  # fmt: skip
     assert set(names_of_commands()) - writes_nothing - tried == set()
 
 
+@pytest.mark.slow("runs every command three times")
 def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(commands, tmp_path):
     command = commands["live"]
     output = tmp_path / "out"
@@ -127,6 +130,7 @@ def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(c
     assert command.content(output) == want
 
 
+@pytest.mark.slow("runs every command three times")
 def test_a_score_that_was_stopped_before_its_last_step_is_finished(commands, tmp_path, monkeypatch):
     """The manifest of the result still allows the files of before, too."""
     command = commands["score in a result"]

@@ -12,6 +12,8 @@ import pytest
 import flgpr
 from robust import content
 
+pytestmark = pytest.mark.slow("starts a Dask cluster")
+
 distributed = pytest.importorskip("distributed")
 ENVIRONMENT = {**os.environ, "NUMBA_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTED": "error"}
 

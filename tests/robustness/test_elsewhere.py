@@ -56,6 +56,7 @@ WAYS = {
 }
 
 
+@pytest.mark.slow("runs a whole command more than once")
 @pytest.mark.parametrize("way", WAYS)
 def test_numbers_of_other_files_are_not_read(secret, way):
     path = secret / "a.h5"
@@ -189,6 +190,7 @@ def test_modules_in_the_working_folder_are_not_imported(tmp_path):
     assert not (tmp_path / "marker").exists()
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_nothing_else_is_looked_for_in_the_working_folder(tmp_path):
     """What a command opens by a name alone, while it imports all that it may need and draws a figure."""
     program = (

@@ -168,6 +168,7 @@ def test_a_result_can_be_read_whenever_adding_files_stops(tmp_path, monkeypatch)
         read_result(folder)
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_replay_uses_the_model_of_the_result(lane, tmp_path):
 
     model = save_model(small_classifier(), tmp_path / "model")

@@ -186,6 +186,7 @@ def test_forging_works(folders, kind):
         (folder.path / name).write_bytes(folder.files[name])
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @pytest.mark.parametrize("kind", MENDED)
 @FUZZ
 @given(data=st.data())
@@ -232,6 +233,7 @@ def read_with_digest(path):
         raise ValueError(f"{path}: {error}") from None
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @pytest.mark.parametrize("name", TEXTS)
 @FUZZ
 @given(data=st.data())
@@ -339,6 +341,7 @@ def test_a_damaged_journal(data, tmp_path):
         )
 
 
+@pytest.mark.slow("draws many damaged files anew")
 @settings(FUZZ, max_examples=max(10, CASES // 100))
 @given(data=st.data())
 def test_a_damaged_journal_costs_scans_and_nothing_else(data, small_run, tmp_path):

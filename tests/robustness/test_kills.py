@@ -144,6 +144,7 @@ def test_kills_of_a_detection(lane, tmp_path):
         shutil.rmtree(tmp_path / "result")
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 def test_kills_of_a_detection_in_sections(lane, tmp_path):
     def state(folder):
         found = {name: digest for name, digest in digests(folder).items() if "manifest" not in name}
@@ -238,6 +239,7 @@ angle_unit = "deg"
 )
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 @pytest.mark.parametrize("made", [a_fullwave_lane, a_mapped_array, a_recording, a_gpr_line])
 def test_kills_of_an_import(made, tmp_path):
     def check():
@@ -287,9 +289,10 @@ def commands(tmp_path_factory):
 
 
 FEW = ("import mapped", "export qgis", "plan lane")
-"""Commands that ``make test`` kills, each a few times."""
+"""Commands that ``make test-slow`` kills, each a few times."""
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 def test_kills_of_every_command(commands, tmp_path):
     every = "FLGPR_KILLS" in os.environ
     order = np.random.default_rng(11).permutation(list(commands) if every else FEW)

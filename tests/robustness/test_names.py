@@ -15,6 +15,7 @@ from flgpr.trials import figure_bytes
 NAMES = ("$\\frac{$", "[/red]", "[bold]", ":smile:", "$x$ & $y_{$", "<b>b</b>")
 
 
+@pytest.mark.slow("draws all figures of a score")
 def test_a_score_shows_names_as_they_are(tmp_path):
     truth = tmp_path / "truth.csv"
     rows = [f"{name},{k + 0.5},5.0,{name},0.1" for k, name in enumerate(NAMES)]

@@ -68,6 +68,10 @@ READ = (
     "live {in}/incoming --recipe {in}/small.toml --anchor {bad} -o {out}/a",
     "benchmark run --ground {bad} -o {out}/a",
     "benchmark list --ground {bad}",
+    "benchmark make --ground {bad} -o {out}/a",
+    "benchmark croissant --ground {bad} -o {out}/a",
+    "benchmark validate {in}/submission --ground {bad}",
+    "benchmark enter {in}/submission --ground {bad} -o {out}/a",
 )
 TABLES = (
     "score {in}/alarms.csv --truth {bad} --lane {in}/lane.toml -o {out}/a",
@@ -83,6 +87,7 @@ TABLES = (
 )
 
 
+@pytest.mark.slow("calls many commands")
 @pytest.mark.parametrize("words", READ)
 @pytest.mark.parametrize("bad", ["deep.toml", "folder.toml", "bytes.toml"])
 def test_a_file_of_settings_that_cannot_be_read_is_named(words, bad, inputs, tmp_path):
@@ -91,6 +96,7 @@ def test_a_file_of_settings_that_cannot_be_read_is_named(words, bad, inputs, tmp
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow("reads brackets that are nested 20,000 deep")
 @pytest.mark.parametrize("words", TABLES)
 def test_a_table_that_cannot_be_read_is_named(words, inputs, tmp_path):
     line = is_plain(call(words.replace("{bad}", "{in}/deep.csv"), inputs, tmp_path))
@@ -98,6 +104,7 @@ def test_a_table_that_cannot_be_read_is_named(words, inputs, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow("calls many commands")
 @pytest.mark.parametrize(
     "words", ["score --agreement {bad} {bad}", "view {in}/result --no-browser --verdicts {bad}"]
 )
@@ -112,6 +119,7 @@ QUICK = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow("calls many commands")
 @pytest.mark.parametrize(
     "command", [one for one in QUICK if "score" not in one.name], ids=lambda one: one.name
 )
@@ -124,6 +132,7 @@ def test_a_name_that_is_too_long_is_refused_and_leaves_nothing(command, inputs, 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow("calls many commands")
 @pytest.mark.parametrize("command", QUICK, ids=lambda one: one.name)
 @pytest.mark.parametrize(
     ("number", "rule"),
@@ -172,6 +181,7 @@ app(sys.argv[2:])
 """
 
 
+@pytest.mark.slow("runs in processes of its own")
 @pytest.mark.parametrize("name", ["export qgis", "export gpkg", "export geotiff", "import mapped"])
 def test_a_file_that_may_not_grow_so_large_is_told_and_nothing_is_left(name, inputs, tmp_path):
     command = next(one for one in COMMANDS if one.name == name)

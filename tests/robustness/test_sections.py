@@ -107,6 +107,7 @@ def test_the_parts_of_the_lane_meet_and_hold_their_alarms(lane, folder):
         assert alarms["y"].between(part.lane.y_min, part.lane.y_max).all()
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_sections_do_not_depend_on_who_works(lane, folder, tmp_path):
     other = tmp_path / "result"
     flgpr.detect(*lane.arguments, other, lane.area, report=False, section=2.0, workers=2)
@@ -120,6 +121,7 @@ class _Stop(Exception):
     """The work is stopped."""
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_sections_go_on_where_they_were_stopped_the_last_step_too(
     lane, folder, tmp_path, monkeypatch
 ):
@@ -154,6 +156,7 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_another_division_begins_anew(lane, tmp_path):
     job = small_job(lane, tmp_path / "result")
 
@@ -193,6 +196,7 @@ def test_a_section_is_replayed(folder):
     }
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_one_piece_takes_the_place_of_sections(lane, folder, tmp_path):
     shutil.copytree(folder, tmp_path / "result")
     flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, report=False)
@@ -200,6 +204,7 @@ def test_one_piece_takes_the_place_of_sections(lane, folder, tmp_path):
     assert not [*(tmp_path / "result").glob("section*")]
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
     done = []
     options = {
@@ -241,6 +246,7 @@ def test_an_altered_folder_of_sections_is_refused(folder, name, tmp_path):
             results_at(tmp_path / "copy")
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     truth = tmp_path / "truth.csv"
     truth.write_text(
@@ -343,6 +349,7 @@ def test_a_section_that_the_lane_does_not_reach_is_refused():
         section_lane(recipe, Lane(-1.5, 1.5, 0, 100), Section(2000, 2100))
 
 
+@pytest.mark.slow("runs sections again in another way")
 def test_a_stretch_without_scans_has_no_alarms(lane, tmp_path):
     area = tmp_path / "far.toml"
     area.write_text("x_min = -0.75\nx_max = 0.75\ny_min = 3.0\ny_max = 24.0\n")

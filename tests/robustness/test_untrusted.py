@@ -263,6 +263,7 @@ def test_archives_that_expand_are_refused_before_they_do(tmp_path):
     tracemalloc.stop()
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_archives_cannot_write_anywhere(fullwave_archive, tmp_path):
     """Members with paths that lead out are names of arrays, never files."""
     shutil.copy(fullwave_archive, tmp_path / "a.npz")

@@ -34,6 +34,7 @@ def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
 
 
+@pytest.mark.slow("detects on a lane several times")
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
@@ -85,6 +86,7 @@ def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_pa
         flgpr.detect([lane.run, second], lane.recipe, tmp_path / "out", [lane.area, lane.area])
 
 
+@pytest.mark.slow("runs the demo four times")
 @pytest.mark.parametrize("recipe", ["demo", "demo-roadside-suppressed"])
 def test_the_demo_has_the_same_bytes_whoever_works_and_after_a_stop(recipe, tmp_path):
     """The roadside fitted and kept by blocks, no features: three scans in a single block."""
@@ -199,6 +201,7 @@ def _fail():
     raise ValueError("not here")
 
 
+@pytest.mark.slow("runs a survey of several lanes again and again")
 def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     run = lane.opened.load()
     shutil.copytree(lane.run, tmp_path / "a.zarr")
@@ -243,6 +246,7 @@ def test_a_work_folder_of_another_job_is_begun_anew_and_one_in_use_is_left_alone
         pass
 
 
+@pytest.mark.slow("detects on a lane several times")
 def test_a_damaged_part_is_made_again(lane, tmp_path):
     """Whatever happens to the files of a work folder, the result is right or there is an error."""
     job = small_job(lane, tmp_path / "result")
@@ -269,6 +273,7 @@ class Stopper:
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow("trains several times")
 def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
     lane, tmp_path, monkeypatch
 ):
@@ -359,6 +364,7 @@ class Folding(Processes):
         return super().run(fold_often if work is do_block else work, arguments, threads)
 
 
+@pytest.mark.slow("detects on a lane of many blocks several times")
 def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path):
     """As soon as there are any, beside others at work in other processes."""
     with Folding(2) as executor:
@@ -366,6 +372,7 @@ def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path)
     assert content(tmp_path / "result") == lane.content
 
 
+@pytest.mark.slow("detects on a lane of many blocks several times")
 @pytest.mark.parametrize("threads", [1, 4])
 def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path, monkeypatch):
     """Nine blocks, folded once they are twice as large as what is folded already: more than once, one by one."""
@@ -395,6 +402,7 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
     assert held["signature"][-1] == held["gain"][-1] == held["view"][-1] == 0
 
 
+@pytest.mark.slow("detects on a lane of many blocks several times")
 @pytest.mark.parametrize("damaged", [False, True])
 def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
     lane, damaged, tmp_path, monkeypatch
@@ -423,6 +431,7 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
     )
 
 
+@pytest.mark.slow("detects on a lane of many blocks several times")
 @pytest.mark.parametrize("confidence", ["contrast", "magnitude"])
 def test_a_recipe_without_features_goes_on_as_well(lane, confidence, tmp_path, monkeypatch):
     """Images and a prescreener alone, with a contrast or without: stopped at every pass, each scan is made once."""

@@ -119,6 +119,7 @@ def test_several_lanes_are_drawn_as_wholes():
     )
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_coverage_of_a_band_by_simulation():
     """The true curve is known: targets N(2, 1), false alarms N(0, 1) at a known rate; 120 lanes of 20 targets."""
     rng = np.random.default_rng(11)

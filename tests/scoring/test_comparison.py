@@ -154,6 +154,7 @@ def call(*words, text=""):
     return CliRunner().invoke(app, [str(word) for word in words], input=text)
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_two_vendors_are_compared_on_the_command_line(files):
     given = ["score", files / "vendorA.csv", files / "vendorB.csv", "--truth", files / "truth.csv"]
     given += ["--lane", files / "lane.toml", "-o", files / "both"]

@@ -93,6 +93,7 @@ def test_roc_is_the_rules_applied_threshold_by_threshold(
 SHORT = Lane(0.0, 4.0, 0.0, 10.0)
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32))
 def test_many_lists_score_by_the_papers_sentences(seed):

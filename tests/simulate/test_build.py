@@ -23,6 +23,7 @@ def few(monkeypatch):
     monkeypatch.setattr(nodes, "DEPTH", nodes.DEPTH[-2:])
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 @pytest.mark.usefixtures("few")
 def test_a_table_that_was_stopped_goes_on_and_gives_the_same_bits(tmp_path, monkeypatch):
     whole = build_table(TINY, tmp_path / "whole")
@@ -51,6 +52,7 @@ def test_a_table_that_was_stopped_goes_on_and_gives_the_same_bits(tmp_path, monk
     assert len(solved) == 6  # of another body it starts anew
 
 
+@pytest.mark.slow("runs in processes of its own")
 @pytest.mark.usefixtures("few")
 def test_two_workers_give_the_same_bits(tmp_path):
     one = build_table(TINY, tmp_path / "one")

@@ -79,6 +79,7 @@ def test_metal_outshines_a_gap_and_a_gap_a_solid_of_small_contrast():
         assert (20 * np.log10(gap / solid) > 3).all()
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize("cover", [0.015, 0.045, 0.0975])
 def test_a_solid_of_small_contrast_echoes_as_born_says(cover):
     """On one absolute scale, in all four polarizations: VV as strong as HH, cross-polarization from oblique pairs."""

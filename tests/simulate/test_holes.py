@@ -164,6 +164,7 @@ def test_an_empty_hole_echoes_as_its_contrast(quiet):
     assert ratio == pytest.approx(contrast[0] / contrast[1], rel=0.02)
 
 
+@pytest.mark.slow("simulates the scene several times")
 def test_a_scene_told_thing_by_thing_is_the_same_scene(quiet):
     scene = Scene(
         soil=MOIST,

@@ -170,6 +170,7 @@ def test_the_drawn_surface_has_the_declared_rms_height(site):
     )
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 @each
 def test_the_drawn_surface_has_the_declared_spectrum(site):
     """Periodograms of profiles of 8 m, over octaves of wavelengths from 1 m to 6 cm."""
@@ -232,6 +233,7 @@ def small_perturbation(frequency, sine, eps, surface):
     return level * np.abs(hh) ** 2, level * np.abs(vv) ** 2
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 @each
 def test_simulated_scatterers_have_the_sigma0_of_small_perturbation(site, quiet):
     """Six worlds of 3,000 scatterers on the site's own terrain, from below F1 to F4.

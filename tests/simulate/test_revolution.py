@@ -76,6 +76,7 @@ def test_a_dielectric_sphere_scatters_as_mie_says(medium, soil, wavenumber, tole
     assert error(solved(sphere(0.1, 16, medium), wavenumber, soil, separations), want) < tolerance
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize(("soil", "wavenumber"), [(3.5, 14.0), (3.5 - 0.2j, 10.0)])
 def test_a_metal_sphere_scatters_as_mie_says_in_the_limit_of_thin_discs(soil, wavenumber):
     """The staircase's error goes with the discs' thickness: it halves, and without its first order little is left."""
@@ -90,6 +91,7 @@ def test_a_metal_sphere_scatters_as_mie_says_in_the_limit_of_thin_discs(soil, wa
     assert error(2 * fine - coarse, want) < 0.08
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize("soil", [3.4, 3.4 - 0.03j])
 @pytest.mark.parametrize("wavenumber", [9.0, 12.0])
 def test_a_faint_cylinder_has_equal_hh_and_vv_as_born_says(soil, wavenumber):
@@ -143,6 +145,7 @@ def test_transmitter_and_receiver_may_change_places(mode, monkeypatch):
     assert cross < 1e-10 if mode == 0 else cross > 0.01
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize(
     ("it", "limit"),
     [(body((0.12, (0.16, "metal"))), 0.23), (body((0.015, (0.16, 1.0)), (0.1, (0.16, 2.9))), 0.06)],
@@ -157,6 +160,7 @@ def test_twice_the_cells_halve_the_error(it, limit):
     assert error(fine, finest) < error(coarse, finest) / 2
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize("depth", [0.015, 0.045])
 @pytest.mark.parametrize("frequency", [0.6e9, 1.0e9])
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ def test_backscatter_grows_as_k4_for_short_and_as_k_for_long_correlation():
     assert exponent(1.0, 5e9) == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_heights_have_their_rms_and_exponential_correlation():
     grid = np.linspace(0, 30, 40)
     x, y = np.meshgrid(grid, grid)
@@ -108,6 +109,7 @@ def test_uneven_ground_scatters_as_f_to_the_3_minus_w(waviness):
     assert both == pytest.approx(sum(parts), rel=1e-12)
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 def test_uneven_heights_hold_both_parts():
     """Variance and covariance of the sum at waviness 2, both parts then exponential."""
     grid = np.linspace(0, 60, 30)

@@ -202,6 +202,7 @@ def test_the_same_seed_gives_the_same_bits_in_any_order(quiet):
     assert not np.array_equal(Simulator(lane, sensor, 8).scan(0), forwards[0], equal_nan=True)
 
 
+@pytest.mark.slow("simulates a lane at each of the sites")
 @pytest.mark.parametrize("site", sites())
 def test_every_site_makes_a_lane_with_its_targets(site, quiet):
     draws = [{"kind": "plastic", "depth": 0.1, "count": 4}]
@@ -258,6 +259,7 @@ def expected_power(quiet, subband, surface):
     return np.sum(np.abs(image) ** 2, axis=1) * fine.dx * fine.dy
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 @pytest.mark.parametrize("number", range(len(BANDS)))
 def test_clutter_images_have_the_level_of_sigma0_and_rayleigh_statistics(quiet, clutter, number):
     middle = clutter[:, :, number, 6:11, 6:11]

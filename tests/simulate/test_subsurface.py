@@ -156,6 +156,7 @@ def test_a_buried_point_is_focused_at_its_apparent_shift(quiet):
     assert grid.x[column] == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.slow("repeats a draw until its statistics stand")
 @pytest.mark.parametrize("tone", [20, 128, 230])
 def test_the_uneven_soil_echoes_as_its_closed_form(quiet, tone):
     uneven = {"deviation": 0.5, "horizontal": 0.1, "vertical": 0.05, "depth": 0.4, "density": 60.0}
@@ -283,6 +284,7 @@ LANE = {
 MINES = {"draws": [{"kind": "metal", "depth": 0.05, "count": 4}], "clutter": {"rocks": 0.05}}
 
 
+@pytest.mark.slow("simulates the lane several times")
 def test_the_same_seed_gives_the_same_bits_in_any_order(few_tones):
     one, other = (Simulator(Scene(**LANE, **MINES, **FULL), few_tones, 7) for _ in range(2))
     forwards = [one.scan(k) for k in (0, 1, 2)]
@@ -294,6 +296,7 @@ def test_the_same_seed_gives_the_same_bits_in_any_order(few_tones):
     )
 
 
+@pytest.mark.slow("simulates the lane several times")
 def test_switched_off_it_is_the_world_without(few_tones):
     bare = Simulator(Scene(**LANE, **MINES), few_tones, 7)
     off = {name: table | {"on": False} for name, table in FULL.items()}

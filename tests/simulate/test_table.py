@@ -124,6 +124,7 @@ def test_what_the_surface_adds_fades_with_depth():
 BETWEEN = np.array([0.75, 0.9, 0.965])  # sines that are not nodes
 
 
+@pytest.mark.slow("solves fields on fine grids")
 @pytest.mark.parametrize(
     ("name", "limit"), [("metal-at", 0.15), ("plastic-at", 0.15), ("vs-2.2-hollow", 0.15)]
 )

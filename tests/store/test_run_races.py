@@ -86,6 +86,7 @@ for trial in range(12):
 """
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_of_processes_that_race_one_writes_and_the_others_are_refused(tmp_path):
     command = [sys.executable, "-c", RACER, str(Path(__file__).parent), str(tmp_path)]
     said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout

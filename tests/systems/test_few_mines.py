@@ -7,6 +7,8 @@ import flgpr
 from few_mines import MINES, counts_of, follow, resized
 from flgpr.chain.recipe import parse_recipe, recipe_names
 
+pytestmark = pytest.mark.slow("trains every packaged recipe")
+
 
 def train(three_mines, name, text, folder):
     recipe = folder / f"{name}.toml"

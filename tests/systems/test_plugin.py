@@ -19,6 +19,8 @@ from flgpr.live.session import LiveRun
 from flgpr.store import read_table
 from systems.lanes import small_recipe
 
+pytestmark = pytest.mark.slow("runs a plug-in's stage with workers, after a stop and live")
+
 PLUGIN = Path(__file__).parents[1] / "plugin"
 STAGE = '\n[[columns]]\nstage = "sharpness"\nradius = 0.5\n'
 DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["sharp_*", "C_HH_F1"]\n[detector.options]\nC = 0.1\n'

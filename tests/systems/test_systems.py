@@ -24,6 +24,8 @@ from flgpr.store import Scan, describe_for_live, open_run, read_lane
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 
+pytestmark = pytest.mark.slow("trains every packaged recipe and runs it by each verb")
+
 SYSTEMS = sorted(SMALL)
 DEMO = [f"demo-{name}" for name in DEMO_COMPARISONS]
 LIVE = {"wang2007", "wang2007-printed", "fused"}

@@ -66,6 +66,7 @@ def test_a_blind_score_is_that_of_the_open_truth_and_shows_no_place(sealed):
     assert set(score.counts) == {"n_alarms", "n_targets", "area", "halo_radius", "area_rule"}
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_every_look_is_logged_and_repeated_looks_show(sealed):
     book = sealed.with_name("sealed.log.jsonl")
     assert score_blind(ALARMS, sealed, PHRASE).looks == 1
@@ -113,6 +114,7 @@ def test_a_truth_that_cannot_be_scored_is_never_sealed(tmp_path):
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_a_sealed_file_is_not_overwritten_and_holds_several_lanes(sealed, tmp_path):
     with pytest.raises(FileExistsError):
         seal_truth(TRUTH, LANE, sealed, pytest.fail)

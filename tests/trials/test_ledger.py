@@ -145,6 +145,7 @@ register(sys.argv[1], event="killed")
 """
 
 
+@pytest.mark.slow("is killed, and begins again, several times")
 @pytest.mark.parametrize("step", range(5))
 def test_a_kill_while_a_line_is_written_breaks_nothing(tmp_path, step):
     book = tmp_path / "book.jsonl"

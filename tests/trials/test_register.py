@@ -285,6 +285,7 @@ def test_options_of_open_scores_are_never_dropped(demo, trial):
         assert message in told.stderr
 
 
+@pytest.mark.slow("runs a whole command more than once")
 def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
     """A registered recipe vouches for no alarms but its own, nor for a model that was not registered with it."""
     folder = tmp_path / "result"

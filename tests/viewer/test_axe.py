@@ -14,7 +14,10 @@ AXE = Path(__file__).parents[2] / "viewer/node_modules/axe-core/axe.min.js"
 RUN = """() => axe.run(document, { resultTypes: ['violations'] }).then(({ violations }) => violations
     .map(({ id, impact, nodes }) => ({ id, impact, where: nodes.map((node) => node.target.join(' ')) })))"""
 
-pytestmark = pytest.mark.skipif(not AXE.is_file(), reason="needs npm ci in viewer/")
+pytestmark = [
+    pytest.mark.skipif(not AXE.is_file(), reason="needs npm ci in viewer/"),
+    pytest.mark.slow("a browser draws every page"),
+]
 
 
 def findings(page):

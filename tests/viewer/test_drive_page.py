@@ -18,6 +18,8 @@ from flgpr.live.vehicle import Vehicle
 from flgpr.store import save_run
 from live_lane import STEP, make_lane_run, small_recipe
 
+pytestmark = pytest.mark.slow("a browser draws every page")
+
 VEHICLE = Vehicle(15 / 3.6, reaction=0.5, deceleration=7.0)
 BEGIN = START | {"vehicle": asdict(VEHICLE) | {"stopping_distance": VEHICLE.stopping_distance}}
 SEEN = """() => Object.fromEntries(['state-words', 'state-detail', 'drive-left', 'drive-aside', 'drive-verdict',

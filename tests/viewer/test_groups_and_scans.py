@@ -12,6 +12,8 @@ from flgpr.viewer import Viewer
 from long_lane import make_long_lane
 from raw_lane import make_raw_lane
 
+pytestmark = pytest.mark.slow("a browser draws every page")
+
 GROUPED = "alarms grouped until zoomed"
 
 

@@ -262,6 +262,7 @@ viewer.stop(); thread.join()
 """
 
 
+@pytest.mark.slow("runs in processes of its own")
 @LINUX
 def test_a_server_without_file_descriptors_waits_and_says_so_once():
     command = [sys.executable, "-c", SCARCE, str(RUN)]

@@ -102,6 +102,7 @@ def test_scans_alarms_and_distances_arrive(live):
     assert page.text("#live-faults") == "Scans: 3 duplicate"
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_new_alarms_are_told_to_screen_readers(live):
     page, feeder = live
     feeder.give(scan(0, 2.0))
@@ -121,6 +122,7 @@ def test_new_alarms_are_told_to_screen_readers(live):
     assert "too near" in page.text("#live li:first-child")
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_alarms_that_come_with_the_page_are_not_all_read_out(tmp_path, follow):
     feeder = Feeder(tmp_path)
     feeder.give(START, scan(0, 2.0), alarm("alarm-1", 1.0, 14.5, 4.5, 2.0))
@@ -129,6 +131,7 @@ def test_alarms_that_come_with_the_page_are_not_all_read_out(tmp_path, follow):
         assert "New alarm" not in page.page.text_content("#said")
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_known_alarm_changes_and_a_withdrawn_one_goes(live):
     page, feeder = live
     feeder.give(
@@ -147,6 +150,7 @@ def test_a_known_alarm_changes_and_a_withdrawn_one_goes(live):
     assert "9" in page.text("#rows tr:first-child")
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_run_view_grows_in_the_right_colours(live):
     page, feeder = live
     rng = np.random.default_rng(5)
@@ -189,6 +193,7 @@ def test_the_run_view_grows_in_the_right_colours(live):
     )  # the lane's border, the track and half a pixel of rounding cost some
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_picture_follows_the_vehicle_until_it_is_moved(tmp_path, follow):
     feeder = Feeder(tmp_path)
     with follow(tmp_path) as page:
@@ -219,6 +224,7 @@ def test_the_picture_follows_the_vehicle_until_it_is_moved(tmp_path, follow):
         assert middle() == pytest.approx(first, abs=0.5) != pytest.approx(moved, abs=0.5)
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_threshold_hides_weak_alarms_and_keeps_its_place(live):
     page, feeder = live
     told = [alarm(f"alarm-{k}", 0.1 * k, 10.0 + k, float(k), 2.0) for k in range(1, 7)]
@@ -234,6 +240,7 @@ def test_the_threshold_hides_weak_alarms_and_keeps_its_place(live):
     assert page.page.locator("#live li").count() == 4
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_news_take_neither_focus_nor_clicks_away(live):
     page, feeder = live
     told = [alarm(f"alarm-{k}", 0.1 * k, 10.0 + k, float(k), 2.0) for k in range(1, 7)]
@@ -265,6 +272,7 @@ def test_news_take_neither_focus_nor_clicks_away(live):
     assert page.text("#alarm-title") == "alarm-4"
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_live_alarms_are_exported_with_their_place_on_earth(live):
     page, feeder = live
     feeder.give(
@@ -286,6 +294,7 @@ def test_live_alarms_are_exported_with_their_place_on_earth(live):
     assert b"alarm-1" in data or b"m</text>" in data
 
 
+@pytest.mark.slow("a browser draws every page")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
 def test_nothing_is_cut_off_live(tmp_path, follow, scheme, size):
@@ -305,6 +314,7 @@ def test_nothing_is_cut_off_live(tmp_path, follow, scheme, size):
         assert page.page.evaluate("document.getElementById('lane').clientHeight") > 250
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_live_run_is_shown_as_it_is(tmp_path, follow):
     """From the radar's files to the page, with nothing between made up."""
     save_run(make_lane_run(), tmp_path / "run.zarr")
@@ -331,6 +341,7 @@ def test_a_live_run_is_shown_as_it_is(tmp_path, follow):
         assert LANE.y_min < alarms["y"].min()
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_live_run_drives_over_the_picture_of_a_result(demo, tmp_path, serving, watch):
     feeder = Feeder(tmp_path)
     feeder.give(START, scan(0, 1.0), alarm("alarm-1", 0.5, 4.0, 4.5, 1.0))

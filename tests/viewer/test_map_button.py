@@ -7,6 +7,8 @@ import pytest
 
 from flgpr.commands.exporting import map_bytes
 
+pytestmark = pytest.mark.slow("a browser draws every page")
+
 ANCHOR = 'crs = "EPSG:4326"\naccuracy = 0.02\nazimuth_deg = 30.0\nazimuth_accuracy_deg = 0.5\n'
 POINT = "[[point]]\nlane = [0.0, 0.0]\nlongitude = 11.0\nlatitude = 48.0\n"
 

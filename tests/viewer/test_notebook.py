@@ -53,6 +53,7 @@ def test_it_serves_until_closed_and_twice_the_same_is_one_server(demo, kernel, c
         assert repr(one) == "flgpr view, closed"
 
 
+@pytest.mark.slow("runs in processes of its own")
 def test_without_a_notebook_the_address_is_printed(demo, capsys):
     shown = flgpr.view(demo[0].folder)
     assert (
@@ -92,6 +93,7 @@ class Page(BaseHTTPRequestHandler):
         pass
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_only_pages_of_this_machine_may_frame_it(demo, kernel, shown, browser):
     """A frame of another origin, as a notebook's is, shows the lane; that of a plain viewer stays empty."""
     view = flgpr.view(demo[0])

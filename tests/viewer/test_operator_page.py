@@ -20,6 +20,8 @@ from flgpr.results.result import write_result
 from flgpr.results.view_files import shown_stage
 from small_results import small_result
 
+pytestmark = pytest.mark.slow("a browser draws every page")
+
 MASKED = [*range(26, 34), 36]
 
 

@@ -50,6 +50,7 @@ def test_the_picture_is_the_run_view(watch, shown, demo):
     assert agree > 0.93 * len(inner)  # the lane's border is drawn over some
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_cursor_tells_place_and_amplitude(watch, shown, demo):
     one = watch(shown)
     box = one.page.locator("#lane").bounding_box()
@@ -111,6 +112,7 @@ def test_the_main_path_works_by_keyboard_alone(watch, shown, demo):
     assert {"a-set", "a-pol", "a-band", "help", "map"} <= set(order)
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_everything_has_a_name_for_screen_readers(watch, shown):
     one = watch(shown)
     one.page.keyboard.press("n")
@@ -137,6 +139,7 @@ def test_everything_has_a_name_for_screen_readers(watch, shown):
     )
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_page_opens_at_the_operating_point_with_chance_beside(
     watch, shown, demo, serving, long_lanes
 ):
@@ -204,6 +207,7 @@ def test_a_click_selects_the_alarm_and_explains_it(watch, shown, demo):
     assert (page.input_value("#a-pol"), page.input_value("#a-band")) == ("HV", "0.45-0.8")
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_swipe_shows_both_pictures_and_blink_flips(watch, shown):
     one = watch(shown)
     page = one.page
@@ -230,6 +234,7 @@ def test_swipe_shows_both_pictures_and_blink_flips(watch, shown):
     assert np.abs(moved - before)[inner, middle - 150 : -60].max() == 0
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_exports_are_what_is_shown(watch, shown, demo):
     one = watch(shown)
     one.page.keyboard.press("n")
@@ -267,6 +272,7 @@ def test_exports_are_what_is_shown(watch, shown, demo):
     ]  # fmt: skip
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_two_results_on_one_lane(watch, serving, long_lanes):
     with serving(long_lanes) as viewer:
         one = watch(viewer)
@@ -288,6 +294,7 @@ def test_two_results_on_one_lane(watch, serving, long_lanes):
         assert re.search(r"48\.\d{6}°, 11\.\d{6}°", one.text("#readout"))
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys):
     """Behaviour is asserted; times are told, since they depend on the machine."""
     with serving(long_lanes[:1]) as viewer:
@@ -339,6 +346,7 @@ def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys
     assert len(drawn) >= 30  # the picture was drawn while it moved, not once at the end
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_an_altered_file_is_told_and_not_drawn(watch, serving, demo, tmp_path):
     shutil.copytree(demo[0].folder, tmp_path / "result")
     with serving([tmp_path / "result"]) as viewer:
@@ -351,6 +359,7 @@ def test_an_altered_file_is_told_and_not_drawn(watch, serving, demo, tmp_path):
         one.errors.clear()  # the browser's own line on the answer 500
 
 
+@pytest.mark.slow("a browser draws every page")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
 def test_nothing_is_cut_off(watch, shown, scheme, size):

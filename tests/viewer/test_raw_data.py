@@ -187,6 +187,7 @@ def test_a_store_that_changes_is_an_error_of_the_server(tmp_path, serving):
         assert ask(shown, "bscan", polarization="HH", pair="0")[0] == 500
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     one = watch(viewer)
     page = one.page
@@ -221,6 +222,7 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     assert copied == steps + '[[step]]\ndo = "agc"\nwindow_ns = 8.0\n'
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):
     one = watch(viewer)
     page = one.page
@@ -250,6 +252,7 @@ def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):
     one.errors.clear()
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_hyperbola_is_laid_over_the_scans_by_hand(watch, viewer):
     one = watch(viewer)
     page = one.page
@@ -265,6 +268,7 @@ def test_a_hyperbola_is_laid_over_the_scans_by_hand(watch, viewer):
     assert len({bare, four, page.locator("#bscan").screenshot()}) == 3
 
 
+@pytest.mark.slow("a browser draws every page")
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # rasterio's own, of affine
 def test_a_map_lies_below_the_track(watch, lane, serving, tmp_path):
     """Green wherever nothing else is drawn; without a tie to the Earth there is no place for it."""
@@ -302,6 +306,7 @@ def test_a_map_lies_below_the_track(watch, lane, serving, tmp_path):
         connection.close()
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_page_tells_why_there_is_no_picture(watch, viewer):
     one = watch(viewer)
     one.until("document.getElementById('health-rows').children.length === 4")
@@ -315,6 +320,7 @@ def test_the_page_tells_why_there_is_no_picture(watch, viewer):
     one.errors.clear()
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_recording_is_shown_without_an_import_from_its_first_sample_on(tmp_path, serving, watch):
     counts = section(40)
     path = write_dt1(tmp_path / "line.dt1", counts)

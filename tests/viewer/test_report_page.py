@@ -17,6 +17,7 @@ def report(browser, demo):
     page.close()
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_page_takes_three_screens_at_most_and_begins_with_the_road(report):
     assert report.evaluate(HEIGHT) <= 3 * SCREEN[1]
     assert not report.evaluate(SHOWS_TABLE)
@@ -25,6 +26,7 @@ def test_the_page_takes_three_screens_at_most_and_begins_with_the_road(report):
     assert report.evaluate("document.documentElement.scrollWidth") <= 390
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_the_picture_after_begins_where_the_pointer_is_or_a_key_put_it(report):
     assert report.evaluate(BEGIN) == "inset(0px 0px 0px 60%)"
     stage = report.locator(".stage").bounding_box()
@@ -36,6 +38,7 @@ def test_the_picture_after_begins_where_the_pointer_is_or_a_key_put_it(report):
     assert report.evaluate(BEGIN) == "inset(0px 0px 0px 65%)"
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_what_is_folded_is_printed(report):
     report.emulate_media(media="print")
     assert report.evaluate(SHOWS_TABLE)

@@ -60,6 +60,7 @@ def rows_of(page, number):
     return page.locator("#scores table").nth(number).locator("tbody tr").all_inner_texts()
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_score_is_shown_with_its_points_and_targets(watch, serving, scores):
     told = json.loads((scores / "score-one" / "roc.json").read_text())["detections"]["main"]
     with serving([scores / "score-one"]) as viewer:
@@ -92,6 +93,7 @@ def test_a_score_is_shown_with_its_points_and_targets(watch, serving, scores):
         assert one.text("#threshold-left") == "0 of 4 false alarms left"
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_two_scores_stand_side_by_side(watch, serving, scores):
     with serving([scores / "score-one", scores / "score-two" / "roc.json"]) as viewer:
         one = watch(viewer)
@@ -110,12 +112,14 @@ def test_two_scores_stand_side_by_side(watch, serving, scores):
         assert one.page.locator("header, aside, #scores").evaluate_all(wide) == 0
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_scores_by_different_rules_say_so(watch, serving, scores):
     with serving([scores / "score-one", scores / "wide"]) as viewer:
         words = watch(viewer).text("#scores [role=alert]")
         assert words == "A and B do not compare: halo radius 1 and 1.5."
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_comparison_shows_its_detectors(watch, serving, scores):
     with serving([scores / "both"]) as viewer:
         one = watch(viewer)
@@ -124,6 +128,7 @@ def test_a_comparison_shows_its_detectors(watch, serving, scores):
         assert one.text("#threshold-out") == "not told"
 
 
+@pytest.mark.slow("a browser draws every page")
 @pytest.mark.parametrize("show", ["curve", "targets"])
 def test_a_blind_score_tells_no_more_than_it_may(watch, serving, scores, tmp_path, show):
     pytest.importorskip("cryptography")
@@ -141,6 +146,7 @@ def test_a_blind_score_tells_no_more_than_it_may(watch, serving, scores, tmp_pat
             assert f"{found} of 6" in one.text("#counts")
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_result_stands_beside_a_score_by_its_own(watch, serving, scores, demo, tmp_path):
     with serving([demo[0].folder, scores / "score-one"]) as viewer:
         one = watch(viewer)

@@ -293,6 +293,7 @@ def test_live_events_come_line_by_line(tmp_path, serving):
     }  # fmt: skip
 
 
+@pytest.mark.slow("runs in processes of its own")
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
 def test_the_server_needs_little_memory(demo):
     """The limit of the viewer's design is 300 MB; the figure is the peak of a process of its own."""
@@ -328,6 +329,7 @@ def test_an_anchor_ties_what_is_shown_to_the_earth(serving, demo, tmp_path):
         assert json.loads(ask(viewer, "data/session.json").body)["georeference"] is None
 
 
+@pytest.mark.slow("runs in processes of its own")
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
 def test_the_command_needs_little_memory_too(demo):
     """Measured where the user is: `flgpr view` must not load what only detection needs."""

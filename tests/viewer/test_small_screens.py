@@ -9,6 +9,8 @@ from test_live_page import Feeder, alarm, scan
 
 from flgpr.live.events import view_event
 
+pytestmark = pytest.mark.slow("a browser draws every page")
+
 CUT = """() => [...document.querySelectorAll('#drive *, #state *')]
     .filter((e) => e.checkVisibility() && e.textContent && !e.children.length)
     .map((e) => {

@@ -129,6 +129,7 @@ def judge(one, keys):
     one.page.wait_for_timeout(400)
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path):
     before = bytes_of(result)
     anna = tmp_path / "anna.json"
@@ -174,6 +175,7 @@ def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path
     assert len(read_verdicts(tmp_path / "carl.json")) == 3
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_verdicts_on_another_result_are_kept_and_not_shown(watch, serving, result, tmp_path):
     manifest = json.loads((result / "manifest.json").read_text())
     other = {
@@ -194,6 +196,7 @@ def test_verdicts_on_another_result_are_kept_and_not_shown(watch, serving, resul
     assert sorted(note["verdict"] for note in read_verdicts(file)) == ["clutter", "mine", "mine"]
 
 
+@pytest.mark.slow("a browser draws every page")
 def test_a_page_that_cannot_save_says_so(watch, serving, result, tmp_path):
     file = tmp_path / "anna.json"
     with serving([result], verdicts=file) as viewer:

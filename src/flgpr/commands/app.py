@@ -18,6 +18,7 @@ from flgpr.commands import (
     live,
     plan,
     recipe,
+    submissions,
 )
 from flgpr.commands.anchor import anchor
 from flgpr.commands.demo import demo
@@ -90,6 +91,11 @@ GROUPS: dict[tuple[str, str], dict[str, Callable[..., Any]]] = {
         "oracle": benchmark.run_oracle,
         "table": benchmark.benchmark_table,
         "list": benchmark.list_benchmark,
+        "make": submissions.make_benchmark,
+        "croissant": submissions.describe_benchmark,
+        "validate": submissions.validate_submissions,
+        "enter": submissions.enter_benchmark,
+        "leaderboard": submissions.benchmark_leaderboard,
     },
 }
 """Commands of two words, by the first word and its help."""

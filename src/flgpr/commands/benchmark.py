@@ -1,4 +1,7 @@
-"""``flgpr benchmark``: the proving ground, which compares detectors on the same sealed lanes."""
+"""``flgpr benchmark``: the proving ground, which compares detectors on the same sealed lanes.
+
+Submissions made elsewhere are in :mod:`flgpr.commands.submissions`.
+"""
 
 from __future__ import annotations
 

@@ -204,7 +204,7 @@ class SigmfRecording:
         if name == "segments":
             return segments
         used = len(self._starts) // self._sweep * self._sweep
-        wide = np.complex128 if self._samples.is_complex else np.float64
+        wide: Any = np.complex128 if self._samples.is_complex else np.float64
         means = segments[:used].mean(axis=1, dtype=wide)
         if self._samples.is_complex:
             means = means.astype(segments.dtype)
@@ -410,7 +410,7 @@ class SigmfRecording:
         total = samples.count * width // samples.number.itemsize
         numbers = np.frombuffer(content, samples.number, total)
         if samples.is_complex:
-            part = np.float32 if samples.value == np.complex64 else np.float64
+            part: Any = np.float32 if samples.value == np.complex64 else np.float64
             numbers = numbers.astype(part, copy=False).view(samples.value)
         return numbers.astype(samples.value, copy=False).reshape(samples.shape)
 

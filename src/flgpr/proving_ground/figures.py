@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ MARKS = (("o", "C0", "C0"), ("s", "C1", "white"), ("^", "C2", "C2"), ("D", "C4",
 """Marker, colour and filling of the tiers in turn: told apart in black and white, too."""
 SPREAD = 0.36  # of a row, between the marks of its first and of its last tier
 ROW = 0.21  # in, height of a row
+LONGEST_NAME = 24  # characters of a name beside a panel
 
 
 def opening_split(ground: Ground) -> str:
@@ -178,3 +180,101 @@ def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
         axis.set_yticks(places, entries)
         axis.grid(axis="x", alpha=0.3)
     return figure
+
+
+def leaderboard_figure(
+    tiers: Sequence[tuple[Ground, Sequence[Any]]], submitted: Container[str], narrow: bool = False
+) -> Figure:
+    """Draw Pd of all mines with its 95 % interval of every entry, a panel per tier.
+
+    Parameters
+    ----------
+    tiers : sequence of tuple
+        Every tier with its rows (:func:`flgpr.proving_ground.board.ranked_rows`).
+    submitted : container of str
+        Names of submissions, which stand out.
+    narrow : bool
+        Whether panels stand below each other, which can be read on a phone, in place of side by
+        side.
+
+    Returns
+    -------
+    Figure
+        Entries in the order of their rows. The interval of the first is shaded: entries whose
+        intervals reach into it are not told apart from the first. A mark shows chance.
+    """
+    most = max((len(rows) for _, rows in tiers), default=1)
+    height = 1.0 + ROW * most
+    if narrow:
+        shape = (len(tiers), 1)
+        total = sum(1.0 + ROW * len(rows) for _, rows in tiers)
+        size = (4.2, total + 0.5)
+        ratios = {"height_ratios": [3 + len(rows) for _, rows in tiers]}
+    else:
+        shape = (1, len(tiers))
+        size = (0.8 + 4.8 * len(tiers), height)
+        ratios = {}
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(*shape, squeeze=False, gridspec_kw=ratios).ravel()
+    for panel, (tier, rows) in zip(panels, tiers, strict=True):
+        _draw_board(panel, tier, rows, submitted)
+    figure.legend(
+        handles=_board_legend(),
+        loc="outside upper center",
+        ncols=2 if narrow else 5,
+        fontsize=8,
+        frameon=False,
+    )
+    return figure
+
+
+def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Container[str]) -> None:
+    """Draw the panel of a tier, the first row on top."""
+    places = np.arange(len(rows), dtype=float)[::-1]
+    panel.barh(places[::2], 1.06, left=-0.03, height=1.0, color="0.96", zorder=0)
+    first = next((row for row in rows if row.first), None)
+    if first is not None:
+        panel.axvspan(
+            first.score["pd_low"], first.score["pd_high"], color="C0", alpha=0.13, lw=0, zorder=1
+        )
+    for place, row in zip(places, rows, strict=True):
+        colour, marker, filling = "C0", "o", "C0"
+        if not row.first:
+            colour, marker, filling = "0.45", "o", "white"
+        elif row.entry in submitted:
+            colour, marker, filling = "C3", "D", "C3"
+        score = row.score
+        panel.hlines(place, score["pd_low"], score["pd_high"], color=colour, lw=1.5, zorder=2)
+        panel.plot(score["pd"], place, marker, color=colour, mfc=filling, ms=5, mew=1.2, zorder=3)
+        panel.plot(score["chance"], place, "|", color="0.25", ms=8, mew=1.5, zorder=2)
+    names = [_short_name(row.entry) for row in rows]
+    panel.set_yticks(places, names, fontsize=8)
+    for label, row in zip(panel.get_yticklabels(), rows, strict=True):
+        label.set_fontweight("bold" if row.entry in submitted else "normal")
+    counts = rows[0].score["n_targets"] if rows else 0
+    title = tier.tier_title or tier.title
+    panel.set_title(f"{title} ({counts:.0f} mines)", fontsize=9)
+    panel.set(xlim=(-0.03, 1.03), ylim=(-0.6, len(rows) - 0.4), xticks=(0, 0.25, 0.5, 0.75, 1))
+    panel.set_xlabel("Pd", fontsize=8)
+    panel.tick_params(axis="x", labelsize=8)
+    panel.tick_params(axis="y", length=0)
+    panel.grid(axis="x", alpha=0.4)
+
+
+def _short_name(name: str) -> str:
+    """Return a name that leaves room for the panel."""
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 3]}..."
+
+
+def _board_legend() -> list[Line2D | Patch]:
+    """Return the entries of the legend of the leaderboard."""
+    lines = []
+    for marker, colour, filling, label in (
+        ("D", "C3", "C3", "submission"),
+        ("o", "C0", "C0", "packaged, or run here"),
+        ("o", "0.45", "white", "not ranked"),
+    ):
+        lines.append(Line2D([], [], marker=marker, color=colour, mfc=filling, ms=5, label=label))
+    chance = Line2D([], [], marker="|", color="0.25", ls="", ms=8, mew=1.5, label="chance")
+    shaded = Patch(color="C0", alpha=0.13, label="interval of the first")
+    return [*lines, chance, shaded]

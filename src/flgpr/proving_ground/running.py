@@ -32,6 +32,7 @@ from flgpr.model import vehicle_to_scan
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.simulate.scene.world import draw_track
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
+from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import seal_truth
@@ -411,7 +412,7 @@ def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: 
     """
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)
-    _write_about(ground, entry, folder)
+    write_about(ground, entry, folder)
     if entry.alarms is None:
         _EntryRun(ground, entry, lanes, folder, options).run()
         return
@@ -472,7 +473,7 @@ def made_of(entry: Entry) -> str:
     return sha256(json.dumps([entry.text, code_versions()]).encode())
 
 
-def _write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
+def write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
     about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
@@ -530,14 +531,7 @@ def run_benchmark(
     folder = Path(output)
     tiers = chosen.chosen_tiers(tier)
     to_run = _checked_entries(entries, chosen)
-    if Folder(folder).has(MARK) and read_ground(folder) != chosen:
-        raise ValueError(
-            f"output must be a folder of {chosen.title} as it is now, got one of another ground: "
-            f"{folder}"
-        )
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "ground.toml", chosen.text)
-    write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
+    begin_folder(chosen, folder)
     make_lanes(chosen, folder / "lanes", how, tiers)
     how = replace(how, pass_cache=folder / "kept")
     jobs = list(itertools.product(tiers, to_run))
@@ -549,7 +543,64 @@ def run_benchmark(
             # The others shall not wait for an entry that cannot be trained.
             where = f" on the tier {on_tier.tier}" if on_tier.tier else ""
             warnings.warn(f"{entry.name} did not finish{where}: {error}", stacklevel=2)
-            _write_about(on_tier, entry, own_folder, str(error))
+            write_about(on_tier, entry, own_folder, str(error))
+    return folder
+
+
+def begin_folder(ground: Ground, folder: Path) -> None:
+    """Make the folder of a ground, with its description; one of another ground is a ValueError."""
+    if Folder(folder).has(MARK) and read_ground(folder) != ground:
+        raise ValueError(
+            f"output must be a folder of {ground.title} as it is now, got one of another ground: "
+            f"{folder}"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "ground.toml", ground.text)
+    write_whole(folder / MARK, json.dumps({"ground": ground.title, "quick": ground.quick}) + "\n")
+
+
+def make_ground(
+    output: str | Path,
+    quick: bool = False,
+    how: RunOptions = DEFAULTS,
+    ground: str | Path | None = None,
+    tier: str | None = None,
+) -> Path:
+    """Make the lanes of a proving ground, and run no detector.
+
+    Parameters
+    ----------
+    output : str or path
+        Folder of the ground, as for :func:`run_benchmark`, which goes on from there.
+    quick : bool
+        The quick form.
+    how : RunOptions, optional
+        Who does the work.
+    ground : str or path, optional
+        Name of a packaged proving ground, by default the newest, or a TOML file.
+    tier : str, optional
+        The tier whose lanes are made; by default, and with "all", every tier.
+
+    Returns
+    -------
+    Path
+        The folder, with run stores, borders, truth of the lanes that are not sealed, the sealed
+        truth and fingerprints in ``lanes``.
+
+    Raises
+    ------
+    ValueError
+        If the folder is of another form of the ground, or the ground has no such tier.
+    """
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    tiers = chosen.chosen_tiers(tier)
+    folder = Path(output)
+    begin_folder(chosen, folder)
+    lanes = folder / "lanes"
+    before = Folder(lanes).read(PRINTS) if Folder(lanes).has(PRINTS) else None
+    make_lanes(chosen, lanes, how, tiers)
+    if Folder(lanes).read(PRINTS) == before:
+        log_finished(lanes)
     return folder
 
 

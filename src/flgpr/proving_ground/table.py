@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +14,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
+from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, parse_card
 from flgpr.proving_ground.figures import opening_split, split_figure, tiers_figure
+from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.ground import BODY, MINES, Ground, load_ground
 from flgpr.proving_ground.oracle import oracle_file
 from flgpr.proving_ground.running import (
     ABOUT,
     ALARMS,
     ORACLES,
-    PRINTS,
     SEALED,
     entry_folder,
     packaged_entries,
@@ -35,9 +34,8 @@ from flgpr.report import render
 from flgpr.scoring import chance, clopper_pearson, compare, match, operating_row, pd_mean, roc_of
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
-from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
-from flgpr.store.tables import parse_columns, parse_csv, read_table_in
+from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import alarm_hash
 from flgpr.trials.blind import match_blind
 
@@ -102,7 +100,7 @@ def _score_tier(
         for split in ground.table.splits:
             if (entry / split / ALARMS).is_file():
                 rows += _stored_score(ground, folder, name, split, reference[split])
-        costs.append(_cost(ground, name, entry))
+        costs.append(_declared_cost(folder, name) or _cost(ground, name, entry))
     for folder in folders:
         if (folder / oracle_file(ground)).is_file():
             table = parse_columns(Folder(folder).read(oracle_file(ground)))
@@ -312,6 +310,22 @@ def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
         "seconds_per_km": seconds / length if length else float("nan"),
         "training_seconds": training_seconds,
         "peak_bytes": max(peaks, default=float("nan")),
+    }
+
+
+def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
+    """Return what a submission cost by its card; None for an entry without one."""
+    data = Folder(folder / "entries" / name).read_if_listed(CARD, MOST_CARD_BYTES)
+    card = None if data is None else parse_card(data)[0]
+    if card is None:
+        return None
+    seconds = card.cost.training_seconds
+    peak = card.cost.peak_mib
+    return {
+        "entry": name,
+        "seconds_per_km": card.cost.seconds_per_km,
+        "training_seconds": math.nan if seconds is None else seconds,
+        "peak_bytes": math.nan if peak is None else peak * 2**20,
     }
 
 
@@ -543,45 +557,3 @@ def listing(
         line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
         lines.append(f"{line}  {likeness[name]}" if likeness else line)
     return lines
-
-
-def same_lanes(ground: Ground, folder: Path) -> dict[str, str]:
-    """Compare lanes with the packaged fingerprints.
-
-    Parameters
-    ----------
-    ground : Ground
-        The ground.
-    folder : Path
-        Folder of the lanes.
-
-    Returns
-    -------
-    dict of str to str
-        "same bits", "alike", "other", "not there" or "not known" by the name of the lane.
-    """
-    packaged = resources.files("flgpr.proving_ground") / "fingerprints.csv"
-    known = parse_csv(io.StringIO(packaged.read_text("utf-8"))).set_index("lane")
-    existing(folder / PRINTS, "fingerprints of lanes")
-    present = parse_columns(Folder(folder).read(PRINTS)).set_index("lane")
-    likeness = {}
-    for name in ground.lanes:
-        key = f"{ground.title} {name}"
-        if key not in known.index:
-            likeness[name] = "not known"
-        elif name not in present.index:
-            likeness[name] = "not there"
-        else:
-            likeness[name] = _compared(present.loc[name], known.loc[key])
-    return likeness
-
-
-def _compared(present: Any, known: Any) -> str:
-    """Return how alike two lanes are, by a row of each table of fingerprints."""
-    if present["sha256"] == known["sha256"]:
-        return "same bits"
-    levels = [column for column in present.index if column != "sha256"]
-    is_alike = np.allclose(
-        present[levels].astype(float), known[levels].astype(float), rtol=1e-4, atol=0
-    )
-    return "alike" if is_alike else "other"

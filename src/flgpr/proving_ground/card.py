@@ -1,0 +1,146 @@
+"""The card of a submission: who enters what, made how, learnt from what, at which cost."""
+
+from __future__ import annotations
+
+import datetime
+import unicodedata
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, ValidationError, field_validator
+
+from flgpr.chain.stages import Table
+from flgpr.door import parse_toml
+from flgpr.model.faults import describe_fault
+
+CARD = "submission.toml"
+"""Name of the card in the folder of a submission."""
+RECORD = "submission.json"
+"""What was entered: digests of the card and of every split's alarms, and how alike lanes are."""
+MOST_CARD_BYTES = 64 * 2**10
+"""Largest card."""
+MOST_PARAMETERS = 100
+"""Most declared parameters."""
+_MOST_FAULTS = 50
+_LONGEST_FAULT = 300  # characters
+_LONGEST_PARAMETER = 300  # characters
+_NOT_PLAIN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+"""Unicode categories of characters that are not seen, or that change what is seen around them."""
+
+
+def printable(text: str) -> str:
+    """Return text in which what is not seen is written as an escape, so that a terminal is safe."""
+    letters = []
+    for letter in text:
+        letters.append(letter if letter.isprintable() else repr(letter)[1:-1])
+    return "".join(letters)
+
+
+def _plain_line(text: str) -> str:
+    """Return a line of text; characters that are not seen are a ValueError."""
+    for letter in text:
+        if unicodedata.category(letter) in _NOT_PLAIN:
+            raise ValueError(f"must be one line of plain text, got the character {letter!r}")
+    if not text.strip():
+        raise ValueError("must say something, got blanks")
+    return text
+
+
+Line = Annotated[str, Field(min_length=1, max_length=400), AfterValidator(_plain_line)]
+"""A line of text."""
+Word = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain_line)]
+"""A short line of text."""
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class Cost(Table):
+    """What the submission took, as its authors declare it."""
+
+    hardware: Line  #: processor, graphics card and memory
+    #: seconds of processor (or of device, as ``hardware`` says) per kilometre of lane in detection
+    seconds_per_km: NotNegative
+    training_seconds: NotNegative | None = None  #: seconds of all trainings
+    peak_mib: NotNegative | None = None  #: largest process, MiB
+
+
+class Card(Table):
+    """The card of a submission, as its file ``submission.toml`` has it."""
+
+    format: Literal["flgpr-submission-1"]
+    ground: Word  #: title of the proving ground, such as proving-ground-2
+    #: name in the tables: lower case letters, digits, hyphens, points, unique on the ground
+    name: Annotated[str, Field(pattern=r"^[a-z0-9](?:[a-z0-9.-]{0,38}[a-z0-9])?$")]
+    version: Word  #: version of the program and the model
+    method: Line  #: the method in a sentence
+    authors: Annotated[tuple[Word, ...], Field(min_length=1, max_length=50)]
+    date: datetime.date  #: when the alarms were made
+    licence: Word  #: of the alarm lists and the card, an identifier of SPDX such as CC-BY-4.0
+    trained_on: Line  #: what was learnt from: lanes, and everything else
+    #: whether anything but a frozen detector ever saw the signals of test lanes
+    test_lanes_seen: bool
+    #: whether anybody who worked on the submission knew targets of test lanes
+    test_truth_seen: bool
+    cost: Cost
+    digest: Word = ""  #: digest or commit of the program or the model
+    contact: Word = ""
+    reference: Line = ""  #: paper or address that describes the method
+    #: settings, each a number, a text or a boolean
+    parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)
+
+    @field_validator("parameters", mode="after")
+    @classmethod
+    def _check_parameters(
+        cls, parameters: dict[str, bool | int | float | str]
+    ) -> dict[str, bool | int | float | str]:
+        """Refuse too many parameters, and text that is no plain line."""
+        if len(parameters) > MOST_PARAMETERS:
+            raise ValueError(f"must be at most {MOST_PARAMETERS}, got {len(parameters)}")
+        for name, value in parameters.items():
+            for text in (name, value):
+                if not isinstance(text, str):
+                    continue
+                _plain_line(text)
+                if len(text) > _LONGEST_PARAMETER:
+                    raise ValueError(
+                        f"must have at most {_LONGEST_PARAMETER} characters each, got {len(text)}"
+                    )
+        return parameters
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether it declares that test lanes and their truth were not seen; only then it ranks."""
+        return not (self.test_lanes_seen or self.test_truth_seen)
+
+
+def parse_card(data: bytes) -> tuple[Card | None, list[str]]:
+    """Read a card.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+
+    Returns
+    -------
+    card : Card or None
+        The card; None if it has faults.
+    faults : list of str
+        A line for every entry that breaks a rule, without the name of the file.
+    """
+    try:
+        entries = parse_toml(data)
+    except ValueError as error:
+        return None, [f"must be valid TOML: {printable(str(error))[:_LONGEST_FAULT]}"]
+    try:
+        return Card.model_validate(entries), []
+    except ValidationError as error:
+        lines = []
+        for fault in error.errors():
+            line = printable(describe_fault(fault, Card, ""))
+            if len(line) > _LONGEST_FAULT:
+                line = line[:_LONGEST_FAULT] + " ..."
+            lines.append(line)
+    lines = list(dict.fromkeys(lines))
+    if len(lines) > _MOST_FAULTS:
+        more = len(lines) - _MOST_FAULTS
+        lines = [*lines[:_MOST_FAULTS], f"and {more} more entries that break a rule"]
+    return None, lines

@@ -1,0 +1,163 @@
+"""Entering submissions: checked, scored on the sealed truth once, and listed beside all others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from flgpr.door import Folder
+from flgpr.proving_ground.card import CARD, RECORD
+from flgpr.proving_ground.ground import Ground
+from flgpr.proving_ground.leaderboard import write_leaderboard
+from flgpr.proving_ground.running import (
+    ALARMS,
+    Entry,
+    begin_folder,
+    entry_folder,
+    read_ground,
+    seal_tested,
+    write_about,
+)
+from flgpr.proving_ground.submission import (
+    Submission,
+    check_submission,
+    in_tier,
+)
+from flgpr.proving_ground.table import write_score_tables
+from flgpr.store import sha256, write_table, write_whole
+from flgpr.trials import alarm_hash
+
+LEADERBOARD = "leaderboard.html"
+"""The page, in the folder of the ground."""
+_SHOWN_FAULTS = 3
+
+
+def enter_submissions(
+    submissions: Sequence[str | Path],
+    output: str | Path,
+    ground: str | Path | None = None,
+) -> str:
+    """Check submissions, score them on the sealed truth, and write the tables and the leaderboard.
+
+    The lanes need not be there: truth is drawn from the description and sealed. Every list is
+    scored once, which is logged; the same list again is not scored again, and another one under the
+    same name is refused.
+
+    Parameters
+    ----------
+    submissions : sequence of str or path
+        Folders of submissions (:mod:`flgpr.proving_ground.submission`).
+    output : str or path
+        Folder of the ground, that of ``flgpr benchmark run`` or a new one.
+    ground : str or path, optional
+        TOML file of a ground of one's own.
+
+    Returns
+    -------
+    str
+        The table of the scores as text.
+
+    Raises
+    ------
+    ValueError
+        If a submission breaks a rule, is of another ground, or was entered with other alarms; then
+        none is scored.
+    NotADirectoryError
+        If a submission is no folder.
+    """
+    checked = [check_submission(folder, ground) for folder in submissions]
+    if not checked:
+        raise ValueError("submissions must be one or more folders, got none")
+    for submission in checked:
+        _refuse_faults(submission)
+    grounds = [submission.ground for submission in checked]
+    entered_ground = grounds[0]
+    if entered_ground is None or any(other != entered_ground for other in grounds):
+        titles = ", ".join(other.title for other in grounds if other is not None)
+        raise ValueError(f"submissions must all enter one ground, got {titles}")
+    names = [submission.name for submission in checked]
+    if len(set(names)) < len(names):
+        raise ValueError(f"submissions must have names of their own, got {', '.join(names)}")
+
+    folder = Path(output)
+    for submission in checked:
+        _refuse_second(submission, entered_ground, folder)
+    begin_folder(entered_ground, folder)
+    seal_tested(entered_ground, folder / "lanes")
+    for submission in checked:
+        _write_entry(submission, entered_ground, folder)
+    text = write_score_tables([folder], folder)
+    write_leaderboard([folder], folder / LEADERBOARD)
+    return text
+
+
+def _refuse_faults(submission: Submission) -> None:
+    """Refuse a submission that breaks a rule, with the first few."""
+    faults = submission.faults
+    if not faults:
+        return
+    shown = "; ".join(faults[:_SHOWN_FAULTS])
+    raise ValueError(
+        f"submission {submission.folder} must break no rule, got {len(faults)}: {shown}"
+        + ("; `flgpr benchmark validate` lists all" if len(faults) > _SHOWN_FAULTS else "")
+    )
+
+
+def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
+    """Refuse a name that was entered with other alarms, or that a recipe has."""
+    own_folder = folder / "entries" / submission.name
+    if not own_folder.exists():
+        return
+    if read_ground(folder) == ground and Folder(own_folder).has(RECORD):
+        entered = Folder(own_folder).json(RECORD)["alarms"]
+        for key, digest in _digests(submission, ground):
+            if entered.get(key, digest) != digest:
+                raise ValueError(
+                    f"submission {submission.name} must have the alarms that were scored, got "
+                    f"others of {key}: sealed lanes are scored once; a changed detector enters "
+                    "under another name"
+                )
+        return
+    raise ValueError(
+        f"submission must have a name that no other entry of {folder} has, got {submission.name}"
+    )
+
+
+def _by_tier(submission: Submission, ground: Ground) -> Iterator[tuple[Ground, str, pd.DataFrame]]:
+    """Yield tier, split and alarms of every list that has lanes in the tier."""
+    for tier in ground.chosen_tiers():
+        for split, alarms in submission.alarms.items():
+            tested = {lane.name for lane in tier.tested(split)}
+            if tested & set(submission.lanes[split]):
+                yield tier, split, in_tier(alarms, tier)
+
+
+def _digests(submission: Submission, ground: Ground) -> Iterator[tuple[str, str]]:
+    """Yield every list by ``TIER/SPLIT``, or ``SPLIT`` without tiers, and its digest."""
+    for tier, split, alarms in _by_tier(submission, ground):
+        yield (f"{tier.tier}/{split}" if tier.tier else split), alarm_hash(alarms)
+
+
+def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
+    """Write the alarms of a submission as those of an entry, with its card."""
+    own_folder = folder / "entries" / submission.name
+    own_folder.mkdir(parents=True, exist_ok=True)
+    entered = Folder(own_folder).json(RECORD)["alarms"] if Folder(own_folder).has(RECORD) else {}
+    record = {
+        "card": sha256(submission.card_text),
+        "alarms": entered | dict(_digests(submission, ground)),
+        "lanes": submission.likeness,
+    }
+    # Before the alarms, so that an interrupted submission is known as the one that goes on.
+    write_whole(own_folder / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
+    write_whole(own_folder / CARD, submission.card_text)
+    method = "" if submission.card is None else submission.card.method
+    entry = Entry(submission.name, method, alarms=submission.folder)
+    for tier, split, alarms in _by_tier(submission, ground):
+        of_tier = entry_folder(folder, submission.name, tier)
+        write_about(tier, entry, of_tier)
+        (of_tier / split).mkdir(exist_ok=True)
+        write_table(alarms, of_tier / split / ALARMS)
