@@ -63,7 +63,7 @@ def test_the_oldest_and_newest_versions_are_tried_on_the_oldest_and_newest_pytho
 
 
 def test_the_tests_that_make_names_exist():
-    for name in ("QUICK", "SLOW", "ROBUSTNESS", "VERSIONS", "NOT_VERSIONS"):
+    for name in ("QUICK", "ROBUSTNESS", "VERSIONS", "NOT_VERSIONS"):
         (value,) = re.findall(rf"^{name} := ((?:.*\\\n)*.*)$", MAKEFILE, re.MULTILINE)
         (prefix, listed) = ("commands/test_", r"\$\(addprefix commands/test_,([^)]*)\)")
         files = [prefix + file for group in re.findall(listed, value) for file in group.split()]
