@@ -158,6 +158,7 @@ BEFORE = {
 FOLLOWED = {
     "exchange": (
         "guide/import-mapping",
+        "guide/sigmf",
         "guide/vehicle-recordings",
         "guide/gpr-files",
         "guide/recording-to-image",

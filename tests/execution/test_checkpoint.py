@@ -1,10 +1,21 @@
 """The work folder: groups of arrays that are whole or absent, and who may use it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from flgpr import system
 from flgpr.chain.engine import sum_accumulator
-from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint, WorkError, begin, finish
+from flgpr.execution import checkpoint
+from flgpr.execution.checkpoint import (
+    BlockCheckpoint,
+    Checkpoint,
+    WorkError,
+    begin,
+    block_name,
+    finish,
+)
 from flgpr.store import BundleError
 
 JOB = {"run": "abc"}
@@ -88,14 +99,36 @@ def test_a_folder_of_somebody_else_is_refused(folder):
     assert (folder / "letter.txt").read_text() == "mine"
 
 
-def test_one_process_merges_states_at_a_time(folder):
+class ThreeBlocks:
+    """An engine with one pass that adds up three blocks."""
+
+    passes = {"gain": SimpleNamespace(all_scans=True, keep_blocks=False)}
+
+    def block_numbers(self, _):
+        return range(3)
+
+    def merge_blocks(self, _, states):
+        merged = summed()
+        for state in states:
+            merged.merge(state)
+        return merged
+
+
+def test_one_process_merges_states_at_a_time(folder, monkeypatch):
+    monkeypatch.setattr(checkpoint, "FOLD_BYTES", 0)
     with begin(folder, JOB) as work:
-        with work.merging() as alone:
-            assert alone
-            with work.merging() as second:
-                assert not second
-        with work.merging() as again:
-            assert again
+        for number in range(3):
+            block = summed()
+            block.add(number)
+            work[block_name("gain", number)] = block.state(True)
+        with open(folder / "folding", "ab") as other:
+            system.lock(other)
+            work.merge_ahead(ThreeBlocks(), "gain")
+            assert work.merged_blocks("gain") == 0
+        work.merge_ahead(ThreeBlocks(), "gain")
+        assert work.merged_blocks("gain") == 3
+        (merged,) = work.block_states("gain", [])
+        assert (merged["total"], merged["count"]) == (0 + 1 + 2, 3)
 
 
 def test_a_group_is_copied_if_it_is_whole(folder, tmp_path):

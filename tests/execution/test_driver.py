@@ -75,8 +75,10 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(run, tmp_path):
 def test_a_job_is_refused_early_by_what_is_known_before_it_is_begun(run, tmp_path):
     job = job_of(run, tmp_path / "result")
     check_job(job)
-    with pytest.raises(ValueError, match="max-memory must be at least"):
+    with pytest.raises(ValueError, match="must fit into max_memory"):
         check_job(replace(job, max_memory=1000))
+    with pytest.raises(ValueError, match="max-memory must be at least"):
+        check_job(replace(job, max_memory=1_000_000))
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "result").mkdir()
     (tmp_path / "result" / "own.txt").write_text("own")

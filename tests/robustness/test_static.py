@@ -131,10 +131,12 @@ RECORDING = "a recording that a user named: `existing` refuses pipes, and its ow
 GUARDED = "a library reads it, of a file that `existing` let pass; of damaged ones a child process tries that before"
 BROWSER = "the browser opens a page that this process wrote"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
+THROUGH_FOLDER = "the door's own folder opens it, under another name than the check knows"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
     "proving_ground/running.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
-    "proving_ground/table.py same_lanes": ({"read_text"}, OWN),
+    "proving_ground/board.py packaged_board": ({"read_bytes"}, OWN),
+    "proving_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
     "chain/recipe.py recipe_text": ({"read_text"}, OWN),
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
@@ -150,8 +152,8 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/files.py sync_file": ({"open"}, JUST_WRITTEN),
     "store/files.py _open_alone": ({"open"}, JUST_WRITTEN),
     "store/files.py _write_under_own_name": ({"open"}, JUST_WRITTEN),
-    "geo/export.py _check_written": ({"open"}, JUST_WRITTEN),
-    "geo/export.py write_geotiff": ({"open"}, JUST_WRITTEN),
+    "geo/export.py _cloud_optimized": ({"open"}, JUST_WRITTEN),
+    "formats/sigmf_writer.py _write_samples": ({"open"}, JUST_WRITTEN),
     "store/outputs.py _hold": ({"open"}, LOCKED),
     "store/outputs.py _hold_beside": ({"open"}, LOCKED),
     "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
@@ -167,7 +169,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/explain.py _explain_cphd": ({"open"}, RECORDING),
     "formats/gpr_parts.py read_records": ({"fromfile"}, RECORDING),
     "formats/motive.py is_motive": ({"open"}, RECORDING),
-    "formats/motive.py read_motive": ({"open", "read_csv"}, RECORDING),
+    "formats/motive.py read_motive": ({"open"}, RECORDING),
     "formats/arrays.py _open_hdf5": ({"File"}, GUARDED),
     "formats/arrays.py _open_npy": ({"load"}, RECORDING),
     "geo/basemap.py map_backdrop": ({"open"}, GUARDED),
@@ -175,6 +177,10 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/gprmax.py is_gprmax": ({"File"}, GUARDED),
     "formats/gprmax_explain.py explain_merged": ({"File"}, GUARDED),
     "formats/gprmax.py _read": ({"File"}, GUARDED),
+    "formats/sigmf.py SigmfRecording._find_samples": ({"open"}, THROUGH_FOLDER),
+    "formats/sigmf.py SigmfRecording._read_samples": ({"open"}, THROUGH_FOLDER),
+    "proving_ground/croissant.py _files": ({"open"}, THROUGH_FOLDER),
+    "store/tables.py parse_csv": ({"read_csv"}, IN_HAND),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),
     "commands/design.py _as_json": ({"json.loads"}, IN_HAND),
