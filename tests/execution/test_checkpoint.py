@@ -102,7 +102,8 @@ def test_a_folder_of_somebody_else_is_refused(folder):
 class ThreeBlocks:
     """An engine with one pass that adds up three blocks."""
 
-    passes = {"gain": SimpleNamespace(all_scans=True, keep_blocks=False)}
+    def __init__(self):
+        self.passes = {"gain": SimpleNamespace(all_scans=True, keep_blocks=False)}
 
     def block_numbers(self, _):
         return range(3)
