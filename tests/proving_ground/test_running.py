@@ -392,7 +392,7 @@ def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):
 
 
 def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_path, monkeypatch):
-    from flgpr.proving_ground import table
+    from flgpr.proving_ground import fingerprints
 
     ground = load_ground(False, field / "ground.toml")
     prints = pd.read_csv(field / "out" / "lanes" / PRINTS)
@@ -404,7 +404,7 @@ def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_p
     packaged.loc[2, "sha256"] = "0" * 64
     packaged.loc[2, "VV"] *= 1.001
     packaged.drop(index=3).to_csv(tmp_path / "fingerprints.csv", index=False)
-    monkeypatch.setattr(table.resources, "files", lambda _: tmp_path)
+    monkeypatch.setattr(fingerprints.resources, "files", lambda _: tmp_path)
     told = same_lanes(ground, field / "out" / "lanes")
     assert list(told.values()) == [
         "same bits",
