@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 import pandas as pd
@@ -151,7 +151,9 @@ class Steps:
             return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
         if table.look == "mean":
             return MeanViewSums(grid, table.y_max, rows, table.falloff)
-        return RunViewSums(grid, table.y_max, rows)
+        if table.look == "second-largest":
+            return RunViewSums(grid, table.y_max, rows)
+        assert_never(table.look)
 
     def maxima(self, view: xr.DataArray) -> pd.DataFrame:
         """Find the local maxima of one channel of a run-view (Wang et al. 2007, Sec. II-B).
