@@ -1,4 +1,5 @@
 import os
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -10,6 +11,7 @@ from damage import FUZZ, damaged, refusal
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file, propose_mapping
 from flgpr.formats.mapped import import_mapped
+from flgpr.formats.sigmf import _column_of
 from io_sigmf import DWELL, TONES, digest, stepped, write
 
 STEPPED = """
@@ -302,6 +304,18 @@ def test_a_long_text_does_not_make_every_row_as_long(tmp_path):
     opened = open_arrays(write(tmp_path, np.ones(500, "<c8").tobytes(), {}, captures))
     assert "captures/rig:note" not in opened.arrays
     assert "'captures/rig:note': not read: no numbers or short texts" in opened.about
+
+
+@pytest.mark.parametrize("other", ["b", 1])
+def test_a_long_text_takes_its_own_memory_alone(other):
+    """NumPy gives every row the room of the longest text: 800 MB here."""
+    column = [other] * 20_000
+    column[7] = "a" * 10_000
+    tracemalloc.start()
+    assert _column_of(column) is None
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2**23
 
 
 def test_names_that_one_capture_alone_has_take_no_room_for_all(tmp_path):

@@ -36,6 +36,7 @@ def test_a_card_that_says_that_something_was_seen_is_not_blind(what):
         ('name = "hand-made"', 'name = "Hand Made"', "name: "),
         ('name = "hand-made"', f'name = "{"a" * 41}"', "name: "),
         ('name = "hand-made"', "name = 3", "name: "),
+        ('name = "hand-made"', f"name = 0x{'f' * 5000}", "name: "),
         ('format = "flgpr-submission-1"', 'format = "zip"', "format: "),
         ('["A. Author", "B. Author"]', "[]", "authors: "),
         ('"B. Author"', '"B.\\u202e Author"', "authors.1: "),

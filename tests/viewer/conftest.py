@@ -21,7 +21,8 @@ def running(shown, **options):
         yield viewer
     finally:
         viewer.stop()
-        thread.join(20)
+        # Connections that a browser left open end after the server's own deadline of 30 s.
+        thread.join(60)
         assert not thread.is_alive()
 
 

@@ -31,16 +31,17 @@ _LONG_UNITS = {
 
 
 def small_values(opened: ArrayFile, info: ArrayInfo) -> Any:
-    """Read a small array; None if it is large or cannot be read.
+    """Read a small array of numbers; None if it is large, holds texts or cannot be read.
 
     An array that cannot be read keeps no other from being explained.
     """
     if math.prod(info.shape) > SMALL:
         return None
     try:
-        return opened.read(info.name)
+        values = opened.read(info.name)
     except ValueError:
         return None
+    return values if np.asarray(values).dtype.kind in "biufc" else None
 
 
 def unit_suffix(info: ArrayInfo) -> str:

@@ -153,7 +153,8 @@ class Samples(Quantity):
     band: tuple[float, float]  #: frequencies to keep
     band_unit: str  #: their unit
     pad: Annotated[int, Field(ge=1, le=16)] = 1  #: see :func:`flgpr.formats.impulse_to_frequency`
-    #: frequency that a receiver mixed to zero, in the unit of the band; complex samples need it
+    #: frequency that a receiver mixed to zero, in the unit of the band; complex samples at
+    #: baseband need it
     carrier: Annotated[float, Field(ge=0)] = 0.0
 
 

@@ -496,13 +496,14 @@ def _column_of(column: list[Any]) -> NDArray[Any] | None:
     It is None where they are neither finite numbers nor short texts, or differ in their shape.
     Numbers that are missing are NaN, and texts that are missing are empty.
     """
-    texts = _texts_of(column)
-    if texts is not None:
-        return texts
     present = [value for value in column if value is not None]
-    if any(isinstance(value, bool) for value in present):
+    # Looked at before NumPy is: a text among numbers would give every row the room of the text.
+    leaves = _leaves(present)
+    if leaves and all(isinstance(leaf, str) for leaf in leaves):
+        return _texts_of(column, leaves)
+    if not all(isinstance(leaf, int | float) and not isinstance(leaf, bool) for leaf in leaves):
         return None
-    if all(isinstance(value, int | float) for value in present):
+    if not any(isinstance(value, list) for value in present):
         column = [math.nan if value is None else value for value in column]
     try:
         values = np.array(column)
@@ -513,17 +514,25 @@ def _column_of(column: list[Any]) -> NDArray[Any] | None:
     return values
 
 
-def _texts_of(column: list[Any]) -> NDArray[np.str_] | None:
-    """Return texts, or lists of equally many texts, as an array; None where they are not."""
-    rows = ["" if value is None else value for value in column]
-    texts: list[Any] = []
-    for row in rows:
-        texts += row if isinstance(row, list) else [row]
-    if not texts or not all(isinstance(text, str) for text in texts):
-        return None
+def _leaves(values: list[Any]) -> list[Any]:
+    """Return what lists hold, and lists within them, without the lists."""
+    leaves = []
+    unread = list(values)
+    while unread:
+        value = unread.pop()
+        if isinstance(value, list):
+            unread.extend(value)
+        else:
+            leaves.append(value)
+    return leaves
+
+
+def _texts_of(column: list[Any], texts: list[str]) -> NDArray[np.str_] | None:
+    """Return texts, or lists of equally many texts, as an array; None where they are too large."""
     # NumPy gives every text the room of the longest.
-    if max(map(len, texts)) * len(texts) > _MOST_TEXT:
+    if max(map(len, texts)) * max(len(texts), len(column)) > _MOST_TEXT:
         return None
+    rows = ["" if value is None else value for value in column]
     try:
         return np.array(rows, dtype=np.str_)
     except ValueError:

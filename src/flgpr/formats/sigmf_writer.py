@@ -194,7 +194,12 @@ def _moment(time: datetime | None, times: np.ndarray[Any, Any], scan: int) -> st
     seconds = 0.0 if scan == 0 else float(times[scan] - times[0])
     if not math.isfinite(seconds):
         return None
-    moment = time.astimezone(UTC) + timedelta(seconds=seconds)
+    try:
+        moment = time.astimezone(UTC) + timedelta(seconds=seconds)
+    except OverflowError:
+        raise ValueError(
+            f"time of scan {scan} must lie in the years 1 to 9999, got {seconds:g} s after {time}"
+        ) from None
     return moment.replace(tzinfo=None).isoformat(timespec="microseconds") + "Z"
 
 

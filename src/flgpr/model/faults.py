@@ -81,8 +81,16 @@ def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> s
             return f"no such entry; did you mean {close[0]}?"
         return "no such entry" + (f"; there are {', '.join(known)}" if known else "")
     if isinstance(fault["input"], str | int | float) and "got " not in message:
-        return f"{message[0].lower()}{message[1:]}, got {fault['input']!r}"
+        return f"{message[0].lower()}{message[1:]}, got {_shown(fault['input'])}"
     return message
+
+
+def _shown(value: str | float) -> str:
+    """Return a value as it is shown; Python does not write integers of thousands of digits."""
+    try:
+        return repr(value)
+    except ValueError:
+        return "an integer of too many digits to be shown"
 
 
 def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[type[BaseModel]]:

@@ -109,7 +109,8 @@ def _refuse_faults(submission: Submission) -> None:
 def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
     """Refuse a name that was entered with other alarms, or that a recipe has."""
     own_folder = folder / "entries" / submission.name
-    if not own_folder.exists():
+    # Nothing is in it where an earlier run was killed before it had written its record.
+    if not own_folder.exists() or not any(own_folder.iterdir()):
         return
     if read_ground(folder) == ground and Folder(own_folder).has(RECORD):
         entered = Folder(own_folder).json(RECORD)["alarms"]
