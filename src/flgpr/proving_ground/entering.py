@@ -109,8 +109,7 @@ def _refuse_faults(submission: Submission) -> None:
 def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
     """Refuse a name that was entered with other alarms, or that a recipe has."""
     own_folder = folder / "entries" / submission.name
-    # Nothing is in it where an earlier run was killed before it had written its record.
-    if not own_folder.exists() or not any(own_folder.iterdir()):
+    if not own_folder.exists():
         return
     if read_ground(folder) == ground and Folder(own_folder).has(RECORD):
         entered = Folder(own_folder).json(RECORD)["alarms"]
