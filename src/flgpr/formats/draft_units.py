@@ -31,17 +31,24 @@ _LONG_UNITS = {
 
 
 def small_values(opened: ArrayFile, info: ArrayInfo) -> Any:
-    """Read a small array of numbers; None if it is large, holds texts or cannot be read.
+    """Read a small array; None if it is large or cannot be read.
 
     An array that cannot be read keeps no other from being explained.
     """
     if math.prod(info.shape) > SMALL:
         return None
     try:
-        values = opened.read(info.name)
+        return opened.read(info.name)
     except ValueError:
         return None
-    return values if np.asarray(values).dtype.kind in "biufc" else None
+
+
+def small_numbers(opened: ArrayFile, info: ArrayInfo) -> Any:
+    """Read a small array of numbers; None if it is another one."""
+    values = small_values(opened, info)
+    if values is None or np.asarray(values).dtype.kind not in "biufc":
+        return None
+    return values
 
 
 def unit_suffix(info: ArrayInfo) -> str:
@@ -86,13 +93,13 @@ def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     if suffix in kind:
         return suffix
     if usual == "Hz":
-        values = small_values(opened, info)
-        top = float(np.max(values)) if values is not None else 0.0
+        values = small_numbers(opened, info)
+        top = float(np.max(values)) if values is not None and values.size else 0.0
         if top >= 1e6:
             return "Hz?"
         return "MHz?" if top >= 100 else "GHz?"
     if usual == "ns":
-        values = small_values(opened, info)
+        values = small_numbers(opened, info)
         if values is not None and values.size and 0 < float(np.abs(values).max()) < SHORTEST_SCANS:
             return "s?"
     return f"{usual}?"
@@ -102,7 +109,7 @@ def is_fast_time(opened: ArrayFile, info: ArrayInfo) -> bool:
     """Return whether times can only be those of samples: by their unit, or by their size."""
     if unit_suffix(info) in ("ns", "ps", "us"):
         return True
-    values = small_values(opened, info)
+    values = small_numbers(opened, info)
     if values is None or not values.size:
         return False
     return float(np.abs(values).max()) < SHORTEST_SCANS
