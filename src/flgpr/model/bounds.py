@@ -50,7 +50,7 @@ class Entries(BaseModel):
         for number in _numbers(value):
             if not abs(number) <= largest:
                 raise ValueError(
-                    f"must lie between {-largest:g} and {largest:g}, got {_short(number)}"
+                    f"must lie between {-largest:g} and {largest:g}, got {shown_number(number)}"
                 )
         return value
 
@@ -67,7 +67,10 @@ def _numbers(value: Any) -> Iterator[float]:
             yield from _numbers(element)
 
 
-def _short(number: float) -> str:
+def shown_number(number: float) -> str:
     """Return a number as a short text, however many digits it has."""
-    text = str(number)
+    try:
+        text = str(number)
+    except ValueError:  # Python does not write integers of thousands of digits
+        return "an integer of too many digits to be shown"
     return text if len(text) < 30 else f"{text[:20]}... of {len(text)} digits"

@@ -11,6 +11,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from flgpr.door import parse_toml, read_named
+from flgpr.model.bounds import shown_number
 
 # Names that pydantic inserts into a location where an entry may be of several types.
 _TYPE_NAMES = ("float", "str", "Variable")
@@ -81,16 +82,10 @@ def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> s
             return f"no such entry; did you mean {close[0]}?"
         return "no such entry" + (f"; there are {', '.join(known)}" if known else "")
     if isinstance(fault["input"], str | int | float) and "got " not in message:
-        return f"{message[0].lower()}{message[1:]}, got {_shown(fault['input'])}"
+        value = fault["input"]
+        shown = repr(value) if isinstance(value, str) else shown_number(value)
+        return f"{message[0].lower()}{message[1:]}, got {shown}"
     return message
-
-
-def _shown(value: str | float) -> str:
-    """Return a value as it is shown; Python does not write integers of thousands of digits."""
-    try:
-        return repr(value)
-    except ValueError:
-        return "an integer of too many digits to be shown"
 
 
 def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[type[BaseModel]]:
