@@ -1,9 +1,10 @@
 """Variants of `fused`, tried on training and validation lanes of proving ground 2 with one site left out.
 
 ``python evidence/fused_variants.py GROUND OUT [--tier T] [--only NAME ...] [--without-further]`` reads the training and
-validation lanes of a folder of ``flgpr benchmark run``. It never reads a test lane. It makes one further lane a site
-(180 m, 40 mines of the sorts of the training lanes, seeds of its own), simulates signatures, and cuts the chips of all
-looks at a raster of 0.2 m out of the cleaned images of seven sub-bands. What takes long is written to OUT once.
+validation lanes of a folder of ``flgpr benchmark run``. It never reads a test lane. It makes one further lane each in
+earth and gravel (180 m, 40 mines of the sorts of the training lanes, seeds of its own), simulates signatures, and cuts
+the chips of all looks at a raster of 0.2 m out of the cleaned images of seven sub-bands. What takes long is written to
+OUT once.
 
 Everything that is learnt comes from the metal and plastic lanes of the three other sites of the tier. A variant is a
 map on the raster: the mean over looks, weighted by the inverse square of their distance, smoothed by 0.15 m. Its local
@@ -78,6 +79,7 @@ FURTHER = LaneRow(
         ("m19", 0.05, 3), ("m19", 0.10, 3), ("pmn", 0.01, 6),
     ),
 )  # fmt: skip
+FURTHER_SITES = ("earth", "gravel")  # in sand metal is found and plastic is not, in clay neither
 SOILS = ((2.7, 0.01), (4.0, 0.02), (6.0, 0.05), (9.0, 0.1), (14.0, 0.15))
 BODIES = {
     "metal": {"kind": "metal"},
@@ -180,6 +182,8 @@ def ground_lanes(
     if not further:
         return
     for site, packaged in ground.table.tiers[tier].sites.items():
+        if site not in FURTHER_SITES:
+            continue
         name = f"{tier}-{site}-further-1"
         scene = ground._scene(packaged, FURTHER, {}).model_copy(update={"name": name})
         seed = zlib.crc32(f"ablation of fused {name}".encode())
@@ -436,6 +440,18 @@ class Trained:
 
     lanes: list[Lane]
     signatures: dict[str, Signatures]
+    known: dict[tuple[int, ...], tuple[Clutter, dict[str, list]]] = field(default_factory=dict)
+
+    def classes(self, bands: Sequence[int]) -> tuple[Clutter, dict[str, list]]:
+        """Return the clutter, and the directions of every class of bodies in it."""
+        key = tuple(bands)
+        if key not in self.known:
+            clutter = self.clutter(bands)
+            found = {}
+            for name, bodies in CLASSES.items():
+                found[name] = self.directions(clutter, bodies, rank_of(bands))
+            self.known[key] = (clutter, found)
+        return self.known[key]
 
     def clutter(self, bands: Sequence[int]) -> Clutter:
         """Return the clutter of target-free ground."""
@@ -605,9 +621,9 @@ def rank_of(bands: Sequence[int]) -> int:
 def try_bands(bench: Bench) -> None:
     """Try ranges of sub-bands, and signatures of other bodies as classes of their own."""
     bench.tell("contrast of HH and VV alone", lambda lane: lane.mean(level(lane)))
-    for bands in (FOUR, (1, 2, 3), (0, 1, 2, 3, 4), tuple(range(7)), LOW):
+    for bands in (FOUR, (0, 1, 2, 3, 4), tuple(range(7)), LOW):
         values: dict[int, dict[str, np.ndarray]] = {}
-        learnt = bench.by_site(lambda trained, bands=bands: _classes(trained, bands))
+        learnt = bench.by_site(lambda trained, bands=bands: trained.classes(bands))
         for lane in bench.lanes:
             clutter, directions = learnt[lane.site]
             white = clutter.white(lane)
@@ -620,10 +636,11 @@ def try_bands(bench: Bench) -> None:
             return logsumexp(some, axis=0) - math.log(len(some))
 
         title = names_of(bands)
-        bench.tell(
-            f"{title}", lambda lane, v=pooled: lane.mean(v(lane, ["metal"]) + 2 * level(lane))
-        )
-        if bands in (LOW, FOUR):
+        if bands != LOW:
+            bench.tell(
+                title, lambda lane, v=pooled: lane.mean(v(lane, ["metal"]) + 2 * level(lane))
+            )
+        else:
             bench.tell(
                 f"{title}, without contrast", lambda lane, v=pooled: lane.mean(v(lane, ["metal"]))
             )
@@ -639,60 +656,56 @@ def try_bands(bench: Bench) -> None:
             )
 
 
-def _classes(trained: Trained, bands: Sequence[int]) -> tuple[Clutter, dict[str, list]]:
-    """Return the clutter, and the directions of every class."""
-    clutter = trained.clutter(bands)
-    found = {}
-    for name, bodies in CLASSES.items():
-        found[name] = trained.directions(clutter, bodies, rank_of(bands))
-    return clutter, found
-
-
 def try_covariance(bench: Bench) -> None:
     """Mix the covariance of the lane itself into that of the training lanes."""
     for bands in (LOW, FOUR):
-        learnt = bench.by_site(lambda trained, bands=bands: trained.clutter(bands))
+        learnt = bench.by_site(lambda trained, bands=bands: trained.classes(bands))
         for share in (0.3, 0.6, 0.9):
 
             def value(lane: Lane, bands=bands, learnt=learnt, share=share) -> np.ndarray:
-                prior = learnt[lane.site]
-                trained = bench.trained[lane.site]
-                directions = trained.directions(prior, CLASSES["metal"], rank_of(bands))
-                first = ratios_of(prior.white(lane), lane.metre, directions)
+                prior, directions = learnt[lane.site]
+                first = ratios_of(prior.white(lane), lane.metre, directions["metal"])
                 # A tenth of the places, those most like a mine, is left out.
-                ordinary = lane.mean(first + 2 * level(lane)).ravel()
-                ordinary = ordinary <= np.nanquantile(ordinary, 0.9)
-                some = ordinary[lane.place]
-                own = with_neighbours(*sums_of(lane.chips(bands)[some], lane.metre[some]))
+                seen = lane.mean(first + 2 * level(lane)).ravel()
+                ordinary = (seen <= np.nanquantile(seen, 0.9))[lane.place]
+                own = with_neighbours(*sums_of(lane.chips(bands)[ordinary], lane.metre[ordinary]))
                 own *= prior.values / np.trace(own, axis1=1, axis2=2).real[:, None, None]
                 mixed = Clutter.of(bands, (1 - share) * prior.covariance + share * own)
-                directions = trained.directions(mixed, CLASSES["metal"], rank_of(bands))
-                return lane.mean(
-                    ratios_of(mixed.white(lane), lane.metre, directions) + 2 * level(lane)
-                )
+                moved = carried(directions["metal"], prior, mixed)
+                return lane.mean(ratios_of(mixed.white(lane), lane.metre, moved) + 2 * level(lane))
 
             bench.tell(f"{names_of(bands)}, {share:g} of the lane's own covariance", value)
+
+
+def carried(directions: list, prior: Clutter, clutter: Clutter) -> list:
+    """Return directions in other clutter: those of the same mean signature."""
+    found = []
+    for metre, (vectors, share) in enumerate(directions):
+        back = np.linalg.inv(prior.whitener[metre].astype(complex))
+        strong = clutter.whitener[metre] @ (back @ (vectors.conj().T * np.sqrt(share)))
+        left, strength, _ = np.linalg.svd(strong, full_matrices=False)
+        new_share = strength**2 * (share.sum() / (strength**2).sum())
+        found.append((left.T.conj().astype(np.complex64), new_share))
+    return found
 
 
 def try_looks(bench: Bench) -> None:
     """Take the looks at a place as one vector, with the phases between them and without.
 
-    The texture is one for all looks ("one level"), or every look is over its own power. S is that
-    of all signatures over all looks; the errors of navigation move every look by itself.
+    Every look is over its own power. S is that of all signatures over all looks; the errors of
+    navigation move every look by itself.
     """
     everything = [body for bodies in CLASSES.values() for body in bodies]
-    for bodies, title in ((("metal",), "metal"), (everything, "all bodies")):
+    for bodies, title in ((CLASSES["metal"], "metal"), (everything, "all bodies")):
         for coherent in (False, True):
             learnt = bench.by_site(lambda trained, b=bodies, c=coherent: _stacked(trained, b, c))
-            for own in (False, True):
-                words = ["looks jointly", title, "phases" if coherent else "no phases"]
-                words.append("each over its power" if own else "one level")
-                bench.tell(
-                    ", ".join(words),
-                    lambda lane, known=learnt, c=coherent, o=own: (
-                        _joint(lane, *known[lane.site], c, o) + 2 * lane.mean(level(lane))
-                    ),
-                )
+            words = "with phases" if coherent else "without phases"
+            bench.tell(
+                f"looks jointly, {words}, signatures of {title}",
+                lambda lane, known=learnt, c=coherent: (
+                    _joint(lane, *known[lane.site], c) + 2 * lane.mean(level(lane))
+                ),
+            )
 
 
 def _stacked(
@@ -706,12 +719,8 @@ def _stacked(
         of_body = trained.signatures[body]
         for lane in trained.lanes[::2]:
             some = of_body.by_metre(of_body.in_units(lane))[:, :, :, list(LOW)]
-            for _ in range(3):
-                error = (
-                    rng.normal(0, NAVIGATION, some.shape[:2])
-                    if coherent
-                    else 0 * some[..., 0, 0, 0].real
-                )
+            for _ in range(3 if coherent else 1):
+                error = rng.normal(0, NAVIGATION, some.shape[:2])
                 chips.append((some * phases_of(error, LOW)).reshape(len(some), METRES, -1))
     chip = np.concatenate(chips).astype(np.complex64)
     white = np.stack([chip[:, m] @ clutter.whitener[m].T for m in range(METRES)], axis=1)
@@ -727,7 +736,7 @@ def _stacked(
     return clutter, np.array(vectors), parts
 
 
-def _joint(lane: Lane, clutter: Clutter, vectors, parts, coherent: bool, own: bool) -> np.ndarray:
+def _joint(lane: Lane, clutter: Clutter, vectors, parts, coherent: bool) -> np.ndarray:
     """Return the log-likelihood ratio (y, x) of all looks at each place over their number."""
     white = clutter.white(lane)
     power = (np.abs(white) ** 2).sum(axis=1)
@@ -735,9 +744,7 @@ def _joint(lane: Lane, clutter: Clutter, vectors, parts, coherent: bool, own: bo
     for metre in range(METRES):
         at = lane.metre == metre
         part[at] = white[at] @ vectors[metre].T
-    if own:
-        part = part / np.sqrt(power / clutter.values)[:, None]
-        power = np.full_like(power, clutter.values)
+    part = part / np.sqrt(power / clutter.values)[:, None]
     value = np.full(lane.places, np.nan)
     for metres, (places, looks) in _alike(lane).items():
         count, rank = len(metres), vectors.shape[1]
@@ -755,7 +762,7 @@ def _joint(lane: Lane, clutter: Clutter, vectors, parts, coherent: bool, own: bo
         strength = np.maximum(strength[::-1][:60], 0)
         directions = directions[:, ::-1][:, :60].astype(np.complex64)
         shown = part[looks].reshape(len(places), -1) @ directions.conj()
-        share = np.abs(shown) ** 2 / power[looks].sum(axis=1)[:, None]
+        share = np.abs(shown) ** 2 / (count * clutter.values)
         gain = np.array(RATIOS)[:, None] * strength
         rest = np.maximum(1 - share @ (gain / (1 + gain)).T, 1e-6)
         by_power = -clutter.values * count * np.log(rest) - np.log1p(gain).sum(axis=1)
@@ -780,28 +787,26 @@ def _alike(lane: Lane) -> dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]]:
 
 def try_offsets(bench: Bench) -> None:
     """Take narrow subspaces for places beside the raster, the same for all looks at a place."""
-    for bands in (LOW, FOUR):
-        for rank in (6, 12):
+    moves = (-0.08, -0.04, 0.0, 0.04, 0.08)
+    for rank in (6, 12):
 
-            def learn(trained: Trained, bands=bands, rank=rank):
-                clutter = trained.clutter(bands)
-                moves = (-0.08, -0.04, 0.0, 0.04, 0.08)
-                return clutter, [
-                    trained.directions(clutter, CLASSES["metal"], rank, ahead) for ahead in moves
-                ]
+        def learn(trained: Trained, rank=rank) -> tuple[Clutter, list[list]]:
+            clutter = trained.clutter(LOW)
+            metal = CLASSES["metal"]
+            return clutter, [trained.directions(clutter, metal, rank, ahead) for ahead in moves]
 
-            learnt = bench.by_site(learn)
+        learnt = bench.by_site(learn)
 
-            def value(lane: Lane, learnt=learnt) -> np.ndarray:
-                clutter, by_move = learnt[lane.site]
-                white = clutter.white(lane)
-                maps = [lane.mean(ratios_of(white, lane.metre, found)) for found in by_move]
-                looks = np.bincount(lane.place, minlength=lane.places)
-                looks = np.maximum(looks.reshape(lane.rows, lane.columns), 1)
-                together = logsumexp(np.array(maps) * looks, axis=0) / looks
-                return together + 2 * lane.mean(level(lane))
+        def value(lane: Lane, learnt=learnt) -> np.ndarray:
+            clutter, by_move = learnt[lane.site]
+            white = clutter.white(lane)
+            maps = [lane.mean(ratios_of(white, lane.metre, found)) for found in by_move]
+            looks = np.bincount(lane.place, minlength=lane.places)
+            looks = np.maximum(looks.reshape(lane.rows, lane.columns), 1)
+            together = logsumexp(np.array(maps) * looks, axis=0) / looks
+            return together + 2 * lane.mean(level(lane))
 
-            bench.tell(f"{names_of(bands)}, five offsets, {rank} directions each", value)
+        bench.tell(f"metal at one of five offsets ahead, {rank} directions each", value)
 
 
 # Simulated bodies in measured ground
@@ -910,7 +915,7 @@ def try_injected(bench: Bench) -> None:
 
     def learn(trained: Trained):
         rng = np.random.default_rng(51)
-        known = [_classes(trained, bands) for bands in (LOW, FOUR)]
+        known = [trained.classes(bands) for bands in (LOW, FOUR)]
         features, labels = [], []
         for lane in trained.lanes:
             free = free_places(lane)
@@ -1097,7 +1102,7 @@ EXPERIMENTS = {
 
 def reference(bench: Bench) -> None:
     """Tell of the reference, `fused` on the raster: three sub-bands, metal, twice the contrast."""
-    learnt = bench.by_site(lambda trained: _classes(trained, LOW))
+    learnt = bench.by_site(lambda trained: trained.classes(LOW))
 
     def value(lane: Lane) -> np.ndarray:
         clutter, directions = learnt[lane.site]
