@@ -323,7 +323,7 @@ def simulate_signatures(name: str, out: Path) -> Signatures:
 
 def _in_soil(name: str, soil: int) -> tuple[np.ndarray, ...]:
     """Simulate a body in one soil at all depths, every copy alone."""
-    rng = np.random.default_rng([51, soil, zlib.crc32(name.encode())])
+    rng = np.random.default_rng([31, soil, len(name)])
     depths = np.repeat(DEPTHS.get(name, OTHER_DEPTHS), COPIES)
     count = len(depths)
     apart = 100.0
@@ -331,8 +331,8 @@ def _in_soil(name: str, soil: int) -> tuple[np.ndarray, ...]:
     y = apart * np.arange(count) + 30.0
     lean = rng.normal(0, math.radians(4), (count, 2))
     beside = rng.uniform(-STEP / 2, STEP / 2, (count, 2))
-    heading = rng.uniform(0, 2 * math.pi, count)
     scans = (y[:, None] - LOOKS - rng.uniform(-0.3, 0.3, (count, len(LOOKS)))).ravel()
+    heading = rng.uniform(0, 2 * math.pi, count)
     order = np.argsort(scans)
     targets = []
     for number in range(count):
