@@ -14,10 +14,10 @@ A row tells mines found at 0.005, 0.01, 0.02 and 0.05 false alarms per m², by k
 alone and the reference alone find at 0.02, with the p of McNemar's exact test; and the change against the reference of
 the mean of log10 of the false alarms at which a mine is found, with its standard error.
 
-Names of experiments: ``bands`` (sub-bands, classes of bodies), ``covariance`` (the lane's own), ``looks`` (several
-looks jointly, with and without their phases), ``offsets`` (narrow subspaces for places beside the raster), ``injected``
-(classifiers trained on simulated bodies put into measured ground), ``ignorance`` (what it costs not to know which
-signature it is).
+Names of experiments: ``bands`` (sub-bands, classes of bodies), ``weights`` (of looks), ``covariance`` (the lane's own),
+``looks`` (several looks jointly, with and without their phases), ``offsets`` (narrow subspaces for places beside the
+raster), ``injected`` and ``chips`` (classifiers of places, and of chips, trained on simulated bodies put into measured ground),
+``ignorance`` (what it costs not to know which signature it is).
 """
 
 from __future__ import annotations
@@ -146,10 +146,11 @@ class Lane:
         """Return the chips (look, value) of some sub-bands."""
         return self.chip[:, :, list(bands)].reshape(len(self.chip), -1)
 
-    def mean(self, values: np.ndarray) -> np.ndarray:
+    def mean(self, values: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
         """Return the weighted mean over looks (y, x) of a value of each."""
-        total = np.bincount(self.place, self.weight * values, self.places)
-        weight = np.bincount(self.place, self.weight, self.places)
+        weights = self.weight if weights is None else weights
+        total = np.bincount(self.place, weights * values, self.places)
+        weight = np.bincount(self.place, weights, self.places)
         seen = np.where(weight > 0, total / np.maximum(weight, 1e-30), np.nan)
         return seen.reshape(self.rows, self.columns)
 
@@ -656,6 +657,28 @@ def try_bands(bench: Bench) -> None:
             )
 
 
+def try_weights(bench: Bench) -> None:
+    """Weight looks otherwise by their distance, or leave the far ones out."""
+    learnt = bench.by_site(lambda trained: trained.classes(LOW))
+    values = {}
+    for lane in bench.lanes:
+        clutter, directions = learnt[lane.site]
+        found = ratios_of(clutter.white(lane), lane.metre, directions["metal"])
+        values[id(lane)] = found + 2 * level(lane)
+    for title, power, farthest in (
+        ("looks weighted by the inverse of their distance", 1, 16.0),
+        ("looks weighted by its inverse cube", 3, 16.0),
+        ("looks up to 12 m ahead", 2, 12.0),
+    ):
+
+        def value(lane: Lane, power=power, farthest=farthest) -> np.ndarray:
+            distance = np.linalg.norm(lane.xy.astype(float), axis=1)
+            weight = distance**-power * (lane.xy[:, 1] <= farthest)
+            return lane.mean(values[id(lane)], weight)
+
+        bench.tell(title, value)
+
+
 def try_covariance(bench: Bench) -> None:
     """Mix the covariance of the lane itself into that of the training lanes."""
     for bands in (LOW, FOUR):
@@ -973,6 +996,61 @@ def _network():
     return make_pipeline(StandardScaler(), model)
 
 
+def try_chips(bench: Bench) -> None:
+    """Train a network on the whitened chips of single looks; the map is its mean log odds.
+
+    It sees a chip over its own power in 24 directions of all bodies, turned so that the first is
+    real, how much power lies outside of them, and the contrast in HH and VV.
+    """
+    everything = [body for bodies in CLASSES.values() for body in bodies]
+    rings = {id(lane): ring_powers(lane) for lane in bench.lanes}
+
+    def inputs(some: Looks, clutter: Clutter, directions: list) -> np.ndarray:
+        chips = some.chip[:, :, list(LOW)]
+        white = clutter.whitened(chips.reshape(len(chips), -1), some.metre)
+        white = white / np.linalg.norm(white, axis=1)[:, None]
+        part = np.empty((len(white), 24), np.complex64)
+        for metre in np.unique(some.metre):
+            at = some.metre == metre
+            part[at] = white[at] @ directions[metre][0].T
+        part = part * np.exp(-1j * np.angle(part[:, :1]))
+        rest = np.log(np.maximum(1 - (np.abs(part) ** 2).sum(axis=1), 1e-3))
+        power = (np.abs(chips[:, :2]) ** 2).mean(axis=-1)
+        around = some.ring[:, :2, list(LOW)]
+        decibels = 10 * np.log10(np.maximum(power, 1e-6) / np.maximum(around, 1e-6))
+        return np.column_stack([part.real, part.imag, rest, decibels.reshape(len(chips), -1)])
+
+    def learn(trained: Trained):
+        rng = np.random.default_rng(51)
+        clutter = trained.clutter(LOW)
+        directions = trained.directions(clutter, everything, 24)
+        shown, labels = [], []
+        for lane in trained.lanes:
+            free = free_places(lane)
+            mines = looks_at_some(lane, rings[id(lane)], rng.choice(free, 1000))
+            put_in_bodies(mines, lane, bench, rng)
+            ground = looks_at_some(lane, rings[id(lane)], rng.choice(free, 2000, replace=False))
+            for some, label in ((mines, 1), (ground, 0)):
+                shown.append(inputs(some, clutter, directions))
+                labels.append(np.full(len(shown[-1]), label))
+        model = MLPClassifier((64,), alpha=0.1, max_iter=60, early_stopping=True, random_state=0)
+        fitted = make_pipeline(StandardScaler(), model)
+        return clutter, directions, fitted.fit(np.concatenate(shown), np.concatenate(labels))
+
+    learnt = bench.by_site(learn)
+
+    def value(lane: Lane) -> np.ndarray:
+        clutter, directions, network = learnt[lane.site]
+        everywhere = Looks(
+            lane.place, lane.metre, lane.weight, lane.chip, rings[id(lane)], lane.places
+        )
+        p = network.predict_proba(inputs(everywhere, clutter, directions))[:, 1]
+        p = np.clip(p, 1e-9, 1 - 1e-9)
+        return lane.mean(np.log(p) - np.log1p(-p))
+
+    bench.tell("injected bodies, network on whitened chips of a look", value)
+
+
 class Bank:
     """Signatures with which the looks at a place are compared, one and the same in all of them.
 
@@ -1092,10 +1170,12 @@ def try_ignorance(bench: Bench) -> None:
 
 EXPERIMENTS = {
     "bands": try_bands,
+    "weights": try_weights,
     "covariance": try_covariance,
     "looks": try_looks,
     "offsets": try_offsets,
     "injected": try_injected,
+    "chips": try_chips,
     "ignorance": try_ignorance,
 }
 
