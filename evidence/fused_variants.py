@@ -16,8 +16,8 @@ the mean of log10 of the false alarms at which a mine is found, with its standar
 
 Names of experiments: ``bands`` (sub-bands, classes of bodies), ``weights`` (of looks), ``covariance`` (the lane's own),
 ``looks`` (several looks jointly, with and without their phases), ``offsets`` (narrow subspaces for places beside the
-raster), ``injected`` and ``chips`` (classifiers of places, and of chips, trained on simulated bodies put into measured ground),
-``ignorance`` (what it costs not to know which signature it is).
+raster), ``injected`` and ``chips`` (classifiers of places, and of chips, trained on simulated bodies put into measured
+ground), ``ignorance`` (what it costs not to know which signature it is).
 """
 
 from __future__ import annotations
