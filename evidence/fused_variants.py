@@ -1117,7 +1117,7 @@ class Bank:
         return self._thresholds[key]
 
     def banks(self, body: str, copy: int, soil: int) -> tuple[np.ndarray, ...]:
-        """Return which signatures are compared, from the body's own to all but its own."""
+        """Return which signatures are compared, from the body's own to all of them."""
         is_body = self.names == body
         own = is_body & (self.copies == copy)
         in_soil = self.soils == soil
@@ -1127,6 +1127,7 @@ class Bank:
             is_body & ~own,
             in_soil & ~own,
             ~own,
+            np.ones(len(own), bool),
         )
 
     def found(self, body: str, of_body: Signatures, soil: int) -> np.ndarray:
@@ -1156,7 +1157,16 @@ def try_ignorance(bench: Bench) -> None:
     """
     nearest_soil = {"sand": 0, "earth": 2, "gravel": 1}  # to the site's; few are found in clay
     print(f"\n{bench.tier}: share found of bodies put into the lane `plastic` of a site\n")
-    heads = ("site", "body", "itself", "other copies", "all soils", "all bodies, its soil", "all")
+    heads = (
+        "site",
+        "body",
+        "itself",
+        "other copies",
+        "all soils",
+        "all bodies, its soil",
+        "all others",
+        "all",
+    )
     print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     for lane in bench.lanes:
         if lane.design != "plastic" or lane.site not in nearest_soil:
