@@ -43,6 +43,7 @@ PACKAGED = {
     "map": {
         "deflection": "forms:DeflectionMap",
         "neyman-pearson": "forms:NeymanPearsonMap",
+        "principal-components": "principal_components:ComponentMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
         "likelihood": "likelihood:LikelihoodMap",
@@ -55,6 +56,7 @@ PACKAGED = {
         "rx": "anomaly:Rx",
         "matched": "anomaly:Matched",
         "network": "network:ChipNetwork",
+        "time-frequency": "time_frequency:TimeFrequency",
         "roadside": "roadside:RoadsideShare",
     },
 }
