@@ -56,8 +56,8 @@ PACKAGED = {
         "rx": "anomaly:Rx",
         "matched": "anomaly:Matched",
         "network": "network:ChipNetwork",
-        "time-frequency": "time_frequency:TimeFrequency",
         "roadside": "roadside:RoadsideShare",
+        "time-frequency": "time_frequency:TimeFrequency",
     },
 }
 FloatArray = NDArray[np.float64]
