@@ -44,7 +44,7 @@ def dual_optimum(X, y, weights, columns, C=1.0):
 def test_one_group_is_the_support_vector_machine_of_scikit_learn(samples):
     X, y = samples
     ours = MultipleKernelClassifier(groups=(6,), C=2.0, class_weight="balanced").fit(X, y)
-    theirs = SVC(C=2.0, class_weight="balanced").fit(X, y)
+    theirs = SVC(C=2.0, class_weight="balanced", tol=1e-5).fit(X, y)
     np.testing.assert_allclose(ours.decision_function(X), theirs.decision_function(X), atol=1e-6)
     assert ours.kernel_weights_.tolist() == [1.0]
 
@@ -63,7 +63,7 @@ def test_the_weights_of_two_kernels_are_those_of_the_least_dual_optimum(samples)
 def test_kernels_with_a_weight_are_worth_the_same_and_the_others_less(samples):
     """The Karush-Kuhn-Tucker conditions of the weights on the simplex, to the machine's tolerance."""
     X, y = samples
-    fitted = MultipleKernelClassifier(tol=1e-4, max_iter=5000).fit(X, y)
+    fitted = MultipleKernelClassifier(tol=1e-5, max_iter=5000).fit(X, y)
     vectors = fitted.support_vectors_
     worth = np.array(
         [
@@ -76,7 +76,7 @@ def test_kernels_with_a_weight_are_worth_the_same_and_the_others_less(samples):
     used = fitted.kernel_weights_ > 0.02
     assert used.any()
     assert not used.all()
-    np.testing.assert_allclose(worth[used], worth.max(), rtol=0.03)
+    np.testing.assert_allclose(worth[used], worth.max(), rtol=0.01)
     assert (worth[~used] < worth.max()).all()
     assert fitted.kernel_weights_.sum() == pytest.approx(1)
 
@@ -109,8 +109,20 @@ def test_groups_that_do_not_make_the_features_are_refused(samples, groups):
         MultipleKernelClassifier(groups=groups).fit(*samples)
 
 
+def test_labels_may_be_words_and_weights_belong_to_them(samples):
+    X, y = samples
+    words = np.array(["clutter", "mine"])[y]
+    plain = MultipleKernelClassifier(groups=(2, 4)).fit(X, words)
+    costly = {"clutter": 1.0, "mine": 10.0}
+    careful = MultipleKernelClassifier(groups=(2, 4), class_weight=costly).fit(X, words)
+    found = (careful.predict(X) == "mine").sum()
+    assert found > (plain.predict(X) == "mine").sum() > 0
+
+
 def test_parameters_are_checked(samples):
     with pytest.raises(ValueError, match="gamma must be positive or 'scale', got -1"):
         MultipleKernelClassifier(gamma=-1.0).fit(*samples)
+    with pytest.raises(ValueError, match="tol must be positive, got 0"):
+        MultipleKernelClassifier(tol=0).fit(*samples)
     with pytest.raises(ValueError, match="max_iter must be at least 1, got 0"):
         MultipleKernelClassifier(max_iter=0).fit(*samples)

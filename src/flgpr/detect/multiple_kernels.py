@@ -21,6 +21,7 @@ from sklearn.utils.multiclass import check_classification_targets, type_of_targe
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 FloatArray = NDArray[np.float64]
+_FINER = 0.01
 _REMEMBERED = 2**29
 """Most bytes of kernel matrices that stay in memory; more are computed anew in every round."""
 
@@ -45,8 +46,8 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
     gamma : "scale" or float
         γ of all kernels; "scale" is one over the number of a group's features times the variance of
         their values, as in scikit-learn.
-    class_weight : "balanced" or None
-        Whether a class costs as the inverse of its share.
+    class_weight : "balanced", dict or None
+        Cost of the classes as in scikit-learn: "balanced" is the inverse of their shares.
     tol : float
         Largest change of a weight in the last round.
     max_iter : int
@@ -75,7 +76,7 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
         groups: Sequence[int] | None = None,
         C: float = 1.0,
         gamma: float | Literal["scale"] = "scale",
-        class_weight: Literal["balanced"] | None = None,
+        class_weight: Literal["balanced"] | dict[Any, float] | None = None,
         tol: float = 1e-3,
         max_iter: int = 200,
     ) -> None:
@@ -95,14 +96,16 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
                 "Only binary classification is supported: y must hold 2 classes, got "
                 f"{len(np.unique(y))}; wrap the machine in OneVsRestClassifier for more"
             )
-        self.classes_, code = np.unique(y, return_inverse=True)
+        self.classes_ = np.unique(y)
         if len(self.classes_) != 2:
             raise ValueError(f"y must hold 2 classes, got one class only: {self.classes_[0]!r}")
+        if not self.tol > 0:
+            raise ValueError(f"tol must be positive, got {self.tol!r}")
         if not self.max_iter >= 1:
             raise ValueError(f"max_iter must be at least 1, got {self.max_iter!r}")
         self.groups_ = _checked_groups(self.groups, X.shape[1])
         self.gamma_ = self._widths(X)
-        self._solve(X, code)
+        self._solve(X, y)
         return self
 
     def _widths(self, X: FloatArray) -> FloatArray:
@@ -117,13 +120,19 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             widths.append(1 / spread if spread > 0 else 1.0)
         return np.array(widths)
 
-    def _solve(self, X: FloatArray, code: NDArray[np.int64]) -> None:
+    def _solve(self, X: FloatArray, y: NDArray[Any]) -> None:
         """Go through rounds of machine and weights until the weights stand still."""
         kernels = _Kernels(X, self.groups_, self.gamma_)
         weights = np.full(len(self.groups_), 1 / len(self.groups_))
         for number in range(1, self.max_iter + 1):
-            machine = SVC(C=self.C, kernel="precomputed", class_weight=self.class_weight)
-            machine.fit(kernels.weighted(weights), code)
+            # The machine is solved more finely than the weights, which its residue would move.
+            machine = SVC(
+                C=self.C,
+                kernel="precomputed",
+                class_weight=self.class_weight,
+                tol=self.tol * _FINER,
+            )
+            machine.fit(kernels.weighted(weights), y)
             coefficients = machine.dual_coef_[0]
             norms = weights * kernels.norms(machine.support_, coefficients)
             # Without a single support vector there is nothing that a weight could add to.
