@@ -103,9 +103,10 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             raise ValueError(f"tol must be positive, got {self.tol!r}")
         if not self.max_iter >= 1:
             raise ValueError(f"max_iter must be at least 1, got {self.max_iter!r}")
-        self.groups_ = _checked_groups(self.groups, X.shape[1])
-        self.gamma_ = self._widths(X)
-        self._solve(X, y)
+        samples = np.asarray(X, dtype=np.float64)
+        self.groups_ = _checked_groups(self.groups, samples.shape[1])
+        self.gamma_ = self._widths(samples)
+        self._solve(samples, np.asarray(y))
         return self
 
     def _widths(self, X: FloatArray) -> FloatArray:

@@ -29,11 +29,10 @@ class ComponentSettings(SampleSettings):
     """Range cuts, how training samples are taken, and the intervals of range.
 
     A scan looks at a place from the interval between two of the ``edges`` (m ahead of the array)
-    in which it lies; every interval has components of its own. ``rank`` is their number. All other
-    entries are those of :class:`~flgpr.chain.stages.forms.CutSettings`.
+    in which it lies; every interval has components of its own. ``rank`` is their number. The other
+    entries mean what they mean for the map "deflection".
     """
 
-    clutter_step: tuple[int, int] = (14, 8)
     edges: tuple[Positive, ...] = (7.5, 12.5, 17.5, 22.5)
 
     @model_validator(mode="after")
