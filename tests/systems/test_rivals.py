@@ -56,3 +56,18 @@ def test_it_learns_from_training_lanes_and_gives_the_same_bytes(lanes, name, tmp
                + (alarms["y"].to_numpy()[:, None] - truth["y"].to_numpy()) ** 2).min(axis=1) ** 0.5  # fmt: skip
     hit = nearest < 0.75
     assert alarms["confidence"][hit].median() > alarms["confidence"][~hit].median()
+
+
+def test_features_that_are_named_in_place_of_the_recipes_are_its_kernels(lanes, tmp_path):
+    recipe = tmp_path / "rival.toml"
+    recipe.write_text(KERNELS)
+    model = flgpr.train(
+        [lanes / "train.zarr"],
+        [lanes / "train.csv"],
+        recipe,
+        tmp_path / "model",
+        lanes=[lanes / "lane.toml"],
+        features=["*_F2", "C_HH_*"],
+    )
+    assert model.detector.features[-1] == "C_HH_F1"
+    assert model.detector.scorer.group.tolist() == [0] * 10 + [1]
