@@ -83,12 +83,12 @@ endef
 
 # $(1): folder of the environment; $(2): options of pytest
 test_versions = $(1)/bin/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder $(2) \
-    $(addprefix tests/,$(VERSIONS)) $(addprefix --ignore=tests/,$(NOT_VERSIONS))
+    -m "not slow" $(addprefix tests/,$(VERSIONS)) $(addprefix --ignore=tests/,$(NOT_VERSIONS))
 
 # Versions as old use what newer versions of what they rest on deprecate.
 oldest:
 	$(call install_versions,$(VENV)-oldest,$(OLDEST_PYTHON),--resolution lowest-direct)
-	$(call test_versions,$(VENV)-oldest,-W default::DeprecationWarning -W default::PendingDeprecationWarning -W default::FutureWarning)
+	$(call test_versions,$(VENV)-oldest,-W ignore::DeprecationWarning -W ignore::PendingDeprecationWarning -W ignore::FutureWarning)
 
 # An environment that is there already is brought up to date.
 newest:
