@@ -55,6 +55,10 @@ PACKAGED = {
         "rx": "anomaly:Rx",
         "matched": "anomaly:Matched",
         "network": "network:ChipNetwork",
+        "hog": "patterns:Hog",
+        "lbp": "patterns:Lbp",
+        "visual-words": "patterns:VisualWords",
+        "fisher-vectors": "patterns:FisherVectors",
         "roadside": "roadside:RoadsideShare",
     },
 }
