@@ -1,4 +1,7 @@
-"""Dictionaries of local descriptors: visual words, and Fisher vectors of a Gaussian mixture."""
+"""Dictionaries of local descriptors: visual words, and Fisher vectors of a Gaussian mixture.
+
+All of it works with one thread, so that sums keep their order: equal input gives equal bits.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.features.patch_descriptors import split_grid
+from flgpr.jit.threads import blas_on_one_thread
 
 FloatArray = NDArray[np.float64]
 _LEAST_VARIANCE = 1e-6  # of a principal direction, as a share of the first one's
@@ -28,7 +32,8 @@ class Whitening(NamedTuple):
 
     def __call__(self, descriptors: FloatArray) -> FloatArray:
         """Return descriptors (..., component) in the principal directions (..., direction)."""
-        return np.asarray((descriptors - self.mean) @ self.projection.T)
+        with blas_on_one_thread():
+            return np.asarray((descriptors - self.mean) @ self.projection.T)
 
 
 class Mixture(NamedTuple):
@@ -49,7 +54,7 @@ def learn_whitening(descriptors: FloatArray, directions: int) -> Whitening:
     directions : int
         How many; no more than there are components.
     """
-    with threadpool_limits(1):
+    with blas_on_one_thread():
         mean = descriptors.mean(axis=0)
         covariance = np.cov(descriptors, rowvar=False, bias=True).reshape(mean.size, mean.size)
         variance, vectors = np.linalg.eigh(covariance)
@@ -62,8 +67,6 @@ def learn_whitening(descriptors: FloatArray, directions: int) -> Whitening:
 
 def learn_words(descriptors: FloatArray, words: int, seed: int) -> FloatArray:
     """Return the words of a dictionary, the centres of k-means.
-
-    One thread works, so that sums keep their order and equal examples give equal words.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def learn_words(descriptors: FloatArray, words: int, seed: int) -> FloatArray:
 
 
 def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture:
-    """Return the mixture of Gaussians that expectation maximisation finds, with one thread.
+    """Return the mixture of Gaussians that expectation maximisation finds.
 
     Parameters
     ----------
@@ -135,7 +138,8 @@ def word_histograms(descriptors: FloatArray, words: FloatArray, parts: int) -> F
     (n, part, word) ndarray
         Square roots of shares.
     """
-    distance = (words**2).sum(axis=1) - 2 * descriptors @ words.T
+    with blas_on_one_thread():
+        distance = (words**2).sum(axis=1) - 2 * descriptors @ words.T
     nearest = distance.argmin(axis=-1)
     is_word = (nearest[..., None] == np.arange(len(words))).astype(np.float64)
     shares = [part.mean(axis=-2) for part in split_grid(is_word, parts)]
