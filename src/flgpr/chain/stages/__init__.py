@@ -43,6 +43,7 @@ PACKAGED = {
     "map": {
         "deflection": "forms:DeflectionMap",
         "neyman-pearson": "forms:NeymanPearsonMap",
+        "principal-components": "principal_components:ComponentMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
         "likelihood": "likelihood:LikelihoodMap",
@@ -60,6 +61,7 @@ PACKAGED = {
         "visual-words": "patterns:VisualWords",
         "fisher-vectors": "patterns:FisherVectors",
         "roadside": "roadside:RoadsideShare",
+        "time-frequency": "time_frequency:TimeFrequency",
     },
 }
 FloatArray = NDArray[np.float64]
