@@ -60,6 +60,23 @@ def test_an_entry_that_breaks_a_rule_is_named(old, new, fault):
     assert all(line.isprintable() and len(line) < 320 for line in faults)
 
 
+@pytest.mark.parametrize(
+    ("old", "fits", "too_large"),
+    [
+        ("seconds_per_km = 120", "seconds_per_km = 1e9", "seconds_per_km = 1.1e9"),
+        ("training_seconds = 30", "training_seconds = 1e9", "training_seconds = 1.1e9"),
+        ("training_seconds = 30", "peak_mib = 1e9", "peak_mib = 1.1e9"),
+        ("threshold = 0.5", "weights = 70_000_000_000", "weights = 1.1e20"),
+        ("threshold = 0.5", "seed = 9223372036854775807", "seed = -1.1e20"),
+    ],
+)
+def test_numbers_of_real_entries_fit_and_larger_ones_are_refused(old, fits, too_large):
+    assert faults_of(CARD.replace(old, fits)) == []
+    faults = faults_of(CARD.replace(old, too_large))
+    assert len(faults) == 1
+    assert "must lie between -1e+" in faults[0]
+
+
 def test_all_faults_are_found_at_once():
     text = CARD.replace('name = "hand-made"', 'name = "?"').replace("2026-11-20", '"never"')
     text = text.replace("seconds_per_km = 120", "seconds_per_km = -1")
