@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.proving_ground.card import parse_card, printable
+from flgpr.proving_ground.card import parse_card
 from submitted import CARD
 
 
@@ -102,8 +102,3 @@ def test_a_key_that_would_move_the_cursor_is_escaped():
     [fault] = faults_of(CARD.replace("format =", '"\\u001b[2J" = 1\nformat =', 1))
     assert "\x1b" not in fault
     assert "\\x1b" in fault
-
-
-def test_text_that_is_printable_stays_as_it_is():
-    assert printable("Müller, 3 × 4 m²") == "Müller, 3 × 4 m²"
-    assert printable("a\nb\x07") == "a\\nb\\x07"

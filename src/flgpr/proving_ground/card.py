@@ -12,6 +12,7 @@ from flgpr.chain.stages import Table
 from flgpr.door import Folder, parse_toml
 from flgpr.model.bounds import Largest, NotNegative
 from flgpr.model.faults import describe_fault
+from flgpr.model.printable import printable
 from flgpr.store import sha256
 
 CARD = "submission.toml"
@@ -34,14 +35,6 @@ _LONGEST_FAULT = 300  # characters
 _LONGEST_PARAMETER = 300  # characters
 _NOT_PLAIN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of characters that are not seen, or that change what is seen around them."""
-
-
-def printable(text: str) -> str:
-    """Return text in which what is not seen is written as an escape, so that a terminal is safe."""
-    letters = []
-    for letter in text:
-        letters.append(letter if letter.isprintable() else repr(letter)[1:-1])
-    return "".join(letters)
 
 
 def _plain_line(text: str) -> str:
