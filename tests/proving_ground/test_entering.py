@@ -8,7 +8,7 @@ import pytest
 from flgpr.proving_ground import enter_submissions, load_ground, write_leaderboard
 from flgpr.proving_ground.running import SEALED
 from flgpr.store.outputs import BusyError, locked_folder
-from flgpr.trials import read_register
+from grounds import looks
 from robust import digests
 from submitted import CARD, write_ground, write_submission
 
@@ -27,10 +27,6 @@ def entered(tmp_path_factory):
     write_submission(home / "perfect", ground, card=card, share=1)
     text = enter_submissions([home / "mine", home / "perfect"], home / "out", path)
     return home, text
-
-
-def looks(out):
-    return [line["event"] for line in read_register(f"{out / 'lanes' / SEALED}.log.jsonl")]
 
 
 def scores_of(out, entry):
