@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 
@@ -279,6 +280,15 @@ def fitted_to(setup: RadarSetup) -> str:
 
 def _band_text(setup: RadarSetup) -> str:
     return f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
+
+
+def toml_frequency(frequency: float) -> str:
+    """Return a frequency in GHz as TOML, with the fewest digits that give the same number of Hz.
+
+    A tone at the edge of a band stays in it.
+    """
+    gigahertz = Decimal(repr(float(frequency))).scaleb(-9).normalize()
+    return f"{gigahertz:f}e9"
 
 
 def reasons_for(setup: RadarSetup, choice: Choice) -> dict[str, str]:

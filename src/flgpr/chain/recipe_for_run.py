@@ -25,6 +25,7 @@ from flgpr.chain.recipe_choice import (
     pixels_of,
     polarization_of,
     reasons_for,
+    toml_frequency,
     view_x,
     window_of,
 )
@@ -230,7 +231,7 @@ def _text(setup: RadarSetup, choice: Choice) -> str:
     tables = [
         _head(setup),
         _image_table(setup, choice, reasons),
-        _subbands_table(choice, reasons),
+        _subbands_table(setup, choice, reasons),
         _background_table(setup, choice, reasons),
         _run_view_table(setup, choice, reasons),
         _prescreen_table(setup, choice, reasons),
@@ -269,12 +270,17 @@ window = "{window_of(setup)}"  # {reasons["image.window"]}
 {frames}"""
 
 
-def _subbands_table(choice: Choice, reasons: Reasons) -> str:
+def _subbands_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
     """Write the table of the sub-bands."""
     lines = [f"[image.subbands]  # {reasons['image.subbands']}\n"]
     for name, (low, high) in choice.bands.items():
-        lines.append(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]\n")
+        lines.append(f"{name} = [{_edge_text(setup, low)}, {_edge_text(setup, high)}]\n")
     return "".join(lines)
+
+
+def _edge_text(setup: RadarSetup, edge: float) -> str:
+    """Return the edge of a sub-band as TOML: to the bit where it is a tone, else six digits."""
+    return toml_frequency(edge) if edge in setup.tones else f"{edge / 1e9:.6g}e9"
 
 
 def _background_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:

@@ -43,6 +43,7 @@ PACKAGED = {
     "map": {
         "deflection": "forms:DeflectionMap",
         "neyman-pearson": "forms:NeymanPearsonMap",
+        "principal-components": "principal_components:ComponentMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
         "likelihood": "likelihood:LikelihoodMap",
@@ -55,7 +56,12 @@ PACKAGED = {
         "rx": "anomaly:Rx",
         "matched": "anomaly:Matched",
         "network": "network:ChipNetwork",
+        "hog": "patterns:Hog",
+        "lbp": "patterns:Lbp",
+        "visual-words": "patterns:VisualWords",
+        "fisher-vectors": "patterns:FisherVectors",
         "roadside": "roadside:RoadsideShare",
+        "time-frequency": "time_frequency:TimeFrequency",
     },
 }
 FloatArray = NDArray[np.float64]
