@@ -297,3 +297,106 @@ def test_a_stone_is_told_from_a_mine(whole):
             odds[sort].append(stage.parts(image)[1]["mine over stone"][20, 20])
     assert np.median(odds["bodies"]) > 0 > np.median(odds["stones"])
     assert np.mean(np.array(odds["bodies"])[:, None] > odds["stones"]) > 0.9
+
+
+def surveyed(stage, mixing, scans=12, seed=11):
+    """What a survey gathers of speckle that is mixed between polarizations."""
+    rng = np.random.default_rng(seed)
+    images = []
+    for k in range(scans):
+        speckle = np.einsum("pq,qbyx->pbyx", mixing, noise(rng, 4, 2, GRID.ny, GRID.nx))
+        images.append(image_of(speckle, (0.0, 2.0 * k, 2.5, 0.0, 0.0, 0.0)))
+    accumulator = stage.survey(images.__getitem__)
+    for k in range(scans):
+        accumulator.add(k)
+    return accumulator.result()
+
+
+MIXING = np.array([[1.0, 0, 0, 0], [0.9, 0.5, 0, 0], [0, 0, 1.0, 0], [0, 0, 0.9, 0.5]])
+
+
+def test_the_lanes_own_clutter_is_in_the_covariance_by_its_share(whole):
+    stage, _ = whole
+    own = stage_of((stage.setup.run, stage.settings.sensor), stage.learnt, copies=8, own=0.7)
+    assert own.surveys
+    assert not stage.surveys
+    survey = surveyed(own, MIXING)
+    own.setup.results["survey"] = survey
+    metre = 1
+    ground = own._ground(metre)
+
+    def covariance(whitener):
+        back = np.linalg.inv(whitener.astype(complex))
+        return back @ back.conj().T
+
+    size = 72
+    of_lane = survey["covariance"][metre - 1 : metre + 2].sum(axis=0)
+    of_lane *= size / np.trace(of_lane).real
+    want = 0.3 * covariance(stage.learnt["whitener"][metre])
+    want += 0.7 * (of_lane + stage.settings.load * np.eye(size))
+    np.testing.assert_allclose(covariance(ground.whitener), want, atol=1e-3)
+    # The signatures are what they were: of those in the first clutter all power is in the new ones.
+    back = np.linalg.inv(stage.learnt["whitener"][metre].astype(complex))
+    old = ground.whitener @ back @ stage.learnt["signature"][metre].conj().T
+    vectors, share = next(iter(ground.signatures.values()))
+    within = (np.abs(vectors @ old) ** 2).sum(axis=0) / (np.abs(old) ** 2).sum(axis=0)
+    np.testing.assert_allclose(within, 1, atol=1e-3)
+    assert share.sum() == pytest.approx(stage.learnt["share"][metre].sum())
+    assert (np.diff(share) <= 1e-9).all()
+
+
+def test_in_its_own_clutter_a_lane_that_no_training_lane_is_like_has_fewer_likely_places(whole):
+    stage, _ = whole
+    own = stage_of((stage.setup.run, stage.settings.sensor), stage.learnt, copies=8, own=0.9)
+    own.setup.results["survey"] = surveyed(own, MIXING)
+    speckle = noise(np.random.default_rng(12), 4, 2, GRID.ny, GRID.nx)
+    image = image_of(np.einsum("pq,qbyx->pbyx", MIXING, speckle))
+    before = stage.parts(image)[0]["likelihood"]
+    after = own.parts(image)[0]["likelihood"]
+    white = stage.parts(image_of(speckle))[0]["likelihood"]
+    # As many places are likely as in ground that training lanes are like.
+    assert np.quantile(before, 0.95) > np.quantile(white, 0.95) + 1
+    assert np.quantile(after, 0.95) < np.quantile(before, 0.95) - 1
+    np.testing.assert_allclose(
+        sum(own.parts(image)[0].values()) + own.settings.offset, own.map(image), atol=1e-3
+    )
+
+
+def test_a_survey_leaves_out_what_is_most_like_a_mine_and_what_is_beside_the_lane(whole):
+    stage, examples = whole
+    own = stage_of((stage.setup.run, stage.settings.sensor), stage.learnt, copies=8, own=0.5)
+    rng = np.random.default_rng(13)
+    values = noise(rng, 4, 2, GRID.ny, GRID.nx)
+    rows, columns = np.ix_(20 + 2 * np.arange(-1, 2), 20 + 2 * np.arange(-1, 2))
+    body = examples["bodies"][np.abs(examples["ahead"] - 2.0).argmin()].reshape(4, 2, 3, 3)
+    values[:, :, rows, columns] += 20 * body / np.sqrt((np.abs(body) ** 2).mean())
+    image = image_of(values, (0.0, 2.0, 2.5, 0.0, 0.0, 0.0))
+    survey = own.survey(lambda _: image)
+    survey.add(0)
+    found = survey.result()
+    examples_of_all = own.examples(pd.DataFrame({"x": [], "y": []}), lambda _: image)
+    examples_of_all.add(0)
+    everything = examples_of_all.state(True)  # of all places in the lane
+    seen = everything["count"] > 0
+    share = found["count"][seen] / everything["count"][seen]
+    assert ((share > 0.85) & (share < 0.92)).all()
+
+    metre = 2
+    whitener = own.learnt["whitener"][metre]
+    direction = whitener @ body.ravel()
+    direction /= np.linalg.norm(direction)
+
+    def power_along(sums):
+        covariance = whitener @ (sums["covariance"][metre] / sums["count"][metre])
+        return (direction.conj() @ covariance @ whitener.conj().T @ direction).real
+
+    assert power_along(found) < 0.6 * power_along(everything)
+
+
+def test_with_the_lanes_own_clutter_it_does_not_run_live(whole):
+    stage, _ = whole
+    assert LikelihoodMap.why_not_live(stage.settings) == ""
+    own = stage.settings.model_copy(update={"own": 0.5})
+    assert "clutter of the whole lane" in LikelihoodMap.why_not_live(own)
+    with pytest.raises(ValidationError, match="own"):
+        LikelihoodSettings(sensor="sri-array", own=1.0)

@@ -27,7 +27,7 @@ RECIPES = sorted(
     for file in (resources.files("flgpr.chain") / "recipes").iterdir()
     if file.name.endswith(".toml")
 )
-FAR_IMAGES = {"flsar2004", "fuse2018-wang2007", "fused", "wang2007", "wang2007-printed"}
+FAR_IMAGES = {"flsar2004", "fuse2018-wang2007", "fused", "fused3", "wang2007", "wang2007-printed"}
 """Their images end 22 and 26 m ahead; the full-wave array's 7.5 MHz keep 40 m of path apart, for images of 7 m."""
 LONG_SUMS = {"fuse2018"}
 """The earliest of five frames is 4 m behind: 19 m ahead of it with 10 m to the side are 44 m of path."""

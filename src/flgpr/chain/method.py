@@ -45,6 +45,19 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
     passes.append(plan(lane, SelfSignature))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
 
+    # What a map needs to know of the whole lane, such as its clutter.
+    mapper = lane.mapper
+    if mapper is not None and mapper.surveys:
+        passes.append(
+            PlannedPass(
+                "survey",
+                "survey of the lane",
+                lambda _: mapper.survey(lane.cleaned.coherent),
+                ("gain",),
+                all_scans=True,
+            )
+        )
+
     # Cleaned images, or the recipe's map of them, laid over one another on the lane (Sec. II-B).
     passes.append(plan(lane, RunView, PlainRunView))
     if lane.recipe.score.area == "frames":

@@ -141,8 +141,9 @@ class Recipe(Table):
         """Return why the recipe cannot run while scans come in, entry by entry; empty if it can."""
         reasons = {}
         for name, entry in self.named().items():
-            if entry.stage_class.not_live_because:
-                reasons[name] = entry.stage_class.not_live_because
+            reason = entry.stage_class.why_not_live(entry.settings)
+            if reason:
+                reasons[name] = reason
         for name, entry in self.named().items():
             kind = entry.stage_class.kind
             if kind not in ("features", "map"):

@@ -155,6 +155,11 @@ class Stage:
         learnt.take_all()
 
     @classmethod
+    def why_not_live(cls, settings: Any) -> str:  # noqa: ARG003
+        """Return why it cannot work while scans come in; "" if it can."""
+        return cls.not_live_because
+
+    @classmethod
     def margin(cls, settings: Any) -> float:  # noqa: ARG003
         """Return how far along the lane from an alarm it depends on the run-view, m."""
         return 0.0
@@ -269,6 +274,19 @@ class MapStage(Stage):
         -------
         (y, x) ndarray
             NaN where it says nothing.
+        """
+        raise NotImplementedError
+
+    @property
+    def surveys(self) -> bool:
+        """Whether it goes through all scans of a lane before its first map."""
+        return False
+
+    def survey(self, image: Callable[[int], xr.DataArray]) -> Accumulator:
+        """Return what gathers, scan by scan, what maps need to know of the whole lane.
+
+        Its result is that of the pass "survey". ``image`` returns the cleaned image of the scan at
+        an index.
         """
         raise NotImplementedError
 

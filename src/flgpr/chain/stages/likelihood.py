@@ -34,6 +34,7 @@ from flgpr.model.bounds import Spacing
 
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
 _DARK = 0.05  # of the background's power: a darker chip counts no more
+_LIKELY = 0.1  # of the chips of a scan, those most like a mine, are no clutter of the lane
 # Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression,
 # docs/evidence/fused.md.
 _RIVAL = (0.32, -0.87)
@@ -49,7 +50,8 @@ class LikelihoodSettings(Table):
     ``step`` apart. Clutter is learnt beyond ``clear`` of all targets. ``rank`` is the number of
     signature vectors, ``load`` the share of the mean power that is added to the covariance's
     diagonal, ``ratios`` are the powers of a signature in whitened clutter over which the likelihood
-    is averaged.
+    is averaged. ``own`` is the share of the lane's own clutter in the covariance; the rest is that
+    of the training lanes.
 
     The contrast of these ``polarizations``, the power over the half width ``inner`` against that of
     the ring from ``guard`` to ``outer``, dB, is added ``level`` times. ``blur`` is the standard
@@ -68,6 +70,7 @@ class LikelihoodSettings(Table):
     clear: Positive = 1.2
     rank: Annotated[int, Field(ge=1)] = 12
     load: Positive = 1e-3
+    own: Annotated[float, Field(ge=0, lt=1)] = 0.0
     ratios: tuple[Positive, ...] = Field((3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), min_length=1)
     level: Annotated[float, Field(ge=0)] = 2.0
     polarizations: tuple[str, ...] = Field(("HH", "VV"), min_length=1)
@@ -116,6 +119,13 @@ class _Group(NamedTuple):
     ahead: str  # examples: how far ahead each lies
 
 
+class _Ground(NamedTuple):
+    """What chips of one metre ahead are whitened by, and the signatures in whitened clutter."""
+
+    whitener: ComplexArray  # (value, value)
+    signatures: dict[_Group, tuple[ComplexArray, FloatArray]]  # conjugate vectors, and shares
+
+
 _MINES = _Group("signature", "share", "bodies", "ahead")
 _STONES = _Group("stone", "stone_share", "stones", "stones_ahead")
 
@@ -135,6 +145,10 @@ class LikelihoodMap(MapStage):
     in compound-Gaussian clutter", IEEE Trans. Aerosp. Electron. Syst. 31 (1995); the powers and the
     subspace are ours. R is learnt by metre ahead, every chip over its own power; S rests on no
     measured mine. The looks' mean is the run-view's, ``look = "mean"``.
+
+    With ``own`` = a, R is (1 - a) R of the training lanes + a R of the lane itself, which is of
+    unit power, too. It is of the chips in the lane, of a metre and of those before and after it, but
+    for the tenth of every scan that is most like a mine. S stays that of the training lanes.
     """
 
     learns = True
@@ -159,6 +173,7 @@ class LikelihoodMap(MapStage):
         self._between_rows = _between(self._rows, grid.ny)
         self._between_columns = _between(self._columns, grid.nx).T
         self._bands: dict[tuple[int, int], _BandSignatures] = {}
+        self._grounds: dict[int, _Ground] = {}
 
     @classmethod
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:
@@ -176,6 +191,42 @@ class LikelihoodMap(MapStage):
                 )
             learnt.array(group.signature, (metres, rank, size), np.complex64)
 
+    @classmethod
+    def why_not_live(cls, settings: Any) -> str:
+        """Return why it cannot work while scans come in; "" if it can."""
+        if settings.own:
+            return "it compares with the clutter of the whole lane"
+        return cls.not_live_because
+
+    @property
+    def surveys(self) -> bool:
+        """Whether it learns the clutter of the lane before its first map."""
+        return bool(self.settings.own)
+
+    def survey(self, image: Callable[[int], xr.DataArray]) -> Accumulator:
+        """Return what sums the covariance of the lane's own clutter, by metre ahead.
+
+        Every chip is over its own power. The tenth of the chips of a scan and a metre that is most
+        like a mine by the training lanes' clutter is left out.
+        """
+        sums = self._no_sums()
+        metre = self._metre(self.setup.images.y[self._rows])
+
+        def add(index: int) -> None:
+            scan_image = image(index)
+            _, in_lane = self._places(scan_image)
+            chips = self._chips(scan_image.values)
+            for number in np.unique(metre):
+                some = chips[in_lane & (metre == number)[:, None]]
+                if not len(some):
+                    continue
+                ground = self._learnt_ground(int(number))
+                likelihood = self._ratio(some @ ground.whitener.T, ground, _MINES)
+                ordinary = likelihood <= np.quantile(likelihood, 1 - _LIKELY)
+                self._add_clutter(sums, int(number), some[ordinary])
+
+        return sum_accumulator(sums, add)
+
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Return the log-likelihood ratio (y, x) with the contrast and ``offset`` added."""
         table = self.settings
@@ -183,8 +234,9 @@ class LikelihoodMap(MapStage):
         metre = self._metre(self.setup.images.y[self._rows])
         value = np.empty(chips.shape[:2])
         for number in np.unique(metre):
-            white = chips[metre == number] @ self.learnt["whitener"][number].T
-            value[metre == number] = self._ratio(white, _MINES, number)
+            ground = self._ground(int(number))
+            white = chips[metre == number] @ ground.whitener.T
+            value[metre == number] = self._ratio(white, ground, _MINES)
         total = self._interpolated(value) + table.offset
         if table.level:
             contrast = contrasts(self._contrast_channels(image), table)
@@ -226,22 +278,68 @@ class LikelihoodMap(MapStage):
     def _ratios(
         self, chips: ComplexArray, metre: int, subbands: Sequence[str]
     ) -> dict[str, FloatArray]:
-        """Return all log-likelihood ratios of the chips of a metre, by name."""
-        white = chips @ self.learnt["whitener"][metre].T
-        ratios = {"likelihood": self._ratio(white, _MINES, metre)}
+        """Return all log-likelihood ratios of the chips of a metre, by name.
+
+        Those of a sub-band alone are by the clutter of the training lanes.
+        """
+        ground = self._ground(metre)
+        white = chips @ ground.whitener.T
+        ratios = {"likelihood": self._ratio(white, ground, _MINES)}
         for number, name in enumerate(subbands):
             band = self._band(metre, number, len(subbands))
             band_white = chips[..., band.values] @ band.whitener.T
             ratios[name] = ratio(band_white, band.vectors, band.share, self.settings.ratios)
-        if _STONES.signature in self.learnt:
-            stone = self._ratio(white, _STONES, metre)
+        if _STONES in ground.signatures:
+            stone = self._ratio(white, ground, _STONES)
             ratios["mine over stone"] = _RIVAL[0] * (ratios["likelihood"] - stone) + _RIVAL[1]
         return ratios
 
-    def _ratio(self, white: ComplexArray, group: _Group, metre: int) -> FloatArray:
+    def _ratio(self, white: ComplexArray, ground: _Ground, group: _Group) -> FloatArray:
         """Return the log-likelihood ratio of whitened chips of a metre, for a group of bodies."""
-        vectors = self.learnt[group.signature][metre]
-        return ratio(white, vectors, self.learnt[group.share][metre], self.settings.ratios)
+        vectors, share = ground.signatures[group]
+        return ratio(white, vectors, share, self.settings.ratios)
+
+    def _ground(self, metre: int) -> _Ground:
+        """Return what the chips of a metre are compared with."""
+        if metre not in self._grounds:
+            ground = self._learnt_ground(metre)
+            if self.settings.own:
+                ground = self._adapted(ground, metre)
+            self._grounds[metre] = ground
+        return self._grounds[metre]
+
+    def _learnt_ground(self, metre: int) -> _Ground:
+        """Return what was learnt of a metre on the training lanes."""
+        signatures = {}
+        for group in (_MINES, _STONES):
+            if group.signature in self.learnt:
+                vectors = self.learnt[group.signature][metre]
+                signatures[group] = (vectors, self.learnt[group.share][metre])
+        return _Ground(self.learnt["whitener"][metre], signatures)
+
+    def _adapted(self, ground: _Ground, metre: int) -> _Ground:
+        """Return the ground of a metre with the lane's own clutter in it."""
+        survey = self.setup.results["survey"]
+        near = slice(max(metre - 1, 0), metre + 2)
+        own = survey["covariance"][near].sum(axis=0)
+        power = np.trace(own).real
+        if not power > 0:
+            return ground  # the lane shows nothing there
+        size = len(own)
+        share = self.settings.own
+        own = own * (size / power) + self.settings.load * np.eye(size)
+        back = np.linalg.inv(ground.whitener.astype(complex))
+        whitener = np.linalg.inv(
+            np.linalg.cholesky((1 - share) * back @ back.conj().T + share * own)
+        )
+        signatures = {}
+        for group, (vectors, shares) in ground.signatures.items():
+            # The mean signature is what it was; in other clutter it has other directions.
+            strong = whitener @ back @ (vectors.conj().T * np.sqrt(shares))
+            left, strength, _ = np.linalg.svd(strong, full_matrices=False)
+            new_shares = strength**2 * (shares.sum() / (strength**2).sum())
+            signatures[group] = (_single(left.T.conj()), new_shares)
+        return _Ground(_single(whitener), signatures)
 
     def _interpolated(self, value: FloatArray) -> FloatArray:
         """Return values at the middles of chips, interpolated to all pixels."""
@@ -287,33 +385,21 @@ class LikelihoodMap(MapStage):
 
         Signatures are in units of this lane's background.
         """
-        grid = self.setup.images
-        lane = self.setup.lane
         targets = truth[["x", "y"]].to_numpy(dtype=np.float64)
-        ahead, across = np.meshgrid(grid.y[self._rows], grid.x[self._columns], indexing="ij")
-        pixels = np.stack([across, ahead, np.zeros_like(ahead)], axis=-1)
-        metre = self._metre(ahead)
-        size = 9 * len(self.setup.imaged) * len(self.setup.imager.subbands)
+        metre = self._metre(self.setup.images.y[self._rows])
         sensor = sensor_of(self.setup, self.settings.sensor, self.settings.antennas)
-        sums: Arrays = {
-            "covariance": np.zeros((self._metres, size, size), complex),
-            "count": np.zeros(self._metres),
-        }
+        sums = self._no_sums()
 
         def add(index: int) -> None:
             scan_image = image(index)
-            ground = scan_to_lane(pixels, np.asarray(scan_image.attrs["pose"]))[..., :2]
+            ground, in_lane = self._places(scan_image)
             distances = np.linalg.norm(ground[..., None, :] - targets, axis=-1)
             to_target = distances.min(axis=-1, initial=np.inf)
-            in_lane = lane.contains(ground[..., 0], ground[..., 1])
             free = in_lane & (to_target > self.settings.clear)
             chips = self._chips(scan_image.values)
-            for number in np.unique(metre[free]):
-                samples = chips[free & (metre == number)].astype(complex)
-                power = (np.abs(samples) ** 2).mean(axis=1, keepdims=True)
-                samples /= np.sqrt(np.maximum(power, _DARK))
-                sums["covariance"][number] += samples.T @ samples.conj()
-                sums["count"][number] += len(samples)
+            for number in np.unique(metre[free.any(axis=1)]):
+                at_metre = free & (metre == number)[:, None]
+                self._add_clutter(sums, int(number), chips[at_metre])
 
         return sum_accumulator(sums, add, lambda: sums | self._simulated(sensor))
 
@@ -362,6 +448,30 @@ class LikelihoodMap(MapStage):
             array = np.array(by_metre)
             arrays[name] = array.astype(np.complex64) if np.iscomplexobj(array) else array
         return arrays, notes
+
+    def _no_sums(self) -> Arrays:
+        """Return the empty sums of a covariance by metre ahead."""
+        size = 9 * len(self.setup.imaged) * len(self.setup.imager.subbands)
+        return {
+            "covariance": np.zeros((self._metres, size, size), complex),
+            "count": np.zeros(self._metres),
+        }
+
+    def _add_clutter(self, sums: Arrays, metre: int, chips: ComplexArray) -> None:
+        """Add chips (chip, value) of a metre to the sums, each over its own power."""
+        samples = chips.astype(complex)
+        power = (np.abs(samples) ** 2).mean(axis=1, keepdims=True)
+        samples /= np.sqrt(np.maximum(power, _DARK))
+        sums["covariance"][metre] += samples.T @ samples.conj()
+        sums["count"][metre] += len(samples)
+
+    def _places(self, image: xr.DataArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return where the chips (row, column) of an image lie, m, and whether in the lane."""
+        grid = self.setup.images
+        ahead, across = np.meshgrid(grid.y[self._rows], grid.x[self._columns], indexing="ij")
+        pixels = np.stack([across, ahead, np.zeros_like(ahead)], axis=-1)
+        ground = scan_to_lane(pixels, np.asarray(image.attrs["pose"]))[..., :2]
+        return ground, self.setup.lane.contains(ground[..., 0], ground[..., 1])
 
     def _metre(self, y: NDArray[Any]) -> NDArray[np.int64]:
         """Return how many whole metres y (m, scan frame) lies from the image's near border."""
