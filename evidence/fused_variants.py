@@ -1044,7 +1044,7 @@ def try_chips(bench: Bench) -> None:
         everywhere = Looks(
             lane.place, lane.metre, lane.weight, lane.chip, rings[id(lane)], lane.places
         )
-        p = network.predict_proba(inputs(everywhere, clutter, directions))[:, 1]
+        p = network.predict_proba(inputs(everywhere, clutter, directions))[:, 1].astype(float)
         p = np.clip(p, 1e-9, 1 - 1e-9)
         return lane.mean(np.log(p) - np.log1p(-p))
 
