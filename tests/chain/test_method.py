@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -62,6 +63,28 @@ def test_passes_stand_in_the_order_of_the_paper_and_name_what_they_need(setup):
         known.add(planned.name)
     assert [planned.name for planned in passes if planned.all_scans] == ["signature", "gain"]
     assert [planned.name for planned in passes if planned.needs_no_scans] == ["alarms"]
+
+
+def test_a_map_surveys_the_whole_lane_before_the_first_map(run, recipe, setup):
+    other = LaneSetup(run, recipe, LANE, results=dict(setup.results))
+
+    def survey(image):
+        sums = {"power": np.zeros(1)}
+
+        def add(index):
+            sums["power"] += (np.abs(image(index).values) ** 2).mean()
+
+        return sum_accumulator(sums, add)
+
+    other.mapper = SimpleNamespace(surveys=True, survey=survey)
+    passes = {planned.name: planned for planned in passes_of(other)}
+    assert list(passes) == ["signature", "gain", "survey", *ORDER[2:]]
+    assert passes["survey"].all_scans
+    assert passes["survey"].needs == ("gain",)
+    engine_of(other).run(names=("survey",))
+    images = [other.cleaned.coherent(index).values for index in range(len(other.imager))]
+    powers = [(np.abs(image) ** 2).mean() for image in images]
+    assert other.results["survey"]["power"][0] == pytest.approx(sum(powers), rel=1e-5)
 
 
 def test_an_engine_refuses_a_pass_before_what_it_needs():
