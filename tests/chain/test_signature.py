@@ -31,7 +31,7 @@ def test_every_scan_has_a_gain_and_every_pixel_a_signature(one_block):
 def test_a_scan_that_is_twice_as_strong_has_twice_the_gain():
     """Everything in the data is linear, and Eq. 2 divides every image by its gain."""
     lane = setup()
-    for image in (lane.image(4), lane.image(7)):
+    for image in (lane.images.scan_image(4), lane.images.scan_image(7)):
         doubled = SelfSignature(lane, range(0, 2))
         doubled.add(Shown(image.values))
         doubled.add(Shown(2 * image.values))
@@ -45,5 +45,5 @@ class Shown:
     def __init__(self, values):
         self.values = values
 
-    def raw_image(self):
+    def whole_image(self):
         return self.values

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.chain.engine import PlannedPass
+from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Model
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_tables import ImageTable
@@ -77,6 +78,8 @@ class RunImages:
         What stages are given.
     plain : bool
         Whether images are those of the run's own scans: nothing is cleaned or summed.
+    in_memory : bool
+        Whether images stay in memory once they are made.
     """
 
     def __init__(
@@ -110,6 +113,16 @@ class RunImages:
         self._data = self._raw
         self._add_clutter_stages(recipe, model)
         self.plain = not self.stages and self.frames == 1
+        self.in_memory = self._fits_memory(len(imaged) * len(table.subbands))
+        self._made: dict[int, xr.DataArray] = {}  # images in memory, by index of the scan
+
+    def _fits_memory(self, channels: int) -> bool:
+        """Return whether images may stay in memory.
+
+        The image of an aperture takes long to make, and is the only one of its run.
+        """
+        grid = self.imager.grid
+        return len(self.imager) == 1 and 8 * channels * grid.nx * grid.ny <= CACHE
 
     def _add_clutter_stages(self, recipe: Recipe, model: Model) -> None:
         """Make the recipe's clutter stages, each of which reads what the one before it leaves."""
@@ -131,17 +144,13 @@ class RunImages:
             passes += stage.passes()
         return passes
 
-    def image(
-        self, index: int, data: ComplexArray | None = None, rows: int | None = None
-    ) -> xr.DataArray:
+    def scan_image(self, index: int, rows: int | None = None) -> xr.DataArray:
         """Return the image of a scan, the coherent mean of the last scans up to it.
 
         Parameters
         ----------
         index : int
             Index of the scan among the complete ones.
-        data : (polarization, pair, frequency) ndarray of complex, optional
-            Data in place of the scan's own, where images are plain.
         rows : int, optional
             The nearest rows that are needed; by default all. There may be more.
 
@@ -150,9 +159,17 @@ class RunImages:
         (polarization, subband, y, x) DataArray of complex
             With the scan's number and pose.
         """
+        if not self.in_memory:
+            return self._make_image(index, rows)
+        if index not in self._made:
+            self._made[index] = self._make_image(index)
+        return self._made[index]
+
+    def _make_image(self, index: int, rows: int | None = None) -> xr.DataArray:
+        """Compute the image of a scan, as of :meth:`scan_image`."""
         scan = int(self.imager.scans[index])
         if self.plain:
-            return self.imager.image(scan, data, rows)
+            return self.imager.image(scan, rows=rows)
         frames = self._data(index, self.frames)[:, self.setup.imaged]
         if len(frames) == 1:
             return self.imager.image(scan, frames[0], rows)

@@ -49,7 +49,7 @@ class SmoothGain(_GainBackground):
 
     def add(self, scan: LaneScan) -> None:
         """Add a scan's smoothed magnitude, the self-signature subtracted."""
-        self._estimator.add_gain(scan.raw_image(self._rows))
+        self._estimator.add_gain(scan.whole_image(self._rows))
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the sum of the smoothed magnitudes."""
@@ -81,7 +81,7 @@ class RowGain(_GainBackground):
 
     def add(self, scan: LaneScan) -> None:
         """Add the medians of a scan's rows."""
-        image = scan.raw_image(self._rows)[..., : self._rows, :]
+        image = scan.whole_image(self._rows)[..., : self._rows, :]
         gain = self._first["gains"][scan.index][..., None, None]
         magnitude = np.abs(image / gain - self._first["signature"])
         self._total += np.median(magnitude[..., self._near], axis=-1, keepdims=True)

@@ -36,7 +36,7 @@ class SelfSignature(Pass):
 
     def add(self, scan: LaneScan) -> None:
         """Add a scan's whole image: its gain is that of all of it."""
-        self._estimator.add_signature(scan.raw_image())
+        self._estimator.add_signature(scan.whole_image())
 
     def state(self, exact: bool) -> Arrays:
         """Return the totals of Eq. 2 and the gains of the scans so far."""
