@@ -19,7 +19,8 @@ from flgpr.chain.engine import Engine
 from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import WorkError, begin
 from flgpr.execution.driver import detect_lane, passes_of_lane
-from flgpr.execution.workers import InProcess, LostWorkersError, Processes, do_block
+from flgpr.execution.pieces import do_block
+from flgpr.execution.workers import InProcess, LostWorkersError, Processes
 from flgpr.imaging import ScanImager
 from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job

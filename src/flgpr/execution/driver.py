@@ -2,8 +2,8 @@
 
 A caller makes a job. :func:`plan_lane` opens its lane and refuses what does not fit;
 :func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
-nothing: the pieces of work (``execution/workers.py``) are done by whoever the executor asks. An
-interrupted detection resumes.
+nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks
+(``execution/workers.py``). An interrupted detection resumes.
 """
 
 from __future__ import annotations
@@ -38,15 +38,8 @@ from flgpr.execution.job import (
     lasting_identity,
     open_lane,
 )
-from flgpr.execution.workers import (
-    Executor,
-    OnReport,
-    Report,
-    do_block,
-    do_finish,
-    do_merge,
-    ignore_report,
-)
+from flgpr.execution.pieces import do_block, do_finish, do_merge
+from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
 from flgpr.results.sections import results_at, section_names, write_sections
