@@ -22,7 +22,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import AlarmSums
+from flgpr.chain.alarm_sums import AlarmSums
 from flgpr.chain.engine import Arrays
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, course_lane

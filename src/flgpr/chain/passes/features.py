@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import AlarmSums
+from flgpr.chain.alarm_sums import AlarmSums
 from flgpr.chain.cache_key import features_key
 from flgpr.chain.engine import Arrays
 from flgpr.chain.lane_scan import LaneScan
