@@ -147,7 +147,7 @@ def bare_job(tmp_path):
 
 @pytest.fixture
 def work(bare_job):
-    with begin(bare_job.work, bare_job.identity()) as opened:
+    with begin(bare_job.work, bare_job.identity) as opened:
         yield opened
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flgpr.execution.job import make_job, processor
-from flgpr.execution.pieces import do_block, report
+from flgpr.execution.pieces import do_block, open_lane, report
 from flgpr.store import save_run
 from small_lane import LANE, small_recipe, small_run
 
@@ -29,6 +29,11 @@ def test_a_worker_without_the_work_folder_names_it(job):
         ValueError, match=r"must see the work folder of the driver, got no .*\.work"
     ):
         do_block(job, "signature", 0)
+
+
+def test_another_run_at_the_path_of_the_drivers_is_refused(job):
+    with pytest.raises(ValueError, match="must see the run of the driver, got another at"):
+        open_lane(replace(job, store_sha256="other"))
 
 
 def test_a_report_counts_from_the_clocks_at_the_beginning():

@@ -28,17 +28,10 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
-from flgpr.execution.checkpoint import Checkpoint, finish
-from flgpr.execution.job import (
-    LaneJob,
-    begin_work,
-    holds_result,
-    is_done,
-    is_whole,
-    lasting_identity,
-    open_lane,
-)
-from flgpr.execution.pieces import do_block, do_finish, do_merge
+from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
+from flgpr.execution.finished import holds_result, is_done, is_whole
+from flgpr.execution.job import LaneJob
+from flgpr.execution.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
@@ -173,10 +166,9 @@ def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
     runner : PassRunner
         Runs the passes.
     """
-    with begin_work(job) as work:
+    with work_until_done(job) as work:
         runner.run(job, work, passes_to_run(job, lane))
         runner.finish(job)
-        finish(job.work)
 
 
 @contextmanager
@@ -354,7 +346,7 @@ def run_sections(
     gathering = job.folder.with_name(f"{job.name}.sections")
     names = section_names(len(sections))
     folders = [job.folder / name for name in names]
-    with begin_work(job, sections) as shared:
+    with work_until_done(job, sections) as shared:
         stopped_after_last_step = (
             "threshold" in shared
             and not gathering.exists()
@@ -362,7 +354,6 @@ def run_sections(
             and results_at(job.folder) == folders
         )
         if stopped_after_last_step:
-            finish(job.work)
             return folders
 
         _prepare(gathering, names if len(shared) else ())
@@ -376,7 +367,6 @@ def run_sections(
         for section_job in section_jobs:
             _finish_section(lane, section_job, threshold, runner)
         _bring_together(job, gathering, names)
-        finish(job.work)
     return folders
 
 
@@ -427,12 +417,11 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
     if is_done(job):
         return
     label = f"{job.name}: "
-    with begin_work(job) as work:
+    with work_until_done(job) as work:
         passes = passes_to_run(job, _section_of(lane, job, work))
         own_passes = [item for item in passes if not item.all_scans]
         runner.run(job, work, own_passes, label)
         runner.finish(job, label)
-        finish(job.work)
 
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:
@@ -462,7 +451,7 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
     alarms = alarms.sort_values("confidence", ascending=False, kind="stable")
     write_table(alarms, gathering / "alarms.csv")
     write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
-    write_sections(gathering, names, lasting_identity(job))
+    write_sections(gathering, names, job.lasting_identity)
     replace_folder(gathering, job.folder)
 
 

@@ -15,20 +15,26 @@ from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any
 
+import pandas as pd
+
 from flgpr import system
 from flgpr.chain.engine import Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import trained_on
+from flgpr.chain.model import Model, load_model, read_model, trained_on
+from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.searched import searched_ground
 from flgpr.chain.sections import section_lane, section_note
+from flgpr.door import read_named
 from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint
-from flgpr.execution.job import LaneJob, code_versions, open_lane, processor
+from flgpr.execution.job import LaneJob, code_versions, processor
 from flgpr.execution.workers import Report
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
+from flgpr.store import open_run, read_manifest, sha256
+from flgpr.store.tables import parse_table
 
 _OPENING = threading.Lock()
 _ONE_AT_A_TIME = threading.Lock()
@@ -174,6 +180,73 @@ def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
     """Open what a job names; the latest ones stay open, as a process does many pieces of a job."""
     lane, work = open_lane(job)
     return lane, engine_of(lane), work
+
+
+# What a job names, opened: by the driver and by every worker
+
+
+def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
+    """Open the run, the model and the truth that a job names, as the driver saw them.
+
+    Returns
+    -------
+    lane : LaneSetup
+        The lane. It reads the results of passes in the work folder, those that sections share
+        included.
+    work : Checkpoint
+        The work folder, which need not be there yet.
+
+    Raises
+    ------
+    ValueError
+        If this process sees others, or the recipe does not fit.
+    """
+    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
+        if read_manifest(path)["sha256"] != digest:
+            raise ValueError(
+                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
+                f"{path}"
+            )
+    work = Checkpoint(job.work, job.largest)
+    model = None if job.model is None else _model_of(job, job.model)
+    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    truth = _truth_of(job) if job.truth[0] else None
+    lane = LaneSetup(
+        run=open_run(job.run, job.max_memory),
+        recipe=parse_recipe(job.recipe),
+        lane=Lane(*job.lane),
+        model=model,
+        results=work.with_shared(job.shared),
+        section=job.section,
+        others=others,
+        truth=truth,
+        explains=job.explains,
+    )
+    return lane, work
+
+
+def _model_of(job: LaneJob, folder: str) -> Model:
+    """Load the model of a job."""
+    if sha256(read_model(folder)) != job.model_sha256:
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the model of the driver, got another at "
+            f"{folder}"
+        )
+    return load_model(folder, job.model_sha256)
+
+
+def _truth_of(job: LaneJob) -> pd.DataFrame:
+    """Read the targets of a training lane."""
+    path, digest = job.truth
+    data = read_named(path)
+    if sha256(data) != digest:
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
+        )
+    return parse_table(data, "truth", path)
+
+
+# Reports
 
 
 def _now() -> _Clocks:
