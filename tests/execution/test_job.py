@@ -65,20 +65,6 @@ def test_the_identity_changes_with_what_bits_depend_on(job, change, differs):
     assert (replace(job, **change).identity != job.identity) is differs
 
 
-def test_a_pass_is_shared_by_name_only_with_a_pass_cache(job, tmp_path):
-    depends_on = {"recipe": "what the pass reads of it"}
-    assert job.cached_name("signature", depends_on) is None
-    cached = replace(job, pass_cache=str(tmp_path), output=str(tmp_path / "a"))
-    assert cached.cached_name("signature", None) is None
-    name = cached.cached_name("signature", depends_on)
-    assert len(name) == 32
-    other = replace(cached, output=str(tmp_path / "b"), recipe="other")
-    assert other.cached_name("signature", depends_on) == name
-    assert cached.cached_name("gain", depends_on) != name
-    assert cached.cached_name("signature", {}) != name
-    assert replace(cached, store_sha256="other").cached_name("signature", depends_on) != name
-
-
 def test_what_lasts_of_an_identity_leaves_out_program_and_machine(job):
     assert set(job.lasting_identity) == {"run", "recipe", "lane", "model", "others"}
     assert job.lasting_identity == replace(job, cpu="other", code=()).lasting_identity

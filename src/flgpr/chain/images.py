@@ -94,10 +94,15 @@ class RunImages:
         table = recipe.image
         labels = [str(label) for label in run["polarization"].values]
         imaged = list(table.polarizations) or labels
-        source = imager_of(run, table)
-        self.imager = source if imaged == labels else imager_of(run, table, polarizations=imaged)
         self.frames = table.summed
         self.grid = recipe.near_grid()
+        source = imager_of(run, table)
+        self.imager = source if imaged == labels else imager_of(run, table, polarizations=imaged)
+        # The image of an aperture takes long to make, and is the only one of its run.
+        pixels = self.imager.grid.nx * self.imager.grid.ny
+        image_bytes = 8 * len(imaged) * len(table.subbands) * pixels
+        self.in_memory = len(self.imager) == 1 and image_bytes <= CACHE
+        self._made: dict[int, xr.DataArray] = {}  # images in memory, by index of the scan
         self.setup = Setup(
             run=run,
             others=others,
@@ -113,16 +118,6 @@ class RunImages:
         self._data = self._raw
         self._add_clutter_stages(recipe, model)
         self.plain = not self.stages and self.frames == 1
-        self.in_memory = self._fits_memory(len(imaged) * len(table.subbands))
-        self._made: dict[int, xr.DataArray] = {}  # images in memory, by index of the scan
-
-    def _fits_memory(self, channels: int) -> bool:
-        """Return whether images may stay in memory.
-
-        The image of an aperture takes long to make, and is the only one of its run.
-        """
-        grid = self.imager.grid
-        return len(self.imager) == 1 and 8 * channels * grid.nx * grid.ny <= CACHE
 
     def _add_clutter_stages(self, recipe: Recipe, model: Model) -> None:
         """Make the recipe's clutter stages, each of which reads what the one before it leaves."""

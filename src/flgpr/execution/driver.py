@@ -8,7 +8,6 @@ nothing: the pieces of work (``execution/pieces.py``) are done by whoever the ex
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -27,10 +26,10 @@ from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
-from flgpr.door import Folder
 from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
 from flgpr.execution.finished import holds_result, is_done, is_whole
 from flgpr.execution.job import LaneJob
+from flgpr.execution.pass_cache import PassCache
 from flgpr.execution.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
@@ -40,9 +39,6 @@ from flgpr.store import lane_text, open_run, write_table
 from flgpr.store.files import listed_files, replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 from flgpr.store.tables import parse_own_table
-
-_COSTS = ("seconds", "processor_seconds")
-"""Entries of reports that add up."""
 
 
 @dataclass(frozen=True)
@@ -268,15 +264,19 @@ class PassRunner:
 
     def _run_pass(self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str) -> None:
         """Do one pass: its blocks and then their merge, unless another recipe left its result."""
-        shared = job.cached_name(planned.name, planned.cache_key())
-        if shared is not None and self._take(job, work, planned.name, shared):
-            return
+        cache = PassCache(job)
+        shared_name = cache.name_of(planned.name, planned.cache_key())
+        if shared_name is not None:
+            cost = cache.take(shared_name, work, planned.name)
+            if cost is not None:
+                self.note(cost)
+                return
         reports = self._gather(job, work, planned, label)
         for report in self.executor.run(do_merge, [(job, planned.name, tuple(planned.numbers))]):
             self.note(report)
             reports.append(report)
-        if shared is not None:
-            self._leave(job, work, planned.name, shared, reports)
+        if shared_name is not None:
+            cache.leave(shared_name, work, planned.name, reports)
 
     def _gather(
         self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str
@@ -292,27 +292,6 @@ class PassRunner:
                 self.note(report)
                 reports.append(report)
         return reports
-
-    def _take(self, job: LaneJob, work: Checkpoint, name: str, shared: str) -> bool:
-        """Take the result of a pass from the pass cache, and report what it cost the first job."""
-        if not work.take(Checkpoint(Path(job.pass_cache), job.largest), shared, name):
-            return False
-        report = Folder(job.pass_cache).json(f"{shared}.json")
-        self.note(report | {"lane": job.name})
-        return True
-
-    def _leave(
-        self, job: LaneJob, work: Checkpoint, name: str, shared: str, reports: Sequence[Report]
-    ) -> None:
-        """Leave the result of a pass in the pass cache, with what it cost."""
-        folder = Path(job.pass_cache)
-        folder.mkdir(parents=True, exist_ok=True)
-        cost = dict(reports[-1])
-        for entry in _COSTS:
-            cost[entry] = sum(report[entry] for report in reports)
-        cost["peak_bytes"] = max(report["peak_bytes"] for report in reports)
-        write_whole(folder / f"{shared}.json", json.dumps(cost))
-        Checkpoint(folder, job.largest).take(work, name, shared)
 
 
 # A lane in sections: a folder with a result folder per section, ``alarms.csv`` with all alarms

@@ -25,7 +25,6 @@ from flgpr.door import read_named
 from flgpr.model import Lane
 from flgpr.store import (
     MAX_MEMORY,
-    canonical_json,
     open_run,
     read_lane,
     read_manifest,
@@ -36,7 +35,6 @@ from flgpr.store.tables import lane_file_of
 PathLike = str | Path
 WORK_SUFFIX = ".work"
 """Ending of the work folder beside an output."""
-_PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 
 
@@ -62,7 +60,7 @@ class LaneJob:
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True  #: whether what explains alarms is gathered
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
-    #: folder of passes that jobs of other recipes share, see :meth:`cached_name`; "" for none
+    #: folder of passes that jobs of other recipes share (``execution/pass_cache.py``); "" for none
     pass_cache: str = ""
 
     @property
@@ -117,28 +115,6 @@ class LaneJob:
         """
         identity = self.identity
         return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
-
-    def cached_name(self, name: str, depends_on: Mapping[str, Any] | None) -> str | None:
-        """Return the name that the result of a pass has in the pass cache.
-
-        Parameters
-        ----------
-        name : str
-            Name of the pass.
-        depends_on : mapping or None
-            What of the recipe its result depends on; None if no other recipe can use the result.
-
-        Returns
-        -------
-        str or None
-            The name; None if the result is not shared.
-        """
-        if not self.pass_cache or depends_on is None:
-            return None
-        identity = self.identity
-        context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
-        context["layout"] = _PASS_CACHE_LAYOUT
-        return sha256(canonical_json([context, name, depends_on]))[:32]
 
 
 def choose_lane(
