@@ -39,6 +39,14 @@ def test_plain_images_are_those_of_the_imager():
     np.testing.assert_array_equal(images.scan_image(2).values, images.imager.image(2).values)
 
 
+def test_the_nearest_rows_of_an_image_are_those_of_all_of_it():
+    images = images_of()
+    whole = images.scan_image(2).values
+    near = images.scan_image(2, rows=5).values
+    assert near.shape[-2] >= 5
+    np.testing.assert_array_equal(near[..., :5, :], whole[..., :5, :])
+
+
 def test_only_the_polarizations_of_the_recipe_are_imaged():
     images = images_of(polarizations=("VV", "HH"))
     assert list(images.scan_image(0)["polarization"].values) == ["VV", "HH"]

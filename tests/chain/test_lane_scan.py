@@ -27,20 +27,12 @@ def test_number_pose_and_gain_are_those_of_its_scan(lane):
     np.testing.assert_array_equal(scan.gain, lane.results["gain"]["gains"][4])
 
 
-def test_the_nearest_rows_of_a_whole_image_are_those_of_all_of_it(lane):
-    scan = LaneScan(lane, 2)
-    whole = scan.whole_image()
-    near = scan.whole_image(5)
-    assert near.shape[-2] >= 5
-    np.testing.assert_array_equal(near[..., :5, :], whole[..., :5, :])
-
-
 def test_an_image_is_made_once_and_reaches_as_far_as_counts(lane):
     scan = LaneScan(lane, 3)
     assert scan.near_image is scan.near_image
     assert scan.near_image.sizes["y"] == lane.images.grid.ny
     rows = lane.images.grid.ny
-    whole = scan.whole_image()
+    whole = lane.images.scan_image(3).values
     # Other pixels make another grid of the operator, which keeps the recipe's tolerance.
     atol = lane.recipe.image.tolerance * np.abs(whole).max()
     np.testing.assert_allclose(scan.near_image.values, whole[..., :rows, :], atol=atol)

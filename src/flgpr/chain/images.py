@@ -164,7 +164,7 @@ class RunImages:
         """Compute the image of a scan, as of :meth:`scan_image`."""
         scan = int(self.imager.scans[index])
         if self.plain:
-            return self.imager.image(scan, rows=rows)
+            return self.imager.image(scan, None, rows)
         frames = self._data(index, self.frames)[:, self.setup.imaged]
         if len(frames) == 1:
             return self.imager.image(scan, frames[0], rows)

@@ -23,14 +23,6 @@ class LaneScan:
         self._lane = lane
         self.index = index
 
-    def whole_image(self, rows: int | None = None) -> NDArray[np.complex64]:
-        """Return the image (polarization, subband, y, x) that the background is estimated from.
-
-        It has at least the nearest ``rows``; by default all.
-        """
-        values: NDArray[np.complex64] = self._lane.images.scan_image(self.index, rows).values
-        return values
-
     @cached_property
     def data(self) -> ComplexArray | None:
         """The scan's data (polarization, pair, frequency), read once for several uses.
