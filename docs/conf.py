@@ -47,6 +47,7 @@ nitpick_ignore_regex = [
 ]
 highlight_language = "none"  # a fence without a language is for the shell, or a drawing
 
+smartquotes_action = "qe"  # options of commands keep their two hyphens
 html_theme = "furo"
 html_title = f"flgpr {version}"
 html_static_path = ["_static"]
