@@ -259,7 +259,7 @@ class LiveRun:
                 return
             if arrival.kind == "run":
                 self._take_description(arrival, events)
-            elif self._take(arrival, events):
+            elif self._take_frame(arrival, events):
                 scans_since_snapshot += 1
                 if self.options.snapshot and scans_since_snapshot >= self.options.snapshot:
                     scans_since_snapshot = 0
@@ -353,7 +353,7 @@ class LiveRun:
         self._intake = intake
         return detector
 
-    def _take(self, arrival: Arrival, events: EventFile) -> bool:
+    def _take_frame(self, arrival: Arrival, events: EventFile) -> bool:
         """Process a frame; return whether it held a scan that was judged."""
         detector = self._detector
         intake = self._intake
