@@ -91,7 +91,7 @@ def given_to(live, data, over=True, stream=None):
         if arrival.kind == "run":
             run._take_description(arrival, events)
         elif arrival.kind == "frame":
-            run._take(arrival, events)
+            run._take_frame(arrival, events)
     with path.open() as file:
         file.seek(before)
         return [json.loads(line) for line in file], kinds
