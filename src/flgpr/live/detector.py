@@ -30,7 +30,7 @@ from flgpr.chain.recipe_fit import alias_faults, check_channels
 from flgpr.chain.stages import MapStage, Stage
 from flgpr.chain.steps import CleanedScan
 from flgpr.clutter import CausalBackground
-from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
+from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
