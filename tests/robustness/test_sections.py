@@ -14,9 +14,9 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr.chain.memory import memory_needed, plan_sections, threads_within
+from flgpr.chain.memory import memory_needed
 from flgpr.chain.recipe import load_recipe
-from flgpr.chain.sections import Section, divide, section_lane
+from flgpr.chain.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_alarms, score_result

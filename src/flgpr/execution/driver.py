@@ -21,11 +21,11 @@ import pandas as pd
 
 from flgpr.chain.engine import group_of, not_shared
 from flgpr.chain.lane_setup import LaneSetup, array_table
-from flgpr.chain.memory import plan_sections, sizes_of, threads_within
+from flgpr.chain.memory import sizes_of
 from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
-from flgpr.chain.sections import Section, lane_threshold
+from flgpr.chain.sections import Section, lane_threshold, plan_sections, threads_within
 from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
 from flgpr.execution.finished import holds_result, is_done, is_whole
 from flgpr.execution.job import LaneJob
