@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from flgpr.clutter.background import ComplexArray
 from flgpr.clutter.streaming import (
     Background,
-    BackgroundEstimator,
     FloatArray,
     by_channel,
+    check_smoothing,
+    mean_filtered,
+    measure,
     shared_gain,
     shared_level,
+    smoothed_residual,
 )
 from flgpr.kernels.background import blend_clipped
 
@@ -65,7 +68,13 @@ class CausalBackground:
             )
         if span is not None and span < LEAST_SPAN:
             raise ValueError(f"span must be at least {LEAST_SPAN} scans, got {span}")
-        self._estimator = BackgroundEstimator(median_size, mean_size, step, rows=rows)
+        check_smoothing(median_size, mean_size, step)
+        self._median_size = median_size
+        self._mean_size = mean_size
+        self._step = step
+        self._rows = slice(rows)
+        # Of those rows of an image; None before the first scan.
+        self._shape: tuple[int, ...] | None = None
         self._span = span
         self._warm_up = warm_up
         self._count = 0
@@ -95,9 +104,8 @@ class CausalBackground:
             What to clean it with, from the scans before; None during the warm-up.
         """
         self.learn()
-        estimator = self._estimator
-        estimator.shape = estimator.shape or image[..., estimator.rows, :].shape
-        gain, limit = estimator.measure(image)
+        self._shape = self._shape or image[..., self._rows, :].shape
+        gain, limit = measure(image, self._rows, self._shape)
         self._pending = (image, gain, limit)
         if self._count + 1 >= self._warm_up and self._background is None:
             self._assemble()
@@ -117,7 +125,7 @@ class CausalBackground:
         common = shared_gain(gain)
         ratio = gain / common
         if not self._means:
-            polarizations, subbands, ny, nx = image[..., self._estimator.rows, :].shape
+            polarizations, subbands, ny, nx = image[..., self._rows, :].shape
             shape = (polarizations * subbands, ny * nx)
             self._means = [np.zeros(shape, np.complex128), np.zeros(shape, np.complex128), ratio]
 
@@ -146,7 +154,7 @@ class CausalBackground:
         """Add the last scan, clipped and scaled, to a mean; return the mean as an image."""
         mean = self._means[number]
         updated = np.empty_like(mean) if self._means_given_out else mean
-        signature = np.empty(image[..., self._estimator.rows, :].shape, np.complex64)
+        signature = np.empty(image[..., self._rows, :].shape, np.complex64)
         blend_clipped(
             by_channel(image), limit.ravel(), scale, weight, mean, updated, by_channel(signature)
         )
@@ -157,7 +165,7 @@ class CausalBackground:
         self, image: ComplexArray, gain: FloatArray, own_signature: ComplexArray
     ) -> None:
         """Add the filtered residual of the last scan to the mean of the medians."""
-        smooth = self._estimator.smoothed_residual(image, gain, own_signature)
+        smooth = smoothed_residual(image, gain, own_signature, self._median_size, self._step)
         weight = 1 / min(self._count - 1, self._span or self._count)
         medians = self._means[3] if len(self._means) > 3 else smooth
         self._means[3:] = [_blend(medians, smooth, weight)]
@@ -165,12 +173,12 @@ class CausalBackground:
     def _assemble(self) -> None:
         """Compute from the means the background of the next scan."""
         if self._signatures is None:
-            shape = self._estimator.shape
+            shape = self._shape
             own_signature = self._means[0].astype(np.complex64).reshape(shape)
             shared = self._means[1].astype(np.complex64).reshape(shape)
             self._signatures = (own_signature, shared)
         own_signature, shared = self._signatures
-        level = self._estimator.mean_filtered(self._means[3])
+        level = mean_filtered(self._means[3], self._shape, self._mean_size, self._step)
         common_level = shared_level(level, self._means[2][None])
         self._background = Background(own_signature, level, shared, common_level)
 
@@ -180,7 +188,7 @@ class CausalBackground:
         self._means_given_out = True
         state = {
             "count": np.array(self._count),
-            "shape": np.array(self._estimator.shape or (), np.int64),
+            "shape": np.array(self._shape or (), np.int64),
         }
         for number, mean in enumerate(self._means):
             state[f"mean{number}"] = mean
@@ -198,7 +206,7 @@ class CausalBackground:
         if missing:
             raise ValueError(f"state must hold {', '.join(missing)}, which it does not")
         self._count = count
-        self._estimator.shape = tuple(int(n) for n in state["shape"]) or None
+        self._shape = tuple(int(n) for n in state["shape"]) or None
         self._means = [np.asarray(state[name]) for name in names]
         self._means_given_out = True
         self._signatures = None

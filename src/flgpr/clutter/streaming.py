@@ -161,13 +161,6 @@ class BackgroundEstimator:
         Nearest image rows of which the background is estimated, by default all. Gains are always
         those of all rows, so that the first pass must see them.
 
-    Attributes
-    ----------
-    rows : slice
-        The rows of an image of which the background is estimated.
-    shape : tuple of int or None
-        Shape (polarization, subband, y, x) of those rows; None before the first scan.
-
     Raises
     ------
     ValueError
@@ -182,20 +175,16 @@ class BackgroundEstimator:
         method: SelfSignature = "mean",
         rows: int | None = None,
     ) -> None:
-        check_windows(median_size, mean_size)
+        check_smoothing(median_size, mean_size, step)
         check_method(method)
-        if not 1 <= step <= max(1, min(mean_size) // 2):
-            raise ValueError(
-                f"step must lie between 1 and half of mean_size {mean_size}, got {step}"
-            )
         self.median_size = median_size
         self.mean_size = mean_size
         self.step = step
         self.method = method
-        self.rows = slice(rows)
+        self._rows = slice(rows)
         self._scaled: list[ComplexArray] = []  # images over their gains, for the median
         self.gains: list[FloatArray] = []
-        self.shape: tuple[int, ...] | None = None
+        self._shape: tuple[int, ...] | None = None
         self._signature: ComplexArray | None = None
         self._shared_signature: ComplexArray | None = None
         self._median_total: FloatArray | None = None
@@ -219,10 +208,10 @@ class BackgroundEstimator:
         ValueError
             If the image has another shape than those before, or is zero or not finite.
         """
-        rows = image[..., self.rows, :]
-        if self.shape is None:
+        rows = image[..., self._rows, :]
+        if self._shape is None:
             self._begin(rows.shape)
-        r, limit = self.measure(image)
+        r, limit = measure(image, self._rows, self._shape)
         if self.method == "mean":
             # The sum over k of Eq. 2, min(m_k, μ_k + 5σ_k) exp(iθ_k) over r_k, and the same over
             # the shared gain.
@@ -251,11 +240,12 @@ class BackgroundEstimator:
                 "add_gain must be called once per scan of the first pass, "
                 f"got more than {len(self.gains)}"
             )
-        if image[..., self.rows, :].shape != signature.shape:
+        if image[..., self._rows, :].shape != signature.shape:
             raise ValueError(
                 f"image must have the shape {signature.shape} of those before, got {image.shape}"
             )
-        smooth = self.smoothed_residual(image, self.gains[self._smoothed], signature)
+        gain = self.gains[self._smoothed]
+        smooth = smoothed_residual(image, gain, signature, self.median_size, self.step)
         if self._median_total is None:
             self._median_total = smooth
         else:
@@ -270,15 +260,15 @@ class BackgroundEstimator:
         if self._signature is not None:
             return self._signature
         least = 1 if self.method == "none" else 2
-        if len(self.gains) < least or self.shape is None:
+        if len(self.gains) < least or self._shape is None:
             scans = "one scan" if least == 1 else "two scans"
             raise ValueError(f"self-signature needs at least {scans}, got {len(self.gains)}")
         if self.method == "mean":
             N_scan = len(self.gains)
             B1 = self._B1_total / N_scan  # Eq. 2
             B1_shared = self._B1_shared_total / N_scan
-            self._signature = B1.astype(np.complex64).reshape(self.shape)
-            self._shared_signature = B1_shared.astype(np.complex64).reshape(self.shape)
+            self._signature = B1.astype(np.complex64).reshape(self._shape)
+            self._shared_signature = B1_shared.astype(np.complex64).reshape(self._shape)
         elif self.method == "median":
             gains = np.stack(self.gains)
             scaled = np.stack(self._scaled)
@@ -286,7 +276,7 @@ class BackgroundEstimator:
             self._signature = complex_median(scaled)
             self._shared_signature = complex_median(scaled * ratio)
         else:
-            self._signature = np.zeros(self.shape, np.complex64)
+            self._signature = np.zeros(self._shape, np.complex64)
             self._shared_signature = self._signature
         return self._signature
 
@@ -299,7 +289,8 @@ class BackgroundEstimator:
                 f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}"
             )
         N_scan = self._smoothed
-        B2 = self.mean_filtered(self._median_total / N_scan)  # Eq. 4
+        medians = self._median_total / N_scan  # Eq. 4
+        B2 = mean_filtered(medians, self._shape, self.mean_size, self.step)
         B2_shared = shared_level(B2, np.stack(self.gains))
         return Background(signature, B2, self._shared_signature, B2_shared)
 
@@ -318,24 +309,26 @@ class BackgroundEstimator:
             ``gains`` (scan, polarization, subband) and ``shape`` of the images; for the mean the
             totals ``own`` and ``shared``, for the median the images over their gains, ``scaled``.
         """
-        if self.shape is None:
+        if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
-        sums = {"gains": np.stack(self.gains), "shape": np.array(self.shape)}
+        sums = {"gains": np.stack(self.gains), "shape": np.array(self._shape)}
         if self.method == "median":
             sums["scaled"] = np.stack(self._scaled)
         elif self.method == "mean":
             precision = np.complex128 if exact else np.complex64
-            sums["own"] = self._B1_total.astype(precision).reshape(self.shape)
-            sums["shared"] = self._B1_shared_total.astype(precision).reshape(self.shape)
+            sums["own"] = self._B1_total.astype(precision).reshape(self._shape)
+            sums["shared"] = self._B1_shared_total.astype(precision).reshape(self._shape)
         return sums
 
     def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
         """Add the first pass of another (:meth:`first_sums`) over the scans that follow."""
         shape = tuple(int(n) for n in sums["shape"])
-        if self.shape is None:
+        if self._shape is None:
             self._begin(shape)
-        if shape != self.shape:
-            raise ValueError(f"image must have the shape {self.shape} of those before, got {shape}")
+        if shape != self._shape:
+            raise ValueError(
+                f"image must have the shape {self._shape} of those before, got {shape}"
+            )
         if self.method == "mean":
             self._B1_total += by_channel(sums["own"])
             self._B1_shared_total += by_channel(sums["shared"])
@@ -357,7 +350,7 @@ class BackgroundEstimator:
 
     def continue_from(self, first: dict[str, NDArray[Any]], scans: slice = slice(None)) -> None:
         """Begin the second pass over ``scans`` with another's first one (:meth:`first_result`)."""
-        self.shape = first["signature"].shape
+        self._shape = first["signature"].shape
         self._signature = first["signature"]
         self._shared_signature = first["shared"]
         self.gains = list(first["gains"][scans])
@@ -378,86 +371,120 @@ class BackgroundEstimator:
 
     def _begin(self, shape: tuple[int, ...]) -> None:
         """Allocate the sums for images (polarization, subband, y, x) of a shape."""
-        self.shape = shape
+        self._shape = shape
         if self.method == "mean":
             pixels = (shape[0] * shape[1], shape[2] * shape[3])
             self._B1_total = np.zeros(pixels, np.complex128)
             self._B1_shared_total = np.zeros(pixels, np.complex128)
 
-    def measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Return r_k, the rms of the lowest 75 % of m_k, and μ_k + 5σ_k, by channel (Eq. 2).
 
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex
-            Scan image.
+# The steps of an estimate, of all scans (above) and of the scans so far (``causal.py``)
 
-        Raises
-        ------
-        ValueError
-            If the image has another shape than those before, or is not finite.
-        """
-        if image[..., self.rows, :].shape != self.shape:
-            raise ValueError(
-                f"image must have the shape {self.shape} of those before, got {image.shape}"
-            )
-        gain = np.empty(image.shape[:2])
-        limit = np.empty(image.shape[:2])
-        pixels = image.shape[2] * image.shape[3]
-        lowest = max(1, int(_LOWEST_SHARE * pixels))
-        gain_and_limit(by_channel(image), lowest, _CLIP_DEVIATIONS, gain.ravel(), limit.ravel())
-        check_gain(gain)
-        if not np.isfinite(limit).all():
-            raise ValueError("image must be finite, got pixels that are not")
-        return gain, limit
 
-    def smoothed_residual(self, image: ComplexArray, r: FloatArray, B1: ComplexArray) -> FloatArray:
-        """Return the median-filtered m'_k = |v_k/r_k - B1| (Eq. 3) at every ``step``-th pixel.
+def check_smoothing(median_size: tuple[int, int], mean_size: tuple[int, int], step: int) -> None:
+    """Refuse windows (y, x) that are not odd, and a step that is too long for the mean."""
+    check_windows(median_size, mean_size)
+    if not 1 <= step <= max(1, min(mean_size) // 2):
+        raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
 
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex
-            Scan image v_k.
-        r : (polarization, subband) ndarray
-            Its gain.
-        B1 : (polarization, subband, y, x) ndarray of complex
-            Self-signature.
-        """
-        m_prime = np.empty(B1.shape, np.float32)
-        residual(by_channel(image), r.ravel(), by_channel(B1), by_channel(m_prime))
-        medians = median_stack(m_prime.reshape(-1, *m_prime.shape[2:]), self.median_size, self.step)
-        return medians.astype(np.float64)
 
-    def mean_filtered(self, medians: FloatArray) -> MagnitudeArray:
-        """Return B2 from medians at every ``step``-th pixel, averaged over the scans.
+def measure(
+    image: ComplexArray, rows: slice, shape: tuple[int, ...] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return r_k, the rms of the lowest 75 % of m_k, and μ_k + 5σ_k, by channel (Eq. 2).
 
-        The mean filter is linear, so that it is applied once, after the mean over the scans of Eq.
-        4.
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        Scan image.
+    rows : slice
+        Rows of which the background is estimated; the gain is that of all rows.
+    shape : tuple of int
+        Shape that these rows must have.
 
-        Parameters
-        ----------
-        medians : (channel, y, x) ndarray
-            Mean over the scans of :meth:`smoothed_residual`.
+    Raises
+    ------
+    ValueError
+        If they have another shape, a gain is zero or a pixel is not finite.
+    """
+    if image[..., rows, :].shape != shape:
+        raise ValueError(f"image must have the shape {shape} of those before, got {image.shape}")
+    gain = np.empty(image.shape[:2])
+    limit = np.empty(image.shape[:2])
+    pixels = image.shape[2] * image.shape[3]
+    lowest = max(1, int(_LOWEST_SHARE * pixels))
+    gain_and_limit(by_channel(image), lowest, _CLIP_DEVIATIONS, gain.ravel(), limit.ravel())
+    check_gain(gain)
+    if not np.isfinite(limit).all():
+        raise ValueError("image must be finite, got pixels that are not")
+    return gain, limit
 
-        Raises
-        ------
-        ValueError
-            If the background is zero somewhere, or no scan was added.
-        """
-        if self.shape is None:
-            raise ValueError("images must hold at least one scan, got none")
-        ny, nx = self.shape[2:]
-        row = np.stack(_nodes(ny, self.mean_size[0] // 2, self.step))
-        column = np.stack(_nodes(nx, self.mean_size[1] // 2, self.step))
-        sums = np.pad(medians.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
-        level = np.empty((len(medians), ny, nx), np.float32)
-        mean_of_nodes(sums, row, column, level)
-        if not (level > 0).all():
-            raise ValueError(
-                "gain background must be positive everywhere, got zero: "
-                "images equal their self-signature"
-            )
-        return level.reshape(self.shape)
+
+def smoothed_residual(
+    image: ComplexArray,
+    r: FloatArray,
+    B1: ComplexArray,
+    median_size: tuple[int, int],
+    step: int,
+) -> FloatArray:
+    """Return the median-filtered m'_k = |v_k/r_k - B1| (Eq. 3) at every ``step``-th pixel.
+
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        Scan image v_k.
+    r : (polarization, subband) ndarray
+        Its gain.
+    B1 : (polarization, subband, y, x) ndarray of complex
+        Self-signature.
+    median_size : tuple of int
+        Window (y, x) of the median.
+    step : int
+        Distance between the pixels of the result.
+    """
+    m_prime = np.empty(B1.shape, np.float32)
+    residual(by_channel(image), r.ravel(), by_channel(B1), by_channel(m_prime))
+    medians = median_stack(m_prime.reshape(-1, *m_prime.shape[2:]), median_size, step)
+    return medians.astype(np.float64)
+
+
+def mean_filtered(
+    medians: FloatArray, shape: tuple[int, ...] | None, mean_size: tuple[int, int], step: int
+) -> MagnitudeArray:
+    """Return B2 from medians at every ``step``-th pixel, averaged over the scans.
+
+    The mean filter is linear, so that it is applied once, after the mean over the scans of Eq. 4.
+
+    Parameters
+    ----------
+    medians : (channel, y, x) ndarray
+        Mean over the scans of :func:`smoothed_residual`.
+    shape : tuple of int
+        Shape (polarization, subband, y, x) of the result; None if no scan was added.
+    mean_size : tuple of int
+        Window (y, x) of the mean.
+    step : int
+        Distance between the pixels of the medians.
+
+    Raises
+    ------
+    ValueError
+        If the background is zero somewhere, or no scan was added.
+    """
+    if shape is None:
+        raise ValueError("images must hold at least one scan, got none")
+    ny, nx = shape[2:]
+    row = np.stack(_nodes(ny, mean_size[0] // 2, step))
+    column = np.stack(_nodes(nx, mean_size[1] // 2, step))
+    sums = np.pad(medians.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
+    level = np.empty((len(medians), ny, nx), np.float32)
+    mean_of_nodes(sums, row, column, level)
+    if not (level > 0).all():
+        raise ValueError(
+            "gain background must be positive everywhere, got zero: "
+            "images equal their self-signature"
+        )
+    return level.reshape(shape)
 
 
 def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
