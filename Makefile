@@ -71,11 +71,11 @@ VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py chain detec
     results scoring store systems/test_systems.py trials viewer/test_limits.py viewer/test_server.py \
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.
-NOT_VERSIONS := chain/test_goldens.py $(addprefix chain/test_recipe_,for_run.py like.py) \
-    $(addprefix formats/test_,fuzz_exchange.py gpr_notes_property.py notes_property.py) \
-    $(addprefix live/test_live_,fuzz.py machines.py positions.py) live/test_senders.py \
-    $(addprefix scoring/test_,bootstrap.py boxes.py chance_level.py comparison.py lane_roc.py) \
-    store/test_store_machines.py trials/test_planning.py
+NOT_VERSIONS := chain/test_goldens.py chain/test_recipe_for_run.py chain/test_recipe_like.py \
+    formats/test_fuzz_exchange.py formats/test_gpr_notes_property.py formats/test_notes_property.py \
+    live/test_live_fuzz.py live/test_live_machines.py live/test_live_positions.py live/test_senders.py \
+    scoring/test_bootstrap.py scoring/test_boxes.py scoring/test_chance_level.py scoring/test_comparison.py \
+    scoring/test_lane_roc.py store/test_store_machines.py trials/test_planning.py
 
 # $(1): folder of the environment; $(2): its Python; $(3): options of uv, which unlike pip can choose the oldest versions
 define install_versions

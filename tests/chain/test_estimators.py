@@ -96,3 +96,46 @@ def test_without_pyod_its_estimators_say_what_they_need(monkeypatch):
         ModuleNotFoundError, match=r"ecod needs PyOD: pip install 'flgpr\[benchmark\]'"
     ):
         find_estimator("ecod")
+
+
+@pytest.fixture
+def wide_examples():
+    rng = np.random.default_rng(5)
+    label = np.repeat([0, 1], [90, 30])
+    values = rng.normal(size=(120, 3)) + np.outer(label, [2.0, 1.0, 0.0])
+    features = pd.DataFrame(values, columns=["C_F1", "C_F2", "M_F1"])
+    return TrainingSet(features, label, np.ones(120, int), np.repeat("lane", 120))
+
+
+def test_every_entry_of_the_features_is_a_kernel_of_its_own(wide_examples, tmp_path):
+    table = DetectorTable(estimator="mkl", features=["C_*", "M_*"])
+    columns = list(wide_examples.features)
+    made = train_estimator(wide_examples, table, columns)
+    assert made.scorer.group.tolist() == [0, 0, 1]
+    assert made.scorer.kernel_weight[0] > made.scorer.kernel_weight[1]
+    score = made.confidence(wide_examples.features)
+    assert score[wide_examples.label == 1].mean() > score[wide_examples.label == 0].mean() + 1
+    save_model(Model(detector=made), tmp_path / "model", {})
+    kept = load_model(tmp_path / "model").detector
+    np.testing.assert_array_equal(kept.confidence(wide_examples.features), score)
+    again = train_estimator(wide_examples, table, columns)
+    for name, array in made.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[name], array)
+
+
+def test_a_column_belongs_to_the_first_entry_that_names_it_or_to_itself(wide_examples):
+    columns = list(wide_examples.features)
+    for entries, groups in (
+        (["*_F1", "C_*"], [0, 1, 2]),  # M_F1 does not follow C_F1
+        (["*"], [0, 0, 0]),
+        (["C_F1"], [0, 1, 2]),
+    ):
+        table = DetectorTable(estimator="mkl", features=entries)
+        made = train_estimator(wide_examples, table, columns)
+        assert made.scorer.group.tolist() == groups, entries
+
+
+def test_groups_are_no_option(wide_examples):
+    table = DetectorTable(estimator="mkl", features=["C_*"], options={"groups": "3"})
+    with pytest.raises(ValueError, match=r"options of mkl must not hold groups, .* got '3'"):
+        train_estimator(wide_examples, table, list(wide_examples.features))

@@ -12,6 +12,7 @@ from sklearn.svm import SVC, OneClassSVM
 
 from flgpr.detect import (
     GaussianMixtureNovelty,
+    MultipleKernelClassifier,
     OneClassRelevanceVectorMachine,
     RelevanceVectorClassifier,
 )
@@ -47,6 +48,10 @@ TWO_CLASSES = {
             for g in ("auto", 0.2)
         ),
         SVC(class_weight="balanced", degree=2, kernel="poly"),
+    ],
+    "mkl": [
+        MultipleKernelClassifier(),
+        MultipleKernelClassifier(groups=(2, 1), C=3.0, class_weight="balanced", gamma=0.3),
     ],
     "rvm": [
         RelevanceVectorClassifier(),

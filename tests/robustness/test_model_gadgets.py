@@ -304,6 +304,40 @@ GADGETS = {
     "a huge covariance": ("rvm", grown("covariance", 0, 10**9), "must have the shape"),
     "a broadcasting mean": ("mixture", grown("mean", 1, 1), "must have the shape"),
     "vectors of other features": ("svm", grown("vectors", 3, 1), "must have the shape"),
+    # kernels
+    "a kernel that is not there": (
+        "mkl",
+        with_array("group", np.array([0, 10**9])),
+        "'group' must be from 0 to 1",
+    ),
+    "a group before the first": (
+        "mkl",
+        with_array("group", np.array([0, -1])),
+        "'group' must be from 0 to 1",
+    ),
+    "groups as fractions": ("mkl", with_array("group", np.zeros(2)), "'group' must hold int64"),
+    "a million kernels": (
+        "mkl",
+        grown("kernel_weight", 10**6),
+        "'gamma' must have the shape",
+    ),
+    "kernels of a million features": (
+        "mkl",
+        lambda about, arrays, marker: arrays.update(
+            {f"detector.{name}": np.ones(10**6) for name in ("kernel_weight", "gamma")}
+        ),
+        "'kernel_weight' must be of 1 to 2",
+    ),
+    "a kernel of negative weight": (
+        "mkl",
+        with_array("kernel_weight", np.array([2.0, -1.0])),
+        "'kernel_weight' must not be negative",
+    ),
+    "a kernel that grows with distance": (
+        "mkl",
+        with_array("gamma", np.array([1.0, -1e3])),
+        "'gamma' must not be negative",
+    ),
     "neighbours beyond the examples": (
         "knn",
         with_setting("neighbours", 10**12),

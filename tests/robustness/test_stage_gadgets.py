@@ -80,6 +80,7 @@ LEARNT = {
     },
     ("map", "deflection"): forms(56),
     ("map", "neyman-pearson"): forms(56),
+    ("map", "principal-components"): forms(56, count=3),
     ("map", "whitening"): forms(2, rank=2),
     ("map", "magnitude"): forms(2, count=1, rank=1),
     ("map", "likelihood"): likelihood(),
@@ -170,6 +171,16 @@ GADGETS = {
         "'linear-0' must have the shape",
     ),
     "a spread that is endless": ("deflection", with_arrays(clutter=[0.0, np.inf]), "finite"),
+    "components of other intervals": (
+        "principal-components",
+        lambda learnt: learnt.update(forms(56, count=2)),
+        "'constant' must have the shape",
+    ),
+    "components of other chips": (
+        "principal-components",
+        lambda learnt: learnt.update(forms(55, count=3)),
+        "shape",
+    ),
     "metres without end": (
         "likelihood",
         lambda learnt: learnt.update(likelihood(metres=5000, size=1)),

@@ -6,6 +6,7 @@ ALLOWED = {
     "mixture": "flgpr.detect.one_class_mixture.GaussianMixtureNovelty",
     "svm": "sklearn.svm.SVC",
     "one-class-svm": "sklearn.svm.OneClassSVM",
+    "mkl": "flgpr.detect.multiple_kernels.MultipleKernelClassifier",
     "logistic": "sklearn.linear_model.LogisticRegression",
     "lda": "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
     "random-forest": "sklearn.ensemble.RandomForestClassifier",
@@ -19,3 +20,6 @@ ALLOWED = {
 
 Only training reads this table: a model holds arrays and settings, and no class.
 """
+
+GROUPED = ("mkl",)
+"""Estimators that read features in groups: each entry of a detector's ``features`` is one."""

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from importlib import import_module
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from flgpr.chain.classifier import (
     checked_names,
     feature_values,
 )
-from flgpr.chain.estimator_classes import ALLOWED
+from flgpr.chain.estimator_classes import ALLOWED, GROUPED
 from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
@@ -223,8 +225,16 @@ def train_estimator(
         deviation = X.std(axis=0)
         centre = X.mean(axis=0)
         scale = np.where(deviation > 0, deviation, 1.0)
+    options: dict[str, Any] = dict(table.options)
+    if table.estimator in GROUPED:
+        if "groups" in options:
+            raise ValueError(
+                f"detector.options of {table.estimator} must not hold groups, as every entry of "
+                f"detector.features is one, got {options['groups']!r}"
+            )
+        options["groups"] = _group_sizes(features, table.features)
     try:
-        estimator = find_estimator(table.estimator)(**table.options)
+        estimator = find_estimator(table.estimator)(**options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
     scaled = (X - centre) / scale
@@ -246,6 +256,18 @@ def train_estimator(
     return TrainedEstimator(
         table.estimator, tuple(features), centre, scale, scorer, notes, unlike=unlike
     )
+
+
+def _group_sizes(features: Sequence[str], patterns: Sequence[str]) -> tuple[int, ...]:
+    """Return the sizes of the groups of columns that the entries of a detector's features name.
+
+    A column belongs to the first entry that names it, and a group are those that follow one
+    another. A column that no entry names is a group of its own.
+    """
+    entries = []
+    for name in features:
+        entries.append(next((entry for entry in patterns if fnmatchcase(name, entry)), name))
+    return tuple(len(list(group)) for _, group in groupby(entries))
 
 
 def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:

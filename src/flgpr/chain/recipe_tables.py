@@ -244,7 +244,8 @@ class DetectorTable(Table):
     ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher
     discriminant), or one that ``ALLOWED`` in ``chain/estimator_classes.py`` names, with its
     ``options``. ``scale`` "standard" brings every feature to zero mean and unit deviation before.
-    ``features`` are columns; names may end in ``*``.
+    ``features`` are columns; names may end in ``*``. Of "mkl" every entry is a group of features
+    with a kernel of its own.
 
     With ``on`` "mines" it is trained on the mines alone. With "clutter" it is trained on all other
     alarms, and what is unlike them scores high.

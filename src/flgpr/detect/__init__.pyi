@@ -9,8 +9,12 @@ from flgpr.detect.fisher import HistogramNormalizer as HistogramNormalizer
 from flgpr.detect.fisher import hit_weights as hit_weights
 from flgpr.detect.linear_quadratic import ChipDetector as ChipDetector
 from flgpr.detect.linear_quadratic import LinearQuadraticForm as LinearQuadraticForm
+from flgpr.detect.multiple_kernels import MultipleKernelClassifier as MultipleKernelClassifier
 from flgpr.detect.one_class import OneClassRelevanceVectorMachine as OneClassRelevanceVectorMachine
 from flgpr.detect.one_class_mixture import GaussianMixtureNovelty as GaussianMixtureNovelty
+from flgpr.detect.principal_components import (
+    PrincipalComponentDetector as PrincipalComponentDetector,
+)
 from flgpr.detect.rvm import RelevanceVectorClassifier as RelevanceVectorClassifier
 from flgpr.detect.rvm import leave_one_out as leave_one_out
 from flgpr.detect.search import Fold as Fold

@@ -323,6 +323,7 @@ class _Training:
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         first_features = lanes[0][2]
         patterns = list(features) or list(table.features)
+        table = table.model_copy(update={"features": tuple(patterns)})
         columns = _matching(patterns, list(first_features.columns))
         with self._counted("detector"):
             spent = self._spent()

@@ -43,6 +43,7 @@ PACKAGED = {
     "map": {
         "deflection": "forms:DeflectionMap",
         "neyman-pearson": "forms:NeymanPearsonMap",
+        "principal-components": "principal_components:ComponentMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
         "likelihood": "likelihood:LikelihoodMap",
@@ -56,6 +57,7 @@ PACKAGED = {
         "matched": "anomaly:Matched",
         "network": "network:ChipNetwork",
         "roadside": "roadside:RoadsideShare",
+        "time-frequency": "time_frequency:TimeFrequency",
     },
 }
 FloatArray = NDArray[np.float64]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -27,8 +27,8 @@ from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channel
 from flgpr.kernels.moments import ESTIMATORS
 from flgpr.model import ground_points, lane_to_scan
 
+MOST_FORMS = 64
 _FORM = ("strength", "vectors", "linear", "offset")
-_MOST_FORMS = 64
 _REAL = (np.float64, np.float32)
 _NUMBERS = (*_REAL, np.complex128, np.complex64)
 # Estimators whose covariance has an inverse even if there are fewer samples than values.
@@ -36,7 +36,7 @@ _SHRUNK = ("ledoit-wolf", "oas")
 _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the whitening filter
 
 
-class CutSettings(Table):
+class SampleSettings(Table):
     """Range cuts of some polarizations, and how training samples are taken.
 
     ``length`` (pixels) is that of a cut. A mine's cut is taken where it is brightest, up to
@@ -52,16 +52,27 @@ class CutSettings(Table):
     clutter_step: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (7, 8)
     moments: str = "ledoit-wolf"
     rank: Annotated[int, Field(ge=0)] = 3
-    ddof: Annotated[int, Field(ge=0)] = 1
 
     @model_validator(mode="after")
-    def _known(self) -> CutSettings:
+    def _known(self) -> Self:
         """Refuse an estimator that there is not."""
         if self.moments not in ESTIMATORS:
             raise ValueError(
                 f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
             )
         return self
+
+
+class CutSettings(SampleSettings):
+    """Range cuts of some polarizations, and how training samples are taken.
+
+    ``length`` (pixels) is that of a cut. A mine's cut is taken where it is brightest, up to
+    ``search`` (m) from the surveyed place; clutter lies at least ``clear`` (m) from all mines, and
+    its cuts are ``clutter_step`` (pixels) apart. ``moments`` is the estimator of the clutter's mean
+    and covariance, ``rank`` the number of vectors of the detector.
+    """
+
+    ddof: Annotated[int, Field(ge=0)] = 1
 
 
 def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
@@ -79,7 +90,11 @@ def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Ar
     dict of str to ndarray
         The forms, and least value and deviation of their largest on the samples.
     """
-    value = np.max([form(clutter) for form in forms], axis=0)
+    return learnt_arrays(forms, np.max([form(clutter) for form in forms], axis=0))
+
+
+def learnt_arrays(forms: Sequence[LinearQuadraticForm], value: FloatArray) -> Arrays:
+    """Return the arrays of a map by forms, and least and deviation of its values on clutter."""
     learnt = {}
     for number, form in enumerate(forms):
         for name in _FORM:
@@ -138,9 +153,9 @@ class FormMap(MapStage):
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
         """Check the forms, of as many features as a chip has values, and the scale of clutter."""
         features = cls._features(settings)
-        count = len(learnt.array("constant", (None,)))
-        if not 1 <= count <= _MOST_FORMS:
-            raise ValueError(f"array 'constant' must be of 1 to {_MOST_FORMS} forms, got {count}")
+        count = len(learnt.array("constant", (cls._form_count(settings),)))
+        if not 1 <= count <= MOST_FORMS:
+            raise ValueError(f"array 'constant' must be of 1 to {MOST_FORMS} forms, got {count}")
         for number in range(count):
             strength = f"strength-{number}"
             rank = len(learnt.array(strength, (None,), *_REAL))
@@ -156,13 +171,18 @@ class FormMap(MapStage):
         """Return the number of values of a chip."""
         return len(settings.polarizations) * int(settings.length)
 
+    @classmethod
+    def _form_count(cls, settings: Any) -> int | None:  # noqa: ARG003
+        """Return the number of forms, or None where it follows from training."""
+        return None
+
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Return the detector's value about every pixel (y, x).
 
         It is the "likelihood map" of Cosgrove et al. 2004, Sec. IV-B.
         """
         stack, _ = stack_channels(image.isel(subband=0, drop=True), self.settings.polarizations)
-        maps = [form.likelihood(stack, self._chip) for form in self._forms]
+        maps = [form.likelihood(stack, self._chip) for form in self.forms]
         least, deviation = self.learnt["clutter"]
         return np.asarray((np.max(maps, axis=0) - least) / deviation, dtype=np.float32)
 
@@ -172,7 +192,7 @@ class FormMap(MapStage):
         return self.settings.length, 1
 
     @property
-    def _forms(self) -> list[LinearQuadraticForm]:
+    def forms(self) -> list[LinearQuadraticForm]:
         """The forms that were learnt."""
         forms = []
         for number, constant in enumerate(self.learnt["constant"]):

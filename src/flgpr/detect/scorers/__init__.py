@@ -19,6 +19,7 @@ _SCORERS = {
     "one-class-rvm": "kernel_machines:OneClassRelevanceScorer",
     "svm": "kernel_machines:VectorScorer",
     "one-class-svm": "kernel_machines:VectorScorer",
+    "mkl": "multiple_kernels:MultipleKernelScorer",
     "logistic": "linear:LinearScorer",
     "lda": "linear:LinearScorer",
     "random-forest": "trees:ForestScorer",

@@ -30,11 +30,8 @@ class KernelSum:
     def matrix(self, X: FloatArray) -> FloatArray:
         """Evaluate the kernel (n_samples, n_vectors)."""
         if self.kernel in ("rbf", "laplacian"):
-            distance = np.zeros((len(X), len(self.vectors)))
-            for feature in range(X.shape[1]):
-                difference = X[:, feature, None] - self.vectors[:, feature]
-                distance += difference**2 if self.kernel == "rbf" else np.abs(difference)
-            return np.asarray(np.exp(-self.gamma * distance))
+            power = 2 if self.kernel == "rbf" else 1
+            return rbf_values(X, self.vectors, self.gamma, power)
         product = X @ self.vectors.T
         if self.kernel == "linear":
             return np.asarray(product)
@@ -88,7 +85,19 @@ class KernelSum:
         )
 
 
-def _score_in_blocks(score: Any, X: FloatArray, vectors: int) -> FloatArray:
+def rbf_values(X: FloatArray, vectors: FloatArray, gamma: float, power: int = 2) -> FloatArray:
+    """Evaluate ``exp(-γ Σ |x_i - z_i|^power)`` of samples and vectors (n_samples, n_vectors).
+
+    The power 2 makes the RBF kernel, the power 1 the Laplacian one.
+    """
+    distance = np.zeros((len(X), len(vectors)))
+    for feature in range(X.shape[1]):
+        difference = X[:, feature, None] - vectors[:, feature]
+        distance += difference**2 if power == 2 else np.abs(difference)
+    return np.asarray(np.exp(-gamma * distance))
+
+
+def score_in_blocks(score: Any, X: FloatArray, vectors: int) -> FloatArray:
     """Score samples in blocks, so that no kernel matrix grows with their number."""
     step = max(1, _VALUES_AT_ONCE // max(vectors, 1))
     scores = [score(X[begin : begin + step]) for begin in range(0, len(X), step)]
@@ -104,7 +113,7 @@ class VectorScorer:
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        return _score_in_blocks(self._score, X, len(self.terms.weight))
+        return score_in_blocks(self._score, X, len(self.terms.weight))
 
     def _score(self, X: FloatArray) -> FloatArray:
         """Score samples that are few enough for their kernel matrix to be in memory."""
@@ -153,7 +162,7 @@ class RelevanceScorer:
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        return _score_in_blocks(self.log_odds, X, len(self.terms.weight))
+        return score_in_blocks(self.log_odds, X, len(self.terms.weight))
 
     def log_odds(self, X: FloatArray) -> FloatArray:
         """Return the log odds of a mine (n_samples,)."""
