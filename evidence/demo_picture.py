@@ -1,9 +1,10 @@
-"""Draw the animated picture of `flgpr demo --live` that the README begins with.
+"""Draw the animated picture of `flgpr demo --live` that the README begins with, or the driver's screen in its themes.
 
 The packaged drive is shown on the driver's screen in a browser without windows, whose clock goes only when it is told
 to: a slow machine makes the same picture as a quick one. Needs Playwright and Chromium, as the tests do. Usage::
 
     python evidence/demo_picture.py [-o docs/images/demo-live.gif]
+    python evidence/demo_picture.py --screens [-o docs/images/live-drive.png]
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import shutil
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
@@ -31,6 +33,10 @@ EVERY = 2  # scans per picture
 SCREEN = (1024, 768)
 WIDTH = 640  # of the picture
 COLOURS = 64
+DAY = 58  # scan after which the screen is shown by day
+NIGHT = 61  # at night
+SUN = 79  # in the sun
+SILENCE = 1.2  # s without the radar, in the last picture
 AHEAD = 1000.0  # s, by which arrivals lie in the future: the page then goes by the recorded latency
 CLOCK = """(() => {
     const later = window.setTimeout.bind(window), timers = new Map();
@@ -54,24 +60,83 @@ CLOCK = """(() => {
 })()"""
 
 
-def pictures(page: Page, folder: Path) -> list[Image.Image]:
+class Drive:
+    """The packaged drive, which arrives scan by scan on a page.
+
+    Parameters
+    ----------
+    page : Page
+        The driver's screen, whose clock goes only when it is told to.
+    folder : Path
+        Folder of the live run that the page shows.
+    """
+
+    def __init__(self, page: Page, folder: Path) -> None:
+        self.page = page
+        self.path = folder / EVENT_FILE
+        self.begin = time.time() + AHEAD
+
+    def play(self, last: int, shown: Callable[[int], None]) -> None:
+        """Let the scans up to the last arrive, and call a function with the number of each."""
+        before, scans, _ = read_recording(sample_drive() / "drive.jsonl.gz")
+        with EventFile(self.path, fresh=True) as file:
+            file.append(before)
+            for number, scan in enumerate(scans[: last + 1]):
+                for event in scan.events:
+                    if event["event"] == "scan":
+                        event["arrived"] = round(self.begin + number / RATE, 3)
+                file.append(scan.events)
+                # A sign of life from the future stays fresh however long the browser takes.
+                os.utime(self.path, (self.begin, self.begin))
+                self.page.evaluate("(time) => pass(time)", 1e3 / RATE)
+                shown(number)
+
+    def fall_silent(self, seconds: float) -> None:
+        """Let no scan arrive for a time, while detection goes on."""
+        os.utime(self.path, (self.begin, self.begin))
+        self.page.evaluate("(time) => pass(time)", 1e3 * seconds)
+
+    def picture(self) -> Image.Image:
+        """Return what the page shows."""
+        return Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")
+
+
+def pictures(drive: Drive) -> list[Image.Image]:
     """Return the driver's screen after every other scan of the part that is shown."""
-    before, scans, _ = read_recording(sample_drive() / "drive.jsonl.gz")
-    begin = time.time() + AHEAD
-    frames = []
-    with EventFile(folder / EVENT_FILE, fresh=True) as file:
-        file.append(before)
-        for number, scan in enumerate(scans[: LAST + 1]):
-            for event in scan.events:
-                if event["event"] == "scan":
-                    event["arrived"] = round(begin + number / RATE, 3)
-            file.append(scan.events)
-            # A sign of life from the future stays fresh however long the browser takes.
-            os.utime(folder / EVENT_FILE, (begin, begin))
-            page.evaluate("(time) => pass(time)", 1e3 / RATE)
-            if number >= FIRST and (number - FIRST) % EVERY == 0:
-                frames.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+    frames: list[Image.Image] = []
+
+    def shown(number: int) -> None:
+        if number >= FIRST and (number - FIRST) % EVERY == 0:
+            frames.append(drive.picture())
+
+    drive.play(LAST, shown)
     return frames
+
+
+def screens(drive: Drive) -> list[Image.Image]:
+    """Return the driver's screen by day, at night, in the sun, and when the radar falls silent."""
+    frames: list[Image.Image] = []
+
+    def shown(number: int) -> None:
+        if number not in (DAY, NIGHT, SUN):
+            return
+        frames.append(drive.picture())
+        drive.page.click("#drive-theme")  # to the next one of the three themes
+
+    drive.play(SUN, shown)
+    drive.fall_silent(SILENCE)
+    frames.append(drive.picture())
+    return frames
+
+
+def write_screens(frames: list[Image.Image], path: Path) -> None:
+    """Write four pictures as one, two in a row."""
+    height = WIDTH * SCREEN[1] // SCREEN[0]
+    sheet = Image.new("RGB", (2 * WIDTH, 2 * height))
+    for number, frame in enumerate(frames):
+        small = frame.resize((WIDTH, height), Image.Resampling.LANCZOS)
+        sheet.paste(small, (number % 2 * WIDTH, number // 2 * height))
+    sheet.save(path, optimize=True)
 
 
 def write_animation(frames: list[Image.Image], path: Path) -> None:
@@ -95,8 +160,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     images = Path(__file__).parent.parent / "docs" / "images"
-    parser.add_argument("-o", "--output", type=Path, default=images / "demo-live.gif")
-    output = parser.parse_args().output
+    parser.add_argument("--screens", action="store_true", help="the screen in its themes")
+    parser.add_argument("-o", "--output", type=Path)
+    given = parser.parse_args()
+    output = given.output or images / ("live-drive.png" if given.screens else "demo-live.gif")
     browser_path = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         viewer = Viewer([], live=folder)
@@ -109,12 +176,16 @@ def main() -> None:
             page = browser.new_page(viewport={"width": SCREEN[0], "height": SCREEN[1]})
             page.add_init_script(CLOCK)
             page.goto(viewer.url)
-            frames = pictures(page, Path(folder))
+            drive = Drive(page, Path(folder))
+            frames = screens(drive) if given.screens else pictures(drive)
         finally:
             browser.close()
             viewer.stop()
             server.join()
-    write_animation(frames, output)
+    if given.screens:
+        write_screens(frames, output)
+    else:
+        write_animation(frames, output)
     print(f"{output}: {len(frames)} pictures, {output.stat().st_size / 1e6:.2f} MB")
 
 

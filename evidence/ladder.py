@@ -57,6 +57,7 @@ from flgpr.scoring import clopper_pearson, label_alarms, match
 from flgpr.scoring.lane_roc import far_area
 from flgpr.simulate import BARE, EVEN, Scene, Simulator, draw_world
 from flgpr.store import read_table
+from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
 
 RUNGS = {
@@ -480,20 +481,26 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--summary", action="store_true")
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args(arguments)
-    given.out.mkdir(parents=True, exist_ok=True)
     tiers = read_ground(given.ground).chosen_tiers(given.tier)
+    sites = sorted({site for ground in tiers for site in ground.sites})
+    for site in given.site or []:
+        if site not in sites:
+            parser.error(f"--site must be one of {', '.join(sites)}, got {site}")
+    given.out.mkdir(parents=True, exist_ok=True)
     log = given.out / "looks.jsonl"
     truth = open_truth(given.ground / "lanes" / SEALED, passphrase(tiers[0]), log)[0]
     files = []
     for ground in tiers:
-        for site in given.site or ground.sites:
+        for site in ground.sites:
+            if given.site and site not in given.site:
+                continue
             file = given.out / f"ladder-{name_of(ground)}-{site}.csv"
             files.append(file)
             if given.summary or file.is_file():
                 continue
             rows = list(look_at_site(ground, given.ground, site, truth, given.every, given.recipe))
             pd.DataFrame(rows).to_csv(file, index=False, float_format="%.6g")
-    table = pd.concat([pd.read_csv(file) for file in files if file.is_file()], ignore_index=True)
+    table = pd.concat([read_columns(file) for file in files if file.is_file()], ignore_index=True)
     for ground in tiers:
         for entry in ENTRIES:
             found = of_entry(ground, given.ground, entry, truth)

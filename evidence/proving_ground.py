@@ -20,6 +20,7 @@ from flgpr.proving_ground.running import ALARMS, SEALED, entry_folder, passphras
 from flgpr.scoring import match, roc_of
 from flgpr.scoring.matching import Match
 from flgpr.store import read_table
+from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
 
 LEVELS = {"metal": (0.5, 0.6, 0.7, 0.8, 0.9), "plastic": (0.2, 0.3, 0.4, 0.5)}
@@ -84,9 +85,8 @@ def main() -> None:
         parser.error(f"--tier must be one of {', '.join(tier.tier for tier in tiers)}")
     ground = tiers[0]
     truth, _, _ = open_truth(home / "lanes" / SEALED, passphrase(ground))
-    oracle = (
-        pd.read_csv(home / oracle_file(ground)) if (home / oracle_file(ground)).is_file() else None
-    )
+    oracle_table = home / oracle_file(ground)
+    oracle = read_columns(oracle_table) if oracle_table.is_file() else None
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     print("| split | kind | who | " + "false alarms per m² at Pd |\n|---|---|---|---|")

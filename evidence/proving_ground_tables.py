@@ -20,6 +20,7 @@ import pandas as pd
 from flgpr.proving_ground.figures import tiers_figure
 from flgpr.proving_ground.ground import Ground
 from flgpr.proving_ground.running import read_ground
+from flgpr.store.tables import read_columns
 
 STANDARD = "standard"
 REFERENCE = "wang2007"
@@ -40,8 +41,8 @@ def main() -> None:
     images = Path(sys.argv[3] if len(sys.argv) > 3 else "docs/images")
     package = Path(sys.argv[4] if len(sys.argv) > 4 else "src/flgpr/proving_ground")
     ground = read_ground(folder)
-    scores = pd.read_csv(folder / "scores.csv")
-    costs = pd.read_csv(folder / "costs.csv")
+    scores = read_columns(folder / "scores.csv")
+    costs = read_columns(folder / "costs.csv")
     for tier in ground.table.tiers:
         scored = scores[scores["tier"] == tier]
         if scored.empty:

@@ -25,6 +25,7 @@ from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, sites
 from flgpr.simulate.bodies.signature import load_body, packaged_bodies
+from flgpr.store.tables import read_columns
 
 DOCS = Path(__file__).parents[1] / "docs"
 TABLE = DOCS / "evidence" / "signal-to-clutter.csv"
@@ -88,7 +89,7 @@ def one_row_per_case(site: str, cases: pd.DataFrame) -> pd.DataFrame:
 
 def write_table(bodies: list[str], measured: bool) -> pd.DataFrame:
     """Add what the table has not yet, site by site, and write it after each."""
-    table = pd.read_csv(TABLE) if TABLE.is_file() else pd.DataFrame(columns=KEY)
+    table = read_columns(TABLE) if TABLE.is_file() else pd.DataFrame(columns=KEY)
     for site in sites():
         there = table[table["site"] == site]
         if measured and len(there):

@@ -50,6 +50,7 @@ from flgpr.proving_ground import load_ground  # noqa: E402
 from flgpr.scoring import clopper_pearson, label_alarms, match  # noqa: E402
 from flgpr.simulate import Scene, Simulator  # noqa: E402
 from flgpr.store import open_run, read_table, sample_lane  # noqa: E402
+from flgpr.store.tables import read_columns  # noqa: E402
 from simulate import fullwave_difference as difference  # noqa: E402
 from validate_fullwave import lane_scene  # noqa: E402
 
@@ -769,7 +770,7 @@ def main() -> None:
             table.to_csv(given.out / f"{name}.csv", index=False, float_format="%.6g")
     tables = {}
     for name in ("found", "by-difference", "in-the-lane", "ground"):
-        tables[name] = pd.read_csv(given.out / f"{name}.csv")
+        tables[name] = read_columns(given.out / f"{name}.csv")
     report_found(tables["found"])
     report_signatures(tables["by-difference"], tables["in-the-lane"], tables["ground"])
     if given.figure is not None:

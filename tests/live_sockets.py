@@ -3,11 +3,20 @@
 import contextlib
 import time
 
+import numpy as np
+
 from flgpr.live.senders import SenderLimits
 from flgpr.live.watch import Inbox
+from flgpr.store import describe_for_live, encode_scan
 
 QUICK = SenderLimits(senders=3, pause=0.2, frame=0.4, silence=0.4)
 """Limits that end what is too slow within half a second."""
+
+
+def first_scan(run):
+    """Return the frame of the first scan of a run, taken at the origin."""
+    run_id = describe_for_live(run).run_id
+    return encode_scan(0, run["signal"].values[0], np.zeros(6), 0.0, run_id)
 
 
 @contextlib.contextmanager
@@ -22,6 +31,16 @@ def watching(make_watch, address, limits=QUICK):
         inbox.stop.set()
         watch.join(5)
         assert not watch.is_alive()
+
+
+@contextlib.contextmanager
+def sending_over(connect, data=b""):
+    """Yield a connection that ``connect`` makes, over which data were sent."""
+    with connect() as sender:
+        sender.settimeout(20)
+        if data:
+            sender.sendall(data)
+        yield sender
 
 
 def is_ended(sender):

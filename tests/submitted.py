@@ -4,51 +4,8 @@ import pandas as pd
 
 from flgpr.proving_ground import load_ground
 from flgpr.store import write_table
+from grounds import TINY
 
-GROUND = """
-name = "tiny"
-version = 3
-sensor = "sri-array"
-halo = 1.0
-fars = [0.02, 0.1]
-far = 0.1
-reference = "wang2007"
-[scene]
-x_min = -1.5
-x_max = 1.5
-[scene.surface]
-density = 2.0
-[tiers.smooth]
-title = "a lane that was rolled"
-[tiers.smooth.sites]
-sand = "prepared-sand"
-[tiers.rough]
-title = "a lane as found"
-[tiers.rough.sites]
-sand = "arid-sand"
-[sorts]
-metal = { kind = "metal" }
-pmn = { kind = "ap", body = "pmn" }
-[lanes.known]
-part = "train"
-length = 12.0
-targets = [["metal", -0.15, 2]]
-[lanes.test]
-part = "test"
-length = 40.0
-targets = [["metal", -0.15, 6], ["pmn", 0.01, 2]]
-[lanes.bare]
-part = "test"
-length = 12.0
-targets = []
-[splits.standard]
-title = "all"
-folds = [{ train = ["*-known-*"], test = ["*-test-*", "*-bare-*"] }]
-[splits.metal]
-title = "metal alone"
-folds = [{ train = ["*-known-*"], test = ["*-test-*"] }]
-kinds = ["metal"]
-"""
 CARD = """
 format = "flgpr-submission-1"
 ground = "tiny-3"
@@ -74,7 +31,7 @@ window = "hann"
 def write_ground(home):
     """Write the description, and return it with its file."""
     path = home / "ground.toml"
-    path.write_text(GROUND)
+    path.write_text(TINY)
     return path, load_ground(False, path)
 
 

@@ -36,11 +36,11 @@ ALLOWED = {
     "formats": {"model", "store", "geo"},
     "io": FILES,
     "trials": {"model", "scoring", "append_log"},
-    "chain": {"model", "kernels", "store"} | STAGES,
+    "chain": {"model", "jit", "kernels", "store"} | STAGES,
     "results": {"model", "store", "geo", "scoring", "trials", "chain"},
     "design": {"model", "kernels", "imaging", "simulate", "chain"},
     "report": {"model", "screen", "scoring", "trials", "chain", "results", "design"} | FILES,
-    "execution": {"model", "store", "chain", "results", "report", "simulate", "live"},
+    "execution": {"model", "jit", "store", "chain", "results", "report", "simulate", "live"},
     "live": {"model", "store", "geo", "chain", "append_log"} | STAGES,
     "proving_ground": BELOW | {"chain", "results", "report", "execution"},
     "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
@@ -220,6 +220,14 @@ def loaded_by(code: str) -> set[str]:
     return set(ran.stdout.splitlines()[-1].split())
 
 
+def running(arguments: list[str]) -> str:
+    """Return code that runs a command, which must succeed."""
+    return (
+        f"import sys; sys.argv = ['flgpr', *{arguments!r}]\nfrom flgpr.__main__ import main\ntry:\n    main()\n"
+        "except SystemExit as end:\n    assert not end.code"
+    )
+
+
 @pytest.mark.slow("runs in processes of its own")
 @pytest.mark.parametrize(
     ("arguments", "besides"),
@@ -233,11 +241,22 @@ def loaded_by(code: str) -> set[str]:
 )
 def test_a_command_loads_what_it_needs(arguments, besides):
     """Dask, which xarray would load where it is installed, and SciPy and Jinja with it, is kept away."""
-    code = (
-        f"import sys; sys.argv = ['flgpr', *{arguments!r}]\nfrom flgpr.__main__ import main\ntry:\n    main()\n"
-        "except SystemExit as end:\n    assert not end.code"
-    )
-    assert not loaded_by(code) & (HEAVY | besides)
+    assert not loaded_by(running(arguments)) & (HEAVY | besides)
+
+
+@pytest.mark.slow("runs in a process of its own")
+def test_scoring_a_table_loads_neither_hdf5_nor_geodesy(tmp_path):
+    (tmp_path / "alarms.csv").write_text("alarm_id,x,y,confidence\na,0,1,2\n")
+    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\nt,0,1,metal,0.1\n")
+    (tmp_path / "lane.toml").write_text("x_min = -1.0\nx_max = 1.0\ny_min = 0.0\ny_max = 5.0\n")
+    names = {name: str(tmp_path / name) for name in ("alarms.csv", "truth.csv", "lane.toml")}
+    words = [names["alarms.csv"], "--truth", names["truth.csv"], "--lane", names["lane.toml"]]
+    words += ["-o", str(tmp_path / "score")]
+    assert not loaded_by(running(["score", *words])) & {"h5py", "pyproj"}
+
+
+def test_the_demo_and_anchors_load_no_geodesy_before_it_is_needed():
+    assert "pyproj" not in loaded_by("import flgpr.geo.anchor, flgpr.commands.demo")
 
 
 def test_importing_the_package_loads_nothing_else():

@@ -326,15 +326,20 @@ def _opened_regular(path: str, flags: int) -> int:
     return _regular(handle, path)
 
 
+def count_values(data: bytes | str) -> int:
+    """Return how many values a text of JSON has at most, without parsing it."""
+    # Every value but the first follows one of these marks.
+    marks: tuple[Any, ...] = (",", "[", "{") if isinstance(data, str) else (b",", b"[", b"{")
+    return sum(data.count(mark) for mark in marks)
+
+
 def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) -> Any:
     """Parse JSON of at most :data:`MOST_VALUES` values, nested :data:`MOST_NESTING` deep.
 
     Anything else is a ValueError. ``constant`` returns what stands for NaN and infinity, by default
     these numbers.
     """
-    marks: tuple[Any, ...] = (",", "[", "{") if isinstance(data, str) else (b",", b"[", b"{")
-    # Counted before parsing: every value but the first follows one of these marks.
-    if sum(data.count(mark) for mark in marks) > MOST_VALUES:
+    if count_values(data) > MOST_VALUES:
         raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
     try:
         value = json.loads(data, parse_constant=constant)

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from chain.test_recipe_for_run import bare_run
 from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.chain.recipe_choice import toml_frequency
 from flgpr.chain.recipe_fit import check_fit
 from flgpr.chain.recipe_for_run import fit_recipe, recipe_for, sensor_for
 from flgpr.chain.recipe_like import likeable_names
@@ -88,6 +89,36 @@ def test_comments_tell_what_was_taken_from_the_run():
     assert 'antennas = "full-wave"' in lines["antennas"]
     assert "flgpr recipe for --like fused" in text
     assert text == fit_recipe(open_run(sample_lane() / "run.zarr"), like="fused")
+
+
+@pytest.mark.parametrize("like", [None, "fused"])
+def test_tones_at_the_edges_of_sub_bands_stay_in_them(like):
+    # More digits than a recipe used to have; the lowest tone is above its own rounded value.
+    tones = 0.7500000001234567e9 + 5000000.123 * np.arange(130)
+    tones[-1] = np.nextafter(tones[-1], np.inf)
+    bands = parse_recipe(fit_recipe(bare_run(tones=tones), like=like)).image.subbands.values()
+    assert min(low for low, _ in bands) == tones[0]
+    assert max(high for _, high in bands) == tones[-1]
+
+
+@pytest.mark.parametrize(
+    ("frequency", "text"),
+    [(1e9, "1e9"), (0.45e9, "0.45e9"), (1.5e10, "15e9"), (1e6, "0.001e9"), (1e9 / 3, None)],
+)
+def test_a_frequency_is_written_so_that_it_is_read_again(frequency, text):
+    written = toml_frequency(frequency)
+    assert float(written) == frequency
+    assert text is None or written == text
+
+
+def test_neither_path_nor_name_of_the_model_ends_a_comment(tmp_path):
+    path = tmp_path / "a\nfoo = 1\x1b.toml"
+    text = recipe_text("fused").replace('name = "fused"', 'name = "fu\\nsed\\u007f = 1"')
+    path.write_text(text)
+    fitted = fit_recipe(bare_run(tones=LOW_TONES), like=path)
+    assert parse_recipe(fitted).name == "fu\nsed\x7f = 1-fitted"
+    assert "all others are those of fu\\nsed\\x7f = 1, see" in fitted
+    assert fitted.count("a\\nfoo = 1\\x1b.toml") == 2
 
 
 def test_an_array_of_its_own_assumes_the_antennas_and_says_so():

@@ -1,6 +1,7 @@
 """The draft of a mapping for one file: axes, units, places, and what stays a guess."""
 
 import re
+import tomllib
 
 import h5py
 import numpy as np
@@ -37,6 +38,14 @@ def test_a_draft_takes_longitude_and_latitude_where_a_file_has_no_places_in_the_
     run = import_mapped(tmp_path / "m.toml", anchor_from_track=True).run
     way = run["pose"].values[:, 1]
     np.testing.assert_allclose(np.diff(way), 1e-5 * 111_412, rtol=1e-3)  # m of a degree at 60 N
+
+
+def test_a_line_break_in_the_name_of_a_file_ends_no_comment(tmp_path):
+    path = tmp_path / "a\nfoo = 1.npz"
+    np.savez(path, data=np.ones((200, 41)), time=np.linspace(0, 50e-9, 200))
+    draft = propose_mapping(path)
+    assert draft.startswith("# Draft for a\\nfoo = 1.npz. ")
+    assert "foo" not in tomllib.loads(draft)
 
 
 def test_axes_of_one_length_are_both_guesses(tmp_path):

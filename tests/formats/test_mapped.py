@@ -274,6 +274,19 @@ def test_an_impulse_at_a_delay_has_the_phase_of_its_path(tmp_path):
     np.testing.assert_allclose(got / np.abs(got), expected, atol=2e-3)
 
 
+def test_negative_frequencies_of_complex_samples_without_a_carrier_are_told(tmp_path):
+    time = 4e-9 + 0.1e-9 * np.arange(400)
+    ahead = np.exp(2j * np.pi * 1.5e9 * time)
+    behind = np.exp(-2j * np.pi * 1.5e9 * time)  # whole periods, so that no power leaks
+    np.savez(tmp_path / "p.npz", trace=np.array([2 * ahead, ahead + behind]), t=time * 1e9)
+    imported = import_mapped(put(IMPULSE, tmp_path / "m.toml"), tmp_path / "p.npz")
+    [note] = [line for line in imported.notes if "carrier" in line]
+    assert "taken as analytic signals, and 16.7 % of their power, at negative" in note
+    np.savez(tmp_path / "real.npz", trace=np.array([ahead, behind]).real, t=time * 1e9)
+    imported = import_mapped(put(IMPULSE, tmp_path / "m.toml"), tmp_path / "real.npz")
+    assert not [line for line in imported.notes if "carrier" in line]
+
+
 def test_conjugated_recorders_and_path_offsets(tmp_path):
     path = 12.3
     offset = 8.0

@@ -1,4 +1,5 @@
 import json
+import re
 import tomllib
 import warnings
 from datetime import UTC, datetime
@@ -6,6 +7,8 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from flgpr.door import MOST_JSON
+from flgpr.formats import sigmf_writer
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapped import import_mapped
 from flgpr.formats.sigmf import NAMESPACE
@@ -124,6 +127,35 @@ def test_the_same_run_gives_the_same_bytes_and_another_is_refused(tmp_path):
     with pytest.raises(FileExistsError, match="lane"):
         write_sigmf(random_run(tones=6), tmp_path / "lane")
     assert [path.name for path in tmp_path.iterdir()] == ["lane"]
+
+
+def test_metadata_of_200_000_scans_are_read_again(tmp_path):
+    scans = 50
+    folder = write_sigmf(random_run(scans), tmp_path / "lane")
+    size = (folder / "lane.sigmf-meta").stat().st_size
+    assert size / scans < MOST_JSON / 200_000
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "got"),
+    [
+        ("MOST_JSON", 8000, r"got 0.0 MiB and 1\d\d\d values of 100 scans"),
+        ("MOST_VALUES", 500, "500 v"),
+    ],
+)
+def test_metadata_that_no_reader_takes_are_refused_before_anything_is_written(
+    limit, most, got, tmp_path, monkeypatch
+):
+    run = random_run(100)
+    monkeypatch.setattr(sigmf_writer, limit, most)
+    with pytest.raises(
+        ValueError, match=rf"{got}.*write parts of at most about (\d+) scans"
+    ) as refusal:
+        write_sigmf(run, tmp_path / "lane")
+    assert not list(tmp_path.iterdir())
+    part = int(re.search(r"about (\d+) scans", str(refusal.value)).group(1))
+    assert 15 <= part < 100
+    write_sigmf(run.isel(scan=slice(0, part - 5)), tmp_path / "part")
 
 
 def test_the_library_of_sigmf_finds_it_valid(tmp_path):

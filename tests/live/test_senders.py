@@ -18,12 +18,12 @@ from flgpr.live.watch import Inbox
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
-from live_sockets import QUICK, is_ended, wait_for, watching
+from live_sockets import QUICK, first_scan, is_ended, sending_over, wait_for, watching
 
 RUN = make_lane_run(scans=2)
 DESCRIPTION = describe_for_live(RUN)
 DESCRIBED = encode_frame("run", DESCRIPTION.as_json())
-SCAN = encode_scan(0, RUN["signal"].values[0], np.zeros(6), 0.0, DESCRIPTION.run_id)
+SCAN = first_scan(RUN)
 
 
 def listening(path, limits=QUICK):
@@ -40,14 +40,16 @@ def is_connected(sender, path):
     return True
 
 
-@contextlib.contextmanager
+def connected(path):
+    """Return a connection to a Unix socket."""
+    sender = socket.socket(socket.AF_UNIX)
+    wait_for(lambda: is_connected(sender, path))
+    return sender
+
+
 def sending(path, data=b""):
-    with socket.socket(socket.AF_UNIX) as sender:
-        sender.settimeout(20)
-        wait_for(lambda: is_connected(sender, path))
-        if data:
-            sender.sendall(data)
-        yield sender
+    """Send to the Unix socket that is listened on."""
+    return sending_over(lambda: connected(path), data)
 
 
 def test_more_senders_than_may_be_are_refused_and_counted(tmp_path):

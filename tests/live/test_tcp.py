@@ -5,7 +5,6 @@ import socket
 import threading
 import time
 
-import numpy as np
 import pytest
 
 from flgpr.live.feeding import feed
@@ -15,14 +14,14 @@ from flgpr.live.session import LiveRun
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, connected_tcp, listening_tcp, parse_tcp
 from flgpr.live.watch import Inbox
-from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan, save_run
+from flgpr.store import ScanFileError, describe_for_live, encode_frame, save_run
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
-from live_sockets import QUICK, is_ended, wait_for, watching
+from live_sockets import QUICK, first_scan, is_ended, sending_over, wait_for, watching
 
 RUN = make_lane_run(scans=8)
 DESCRIPTION = describe_for_live(RUN)
-SCAN = encode_scan(0, RUN["signal"].values[0], np.zeros(6), 0.0, DESCRIPTION.run_id)
+SCAN = first_scan(RUN)
 FREE = TcpAddress("127.0.0.1", 0)
 
 
@@ -31,12 +30,9 @@ def listening(limits=QUICK):
     return watching(TcpWatch, FREE, limits)
 
 
-@contextlib.contextmanager
 def sending(watch, data=b""):
-    with connected_tcp(watch.address) as sender:
-        sender.settimeout(20)
-        sender.sendall(data)
-        yield sender
+    """Send to the port that is listened on."""
+    return sending_over(lambda: connected_tcp(watch.address), data)
 
 
 @pytest.mark.parametrize(

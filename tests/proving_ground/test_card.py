@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.proving_ground.card import parse_card, printable
+from flgpr.proving_ground.card import parse_card
 from submitted import CARD
 
 
@@ -60,6 +60,23 @@ def test_an_entry_that_breaks_a_rule_is_named(old, new, fault):
     assert all(line.isprintable() and len(line) < 320 for line in faults)
 
 
+@pytest.mark.parametrize(
+    ("old", "fits", "too_large"),
+    [
+        ("seconds_per_km = 120", "seconds_per_km = 1e9", "seconds_per_km = 1.1e9"),
+        ("training_seconds = 30", "training_seconds = 1e9", "training_seconds = 1.1e9"),
+        ("training_seconds = 30", "peak_mib = 1e9", "peak_mib = 1.1e9"),
+        ("threshold = 0.5", "weights = 70_000_000_000", "weights = 1.1e20"),
+        ("threshold = 0.5", "seed = 9223372036854775807", "seed = -1.1e20"),
+    ],
+)
+def test_numbers_of_real_entries_fit_and_larger_ones_are_refused(old, fits, too_large):
+    assert faults_of(CARD.replace(old, fits)) == []
+    faults = faults_of(CARD.replace(old, too_large))
+    assert len(faults) == 1
+    assert "must lie between -1e+" in faults[0]
+
+
 def test_all_faults_are_found_at_once():
     text = CARD.replace('name = "hand-made"', 'name = "?"').replace("2026-11-20", '"never"')
     text = text.replace("seconds_per_km = 120", "seconds_per_km = -1")
@@ -85,8 +102,3 @@ def test_a_key_that_would_move_the_cursor_is_escaped():
     [fault] = faults_of(CARD.replace("format =", '"\\u001b[2J" = 1\nformat =', 1))
     assert "\x1b" not in fault
     assert "\\x1b" in fault
-
-
-def test_text_that_is_printable_stays_as_it_is():
-    assert printable("Müller, 3 × 4 m²") == "Müller, 3 × 4 m²"
-    assert printable("a\nb\x07") == "a\\nb\\x07"

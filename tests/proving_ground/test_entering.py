@@ -5,9 +5,10 @@ import json
 import pandas as pd
 import pytest
 
-from flgpr.proving_ground import enter_submissions, load_ground
+from flgpr.proving_ground import enter_submissions, load_ground, write_leaderboard
 from flgpr.proving_ground.running import SEALED
-from flgpr.trials import read_register
+from flgpr.store.outputs import BusyError, locked_folder
+from grounds import looks
 from robust import digests
 from submitted import CARD, write_ground, write_submission
 
@@ -26,10 +27,6 @@ def entered(tmp_path_factory):
     write_submission(home / "perfect", ground, card=card, share=1)
     text = enter_submissions([home / "mine", home / "perfect"], home / "out", path)
     return home, text
-
-
-def looks(out):
-    return [line["event"] for line in read_register(f"{out / 'lanes' / SEALED}.log.jsonl")]
 
 
 def scores_of(out, entry):
@@ -121,6 +118,79 @@ def test_the_name_of_an_entry_that_ran_there_is_refused(entered, tmp_path):
     with pytest.raises(ValueError, match=r"a name that no other entry of .* has, got ran-here"):
         enter_submissions([tmp_path / "mine"], home / "out", home / "ground.toml")
     folder.rmdir()
+
+
+def test_another_card_under_the_same_name_is_refused(tmp_path):
+    path, ground = write_ground(tmp_path)
+    seen = CARD.replace("test_truth_seen = false", "test_truth_seen = true")
+    enter_submissions(
+        [write_submission(tmp_path / "seen", ground, card=seen)], tmp_path / "out", path
+    )
+    before = digests(tmp_path / "out")
+    blind = write_submission(tmp_path / "blind", ground)
+    with pytest.raises(
+        ValueError, match=r"hand-made must have the card that was scored, got anoth"
+    ):
+        enter_submissions([blind], tmp_path / "out", path)
+    assert digests(tmp_path / "out") == before
+
+    entry = tmp_path / "out/entries/hand-made/submission.toml"
+    entry.write_text(CARD)
+    rule = r"submission.toml: it must be the card that was scored, of SHA-256 \w{12} by .*, got one"
+    with pytest.raises(ValueError, match=rule):
+        write_leaderboard([tmp_path / "out"], tmp_path / "page.html")
+    other = CARD.replace('"hand-made"', '"other"')
+    submission = write_submission(tmp_path / "other", ground, card=other)
+    with pytest.raises(ValueError, match=rule):
+        enter_submissions([submission], tmp_path / "out", path)
+    assert looks(tmp_path / "out").count("score") == 2
+    entry.write_text(seen)
+    write_leaderboard([tmp_path / "out"], tmp_path / "page.html")
+
+
+def test_a_killed_entering_leaves_no_half_entry(tmp_path, monkeypatch):
+    path, ground = write_ground(tmp_path)
+    folder = write_submission(tmp_path / "mine", ground)
+
+    def killed(*_):
+        raise RuntimeError("killed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("flgpr.proving_ground.entering.write_table", killed)
+        # A killed process does not tidy up.
+        patch.setattr("flgpr.store.outputs.shutil.rmtree", lambda *_, **__: None)
+        with pytest.raises(RuntimeError, match="killed"):
+            enter_submissions([folder], tmp_path / "out", path)
+    entries = tmp_path / "out" / "entries"
+    assert [entry.name for entry in entries.iterdir()] == [".partial-hand-made"]
+    other = CARD.replace('"hand-made"', '"other"')
+    write_submission(tmp_path / "other", ground, card=other)
+    enter_submissions([tmp_path / "other"], tmp_path / "out", path)
+    assert [entry.name for entry in entries.iterdir()] == ["other"]
+    enter_submissions([folder], tmp_path / "out", path)
+    assert len(scores_of(tmp_path / "out", "hand-made")) > 0
+
+
+def test_two_processes_do_not_enter_at_once(tmp_path):
+    path, ground = write_ground(tmp_path)
+    folder = write_submission(tmp_path / "mine", ground)
+    (tmp_path / "out").mkdir()
+    with (
+        locked_folder(tmp_path / "out"),
+        pytest.raises(BusyError, match="out: another process is writing here"),
+    ):
+        enter_submissions([folder], tmp_path / "out", path)
+    assert not any((tmp_path / "out").iterdir())
+
+
+def test_a_page_of_something_else_is_refused_before_the_truth_is_looked_at(tmp_path):
+    path, ground = write_ground(tmp_path)
+    folder = write_submission(tmp_path / "mine", ground)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "leaderboard.html").write_text("years of work")
+    with pytest.raises(FileExistsError, match=r"be an older leaderboard, got .*leaderboard.html"):
+        enter_submissions([folder], tmp_path / "out", path)
+    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["leaderboard.html"]
 
 
 def test_the_page_shows_cards_and_nothing_in_them_runs(entered):

@@ -12,6 +12,7 @@ from flgpr.model import Grid
 from flgpr.proving_ground import load_ground
 from flgpr.proving_ground.oracle import divided_by_rms, inverse_covariance
 from flgpr.simulate import Simulator, draw_world
+from submitted import write_ground
 
 SCRIPT = Path(__file__).parents[2] / "evidence" / "ladder.py"
 SIZE = 6
@@ -108,3 +109,12 @@ def test_false_alarms_at_a_pd_and_their_intervals(ladder):
     assert row["pd_low"] < 0.6 < row["pd_high"]
     assert ("plastic", "oracle") not in rows.index
     assert ladder.name_of(SimpleNamespace(tier="")) == "ground"
+
+
+def test_a_site_that_the_ground_does_not_have_is_refused(ladder, tmp_path, capsys):
+    write_ground(tmp_path)
+    (tmp_path / "ground.json").write_text('{"ground": "tiny-3", "quick": false}')
+    with pytest.raises(SystemExit):
+        ladder.main([str(tmp_path), str(tmp_path / "out"), "--site", "moon"])
+    assert "--site must be one of sand, got moon" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

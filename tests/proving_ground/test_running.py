@@ -27,54 +27,14 @@ from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.proving_ground.table import pd_in_words
 from flgpr.simulate import draw_world
 from flgpr.store import read_manifest, read_table, sample_lane
-from flgpr.trials import open_truth, read_register
+from flgpr.trials import open_truth
+from grounds import SMALL, looks, write_runnable_ground
 from robust import digests
 from systems import test_plugin
-from systems.lanes import SENSOR, small_recipe
+from systems.lanes import small_recipe
 
 pytestmark = pytest.mark.slow("trains and runs detectors on the lanes of a proving ground")
 
-GROUND = """
-name = "small"
-version = 3
-sensor = "{sensor}"
-halo = 1.0
-fars = [0.02, 0.1]
-far = 0.1
-reference = "one"
-[scene.surface]
-density = 4.0
-[scene.track]
-start = -6.0
-step = [2.0, 2.2]
-[sites]
-arid = "arid-sand"
-gravel = "gravel"
-[sorts]
-metal = {{ kind = "metal" }}
-pmn = {{ kind = "ap", body = "pmn" }}
-[lanes.known]
-part = "train"
-length = 24.0
-targets = [["metal", -0.15, 5]]
-[lanes.test]
-part = "test"
-length = 24.0
-targets = [["metal", -0.15, 4], ["pmn", 0.01, 1]]
-[lanes.bare]
-part = "test"
-length = 24.0
-targets = []
-[splits.standard]
-title = "all"
-folds = [{{ train = ["*-known-*"], test = ["*-test-*"] }}]
-[splits.new-site]
-title = "another site"
-folds = [
-    {{ train = ["gravel-known-*"], test = ["arid-test-*"] }},
-    {{ train = ["arid-known-*"], test = ["gravel-test-*"] }},
-]
-"""
 DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["C_HH_F1", "M_VV_F1"]\n'
 
 
@@ -82,18 +42,13 @@ DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["C_HH_F1", "M_VV_F
 def field(tmp_path_factory) -> Path:
     """A folder with the ground, two recipes and what running both gave."""
     folder = tmp_path_factory.mktemp("field")
-    (folder / "sensor.toml").write_text(SENSOR)
-    (folder / "ground.toml").write_text(GROUND.format(sensor=folder / "sensor.toml"))
+    write_runnable_ground(folder, SMALL)
     (folder / "one.toml").write_text(small_recipe("wang2007"))
     (folder / "two.toml").write_text(small_recipe("wang2007") + DETECTOR)
     run_benchmark(
         [folder / "one.toml", folder / "two.toml"], folder / "out", ground=folder / "ground.toml"
     )
     return folder
-
-
-def looks(out):
-    return [line["event"] for line in read_register(f"{out / 'lanes' / SEALED}.log.jsonl")]
 
 
 def truth_of(ground, split="standard"):

@@ -22,65 +22,20 @@ from flgpr.proving_ground.figures import tiers_figure
 from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.simulate import draw_world
 from flgpr.trials import open_truth, read_register
+from grounds import TIERED, write_runnable_ground
 from robust import digests
-from systems.lanes import SENSOR, small_recipe
+from systems.lanes import small_recipe
 
 pytestmark = pytest.mark.slow("trains and runs detectors on lanes of both tiers")
 
 LADDER = Path(__file__).parents[2] / "evidence" / "ladder.py"
 TIERS = ("smooth", "rough")
-GROUND = """
-name = "tiers"
-version = 1
-sensor = "{sensor}"
-halo = 1.0
-fars = [0.02, 0.1]
-far = 0.1
-reference = "one"
-[scene.surface]
-density = 4.0
-[scene.track]
-start = -6.0
-step = [2.0, 2.2]
-[tiers.smooth]
-title = "a lane that was rolled"
-[tiers.smooth.sites]
-sand = "prepared-sand"
-[tiers.smooth.surface.known]
-unevenness = 128e-6
-[tiers.rough]
-title = "a lane as found"
-[tiers.rough.sites]
-sand = "arid-sand"
-[sorts]
-metal = {{ kind = "metal" }}
-pmn = {{ kind = "ap", body = "pmn" }}
-vs-1-6 = {{ kind = "plastic", body = "vs-1.6" }}
-simulant = {{ kind = "simulant" }}
-[lanes.known]
-part = "train"
-length = 18.0
-targets = [["metal", -0.15, 4]]
-[lanes.test]
-part = "test"
-length = 24.0
-targets = [["metal", -0.15, 2], ["pmn", 0.01, 1], ["vs-1-6", 0.05, 1], ["simulant", 0.05, 1]]
-[lanes.bare]
-part = "test"
-length = 18.0
-targets = []
-[splits.standard]
-title = "all"
-folds = [{{ train = ["sand-known-*"], test = ["sand-test-*", "*-bare-*"] }}]
-"""
 LIST = pd.DataFrame({"x": [0.0], "y": [3.0], "confidence": [1.0]})
 
 
 def write_ground(folder):
-    (folder / "sensor.toml").write_text(SENSOR)
     (folder / "one.toml").write_text(small_recipe("wang2007"))
-    (folder / "ground.toml").write_text(GROUND.format(sensor=folder / "sensor.toml"))
-    return folder / "ground.toml"
+    return write_runnable_ground(folder, TIERED)
 
 
 @pytest.fixture(scope="module")

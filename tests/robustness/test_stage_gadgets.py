@@ -71,6 +71,12 @@ def clusters():
     return {name: np.full((2, 3), 0.2) for name in names}
 
 
+def dictionary(components, directions, **arrays):
+    mean = np.zeros(components)
+    return {"mean": mean, "projection": np.zeros((directions, components)), **arrays}
+
+
+WINDOW = 9  # pixels of 0.08 m in the 0.7 m of a window of visual words
 LEARNT = {
     ("clutter", "masks"): {
         "vv": np.ones(4),
@@ -92,6 +98,14 @@ LEARNT = {
         "covariance": np.eye(IMAGES),
     },
     ("features", "network"): network(),
+    ("features", "visual-words"): dictionary(2 * WINDOW**2, 32, words=np.zeros((200, 32))),
+    ("features", "fisher-vectors"): dictionary(
+        2 * 128,
+        16,
+        share=np.full(30, 1 / 30),
+        centre=np.zeros((30, 16)),
+        deviation=np.ones((30, 16)),
+    ),
 }
 """Arrays of every packaged stage that learns, as training gives them for ``SETUP`` and the defaults."""
 
@@ -216,6 +230,46 @@ GADGETS = {
         "matched",
         with_arrays(covariance=np.ones((IMAGES, 10**6))),
         "'covariance' must have the shape",
+    ),
+    "windows without end": (
+        "visual-words",
+        with_arrays(mean=np.zeros(10**6)),
+        "'mean' must have 81 components of each of 1 to 2 polarizations",
+    ),
+    "directions without end": (
+        "visual-words",
+        with_arrays(projection=np.zeros((10**4, 2 * WINDOW**2))),
+        "'projection' must have the shape",
+    ),
+    "a million words": (
+        "visual-words",
+        with_arrays(words=np.zeros((10**6, 32))),
+        "'words' must have the shape",
+    ),
+    "words that are endless": (
+        "visual-words",
+        with_arrays(words=np.full((200, 32), np.inf)),
+        "'words' must be finite",
+    ),
+    "Gaussians without end": (
+        "fisher-vectors",
+        with_arrays(centre=np.zeros((10**6, 16))),
+        "'centre' must have the shape",
+    ),
+    "a Gaussian without width": (
+        "fisher-vectors",
+        with_arrays(deviation=np.zeros((30, 16))),
+        "'deviation' must be positive",
+    ),
+    "a share of less than nothing": (
+        "fisher-vectors",
+        with_arrays(share=np.full(30, -1 / 30)),
+        "'share' must be positive",
+    ),
+    "shares of more than all": (
+        "fisher-vectors",
+        with_arrays(share=np.ones(30)),
+        "'share' must add up to 1, got 30",
     ),
     "a mean of complex numbers": ("matched", with_arrays(mean=np.ones(IMAGES, complex)), "float64"),
 }

@@ -1,6 +1,7 @@
 """Tables of alarms and truth as other programs and languages write them; what is taken otherwise is told."""
 
 import logging
+import re
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,8 @@ import pytest
 
 from flgpr.geo.anchor import fit_anchor
 from flgpr.store import read_table
-from flgpr.store.dialects import TableReading, parse_columns_option
+from flgpr.store.dialects import TableReading, _split_unit, parse_columns_option
+from flgpr.store.tables import parse_table
 from io_geodesy import LANE, on_the_ellipsoid
 
 PLACES = np.array([[0.25, 3.5], [-0.5, 10.25]])
@@ -181,3 +183,37 @@ def test_every_number_stays(tmp_path):
     table = read(tmp_path, f"# c\nquer,längs,Score\n{rows}\n")
     expected = pd.DataFrame(values, columns=["x", "y", "confidence"])
     pd.testing.assert_frame_equal(table, expected, check_exact=True)
+
+
+UNIT_IN_BRACKETS = re.compile(r"\s*(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*")
+"""The rule as a regular expression, whose time grows with the square of the length."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["x (m)", " Tiefe [ cm ] ", "a (b) [m]", "a [b (m)", "(m)", "x m", "x)", "x (m", "()", ""],
+)
+def test_a_unit_in_brackets_is_what_the_slow_rule_finds(name):
+    check_unit(name)
+
+
+def test_units_of_random_names_are_what_the_slow_rule_finds():
+    rng = np.random.default_rng(0)
+    for length in rng.integers(0, 12, size=2000):
+        check_unit("".join(rng.choice(list("x m[]()"), size=length)))
+
+
+def check_unit(name):
+    expected = UNIT_IN_BRACKETS.fullmatch(name)
+    found = _split_unit(name)
+    if expected is not None:
+        assert found == (expected["name"], expected["unit"]), name
+    else:
+        assert "(" not in found[1], name
+        assert found[1] in ("", "m"), name
+
+
+@pytest.mark.parametrize("text", ["[" * 20_000, "x" + " " * 20_000 + "(", "(" * 20_000 + ")"])
+def test_a_header_of_thousands_of_brackets_is_refused(text):
+    with pytest.raises(ValueError, match="alarms must have the columns"):
+        parse_table(f"{text},y\n1,2\n".encode(), "alarms", "alarms.csv")

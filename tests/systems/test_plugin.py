@@ -123,7 +123,7 @@ def test_its_stage_runs_with_workers_after_a_stop_and_live(lanes, installed, tmp
         (
             "",
             "",
-            r"columns.0: stage must be one of .*matched, network, roadside, .*got 'sharpness'",
+            r"columns.0: stage must be one of .*matched, network, .*got 'sharpness'",
         ),
         ("radius = 0.5", "radius = -1", r"radius: .* got -1"),
         ("radius = 0.5", "size = 1", r"size: no such entry; there are radius"),

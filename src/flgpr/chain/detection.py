@@ -16,6 +16,7 @@ from flgpr.chain.evidence import Evidence, confidence_contributions, in_order
 from flgpr.chain.lane_setup import LaneSetup, array_table
 from flgpr.chain.passes.frames import alarms_by_frame
 from flgpr.chain.stages import FloatArray
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import ALARM_COLUMNS, empty_table
 
 MAIN = "main"
@@ -55,6 +56,7 @@ class RankedAlarms:
     rows: NDArray[np.intp]  #: their numbers among the alarms that were raised
 
 
+@blas_on_one_thread()
 def rank_alarms(lane: LaneSetup) -> RankedAlarms:
     """Score the alarms of a lane with the recipe's detector and rank them.
 
@@ -113,6 +115,7 @@ def rank(alarms: pd.DataFrame, features: pd.DataFrame) -> RankedAlarms:
     return RankedAlarms(table[columns], features, rows)
 
 
+@blas_on_one_thread()
 def assemble(lane: LaneSetup, ranked: RankedAlarms) -> Detection:
     """Return the ranked alarms of a lane with its run-view and what explains them.
 

@@ -2,8 +2,9 @@
 
 The state of a block depends on nothing but the run, the recipe and the results of earlier passes,
 and the states are merged in the order of the blocks. So the bits of a result depend neither on the
-number of workers, nor on their machines, nor on interruptions (``execution/checkpoint.py``). The
-engine knows no pass by name: what a pass does stands in ``chain/passes`` and in the stages.
+number of workers, nor on their machines, nor on interruptions (``execution/checkpoint.py``). Linear
+algebra has one thread meanwhile, as its last bits depend on the number. The engine knows no pass by
+name: what a pass does stands in ``chain/passes`` and in the stages.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
+from flgpr.jit.threads import blas_on_one_thread
 
 BLOCK = 16
 """Most scans in a block."""
@@ -201,12 +203,13 @@ class Engine:
             If the state is no longer needed.
         """
         block = self.blocks[number]
-        gatherer = self.passes[name].start(block)
-        for index in block_iterator(block, gatherer):
-            if worker_state.stop.is_set():
-                raise CancelledError
-            gatherer.add(index)
-        return gatherer.state(False)
+        with blas_on_one_thread():
+            gatherer = self.passes[name].start(block)
+            for index in block_iterator(block, gatherer):
+                if worker_state.stop.is_set():
+                    raise CancelledError
+                gatherer.add(index)
+            return gatherer.state(False)
 
     def merge_blocks(self, name: str, states: Iterable[Arrays]) -> Gatherer:
         """Merge the states of the blocks of a pass.
@@ -227,6 +230,19 @@ class Engine:
         for state in states:
             gatherer.merge(state)
         return gatherer
+
+    def result_of(self, name: str, states: Iterable[Arrays]) -> Arrays:
+        """Return the result of a pass.
+
+        Parameters
+        ----------
+        name : str
+            Name of the pass.
+        states : iterable of dict
+            As for :meth:`merge_blocks`.
+        """
+        with blas_on_one_thread():
+            return self.merge_blocks(name, states).result()
 
     def run(self, track: Track = silent, names: Sequence[str] | None = None) -> None:
         """Run passes in this process that have no result yet, by default all.
@@ -256,7 +272,7 @@ class Engine:
                     self.results[block_name(name, number)] = state
                 self.results[name] = {}
             else:
-                self.results[name] = self.merge_blocks(name, states).result()
+                self.results[name] = self.result_of(name, states)
 
 
 def run_pieces(
@@ -284,17 +300,18 @@ def run_pieces(
     # of a kernel wait for one another at every call.
     kernels = numba.get_num_threads()
     threads = min(threads, kernels, len(arguments))
-    if threads > 1:
-        # Where the last round would leave most threads without a piece, all of them share the loops
-        # of its pieces.
-        last_round = len(arguments) % threads
-        count = len(arguments)
-        if 2 * last_round <= threads:
-            count -= last_round
-        yield from _run_at_once(work, arguments[:count], threads, kernels // threads)
-        arguments = arguments[count:]
-    for piece in arguments:
-        yield work(*piece)
+    with blas_on_one_thread():
+        if threads > 1:
+            # Where the last round would leave most threads without a piece, all of them share the
+            # loops of its pieces.
+            last_round = len(arguments) % threads
+            count = len(arguments)
+            if 2 * last_round <= threads:
+                count -= last_round
+            yield from _run_at_once(work, arguments[:count], threads, kernels // threads)
+            arguments = arguments[count:]
+        for piece in arguments:
+            yield work(*piece)
 
 
 def _run_at_once(

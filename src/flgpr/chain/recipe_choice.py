@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Figures:
     image_y: Band  #: borders of the images ahead, m in the scan frame
     fine: float  #: spacing of the images, m
     window: str  #: that of the images
-    bands: dict[str, Band]  #: sub-bands, Hz
+    bands: dict[str, tuple[str, str]]  #: edges of the sub-bands, Hz, as TOML
     median_step: int  #: pixels between those of the background's median
     view_x: Band  #: borders of the run-view across, m in the lane frame
     coarse: float  #: spacing of the run-view, m
@@ -239,7 +240,7 @@ def figures_of(setup: RadarSetup, choice: Choice) -> Figures:
         image_y=image_y(setup, choice),
         fine=choice.fine,
         window=window_of(setup),
-        bands=choice.bands,
+        bands=_band_texts(setup, choice),
         median_step=median_step(choice),
         view_x=view_x(setup, choice),
         coarse=choice.coarse,
@@ -248,6 +249,19 @@ def figures_of(setup: RadarSetup, choice: Choice) -> Figures:
         subband=choice.subband,
         reasons=reasons_for(setup, choice),
     )
+
+
+def _band_texts(setup: RadarSetup, choice: Choice) -> dict[str, tuple[str, str]]:
+    """Return the edges of the sub-bands as TOML, by name."""
+    texts = {}
+    for name, (low, high) in choice.bands.items():
+        texts[name] = (_edge_text(setup, low), _edge_text(setup, high))
+    return texts
+
+
+def _edge_text(setup: RadarSetup, edge: float) -> str:
+    """Return the edge of a sub-band as TOML: to the bit where it is a tone, else six digits."""
+    return toml_frequency(edge) if edge in setup.tones else f"{edge / 1e9:.6g}e9"
 
 
 def pixels_of(lengths: Sequence[float], spacing: float) -> list[int]:
@@ -326,6 +340,15 @@ def fitted_to(setup: RadarSetup) -> str:
 
 def _band_text(setup: RadarSetup) -> str:
     return f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
+
+
+def toml_frequency(frequency: float) -> str:
+    """Return a frequency in GHz as TOML, with the fewest digits that give the same number of Hz.
+
+    A tone at the edge of a band stays in it.
+    """
+    gigahertz = Decimal(repr(float(frequency))).scaleb(-9).normalize()
+    return f"{gigahertz:f}e9"
 
 
 def reasons_for(setup: RadarSetup, choice: Choice) -> dict[str, str]:

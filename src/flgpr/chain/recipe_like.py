@@ -31,11 +31,13 @@ from flgpr.chain.recipe_choice import (
     pixels_of,
     polarization_of,
     reasons_for,
+    toml_frequency,
     view_x,
     window_of,
 )
 from flgpr.chain.recipe_fit import FITTED_MAP, Band, FloatArray, RadarSetup, allow_features
 from flgpr.door import parse_toml
+from flgpr.model.printable import printable
 
 Tables = dict[str, Any]
 _CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
@@ -228,15 +230,17 @@ class _Fitted:
         self._fit_prescreen()
         self._fit_contrast()
         self._fit_features()
-        name = self.model.name
-        self.tables["name"] = f"{name}-fitted"
-        self.tables["description"] = f"Like {name}, {fitted_to(self.setup)}"
+        name = printable(self.model.name)
+        shown_like = printable(str(like))
+        self.tables["name"] = f"{self.model.name}-fitted"
+        self.tables["description"] = f"Like {self.model.name}, {fitted_to(self.setup)}"
         head = [
-            f"# Made by `flgpr recipe for --like {like}`",
+            f"# Made by `flgpr recipe for --like {shown_like}`",
             f"# {described(self.setup)}",
             '# Lengths in m, frequencies in Hz. Entries marked "run:" were taken from the run, by '
             "the rules of",
-            f"# `flgpr recipe for`; all others are those of {name}, see `flgpr recipe show {like}`.",
+            f"# `flgpr recipe for`; all others are those of {name}, see "
+            f"`flgpr recipe show {shown_like}`.",
         ]
         head += [f"# Left out: {reason}." for reason in self.left_out]
         return "\n".join([*head, "", *_lines_of(self.tables, self.reasons)]) + "\n"
@@ -403,7 +407,7 @@ def _lines_of(
 
 def _key(name: str) -> str:
     """Return a key as TOML writes it."""
-    return name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+    return name if _BARE_KEY.fullmatch(name) else _toml(name)
 
 
 def _toml(value: Any) -> str:
@@ -411,5 +415,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(_toml(member) for member in value)}]"
     if isinstance(value, float) and abs(value) >= 1e6:
-        return f"{value / 1e9:.12g}e9"
-    return json.dumps(value, ensure_ascii=False)
+        return toml_frequency(value)
+    # JSON leaves as it is the one character that TOML does not allow in a text.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

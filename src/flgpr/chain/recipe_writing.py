@@ -74,7 +74,7 @@ def _subbands_table(figures: Figures) -> str:
     """Write the table of the sub-bands."""
     lines = [f"[image.subbands]  # {figures.reasons['image.subbands']}\n"]
     for name, (low, high) in figures.bands.items():
-        lines.append(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]\n")
+        lines.append(f"{name} = [{low}, {high}]\n")
     return "".join(lines)
 
 

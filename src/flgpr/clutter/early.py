@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT
 
 ComplexArray = NDArray[np.complex64]
@@ -51,7 +52,8 @@ def early_basis(frequency: ArrayLike, path: float) -> NDArray[np.complex128]:
     apart = wavenumber[:, None] - wavenumber
     # The integral is L times sinc(apart * L / 2), with the phase of the middle of the paths.
     covariance = np.sinc(apart * path / (2 * np.pi)) * np.exp(-0.5j * apart * path)
-    values, vectors = np.linalg.eigh(covariance)
+    with blas_on_one_thread():
+        values, vectors = np.linalg.eigh(covariance)
     strong = values > LEAST_EIGENVALUE * values[-1]
     if strong.all():
         raise ValueError(
@@ -91,5 +93,6 @@ def subtract_early(data: ArrayLike, basis: NDArray[np.complex128]) -> ComplexArr
     True
     """
     signal = np.asarray(data, dtype=np.complex128)
-    early = (signal @ basis.conj()) @ basis.T
+    with blas_on_one_thread():
+        early = (signal @ basis.conj()) @ basis.T
     return np.asarray(signal - early, dtype=np.complex64)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels.moments import ESTIMATORS
 
 BASES = ("eigen", "cholesky", "symmetric")
@@ -50,6 +51,12 @@ def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any
         raise ValueError(f"basis must be one of {', '.join(BASES)}, got {basis!r}")
     if C.ndim != 2 or C.shape[0] != C.shape[1] or not np.allclose(C, C.conj().T):
         raise ValueError(f"covariance must be a Hermitian matrix, got one of shape {C.shape}")
+    with blas_on_one_thread():
+        return _whitening_matrix(C, basis)
+
+
+def _whitening_matrix(C: NDArray[Any], basis: str) -> NDArray[Any]:
+    """Compute the matrix of :func:`whitening_matrix` for a Hermitian covariance."""
     values, vectors = np.linalg.eigh(C)
     if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
         raise ValueError(
@@ -111,7 +118,8 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
                 f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
             )
         samples = self._checked(X, reset=True, minimum=2)
-        self.mean_, self.covariance_ = ESTIMATORS[self.moments](samples)
+        with blas_on_one_thread():
+            self.mean_, self.covariance_ = ESTIMATORS[self.moments](samples)
         self.matrix_ = whitening_matrix(self.covariance_, self.basis)
         return self
 
@@ -119,7 +127,8 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         """Return whitened samples, ``W (x - mean)`` of every row of (n_samples, n_features)."""
         check_is_fitted(self)
         samples = self._checked(X, reset=False)
-        return np.asarray((samples - self.mean_) @ self.matrix_.T)
+        with blas_on_one_thread():
+            return np.asarray((samples - self.mean_) @ self.matrix_.T)
 
     def _checked(self, X: ArrayLike, reset: bool, minimum: int = 1) -> NDArray[Any]:
         """Validate samples by scikit-learn, which refuses complex numbers: part by part."""

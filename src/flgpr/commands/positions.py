@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from flgpr.formats.tracks import read_nmea, read_track
 from flgpr.geo.anchor import Anchor, own_anchor, read_anchor
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
@@ -66,6 +65,8 @@ def track_of(
     ``body``, ``axes`` and ``max_gap`` (s) are of takes of OptiTrack Motive. An NMEA log without an
     anchor is a ValueError.
     """
+    from flgpr.formats.tracks import read_nmea, read_track  # the readers of array files are slow
+
     if existing(path, "track").suffix.lower() == ".csv":
         return read_track(path, "column", body, axes, max_gap)
     lane_anchor = read_optional_anchor(anchor)

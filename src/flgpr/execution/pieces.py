@@ -103,7 +103,7 @@ def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
         if name not in work:
             result: Arrays = {}
             if not keep_blocks:
-                result = engine.merge_blocks(name, work.block_states(name, numbers)).result()
+                result = engine.result_of(name, work.block_states(name, numbers))
             work[name] = result
         if not keep_blocks:
             work.drop_blocks(name)

@@ -44,6 +44,7 @@ from flgpr.execution.driver import passes_of_lane
 from flgpr.execution.job import code_versions, make_job, searched_area
 from flgpr.execution.pieces import report
 from flgpr.execution.workers import Executor, RunOptions
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.model import Lane
@@ -365,9 +366,13 @@ class _Training:
 
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:
-        """Report what learning itself costs, without the passes."""
+        """Report what learning itself costs, without the passes.
+
+        Linear algebra has one thread meanwhile, on which its last bits depend.
+        """
         begun = time.perf_counter(), time.process_time()
-        yield
+        with blas_on_one_thread():
+            yield
         self._options.note(report(self.output.name, name, -1, begun, 0))
 
     def _spent(self) -> dict[str, list[pd.DataFrame]]:

@@ -17,6 +17,7 @@ import numpy as np
 from flgpr.formats.arrays import SIGMF, ArrayFile, ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
 from flgpr.formats.draft_units import is_fast_time, small_values, unit_of
+from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
 
 _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
@@ -182,7 +183,7 @@ def _head_lines(
 ) -> list[str]:
     """Return the head of a mapping, and its tables of the files and of the signal."""
     lines = [
-        f"# Draft for {opened.path.name}. "
+        f"# Draft for {printable(opened.path.name)}. "
         "What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(opened.path.stem)}",
         f"polarization = {json.dumps(labels)}",

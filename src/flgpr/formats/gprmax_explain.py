@@ -19,6 +19,7 @@ from flgpr.formats.gprmax import (
 )
 from flgpr.formats.gprmax_decks import MANIFEST
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.printable import printable
 
 _MOST_RECEIVERS = 8  # that are described in words
 _CELLS_PER_WAVELENGTH = 10  # below which gprMax disperses
@@ -75,7 +76,7 @@ def _draft_of_merged(
     """Return the mapping (TOML) of a field (step, trace) of a merged B-scan, ``interval`` in s."""
     steps, traces = shape
     lines = [
-        f"# Draft for {path.name}. "
+        f"# Draft for {printable(path.name)}. "
         "What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(title or path.stem)}",
         'polarization = ["HH?"]',

@@ -88,3 +88,29 @@ def impulse_to_frequency(
     # The transform counts delays from the first sample: its own delay turns the phase.
     phase = np.exp(-2j * np.pi * baseband[in_band] * axis[0])
     return spectrum * phase, frequency[in_band]
+
+
+def negative_share(samples: ArrayLike) -> float:
+    """Return the share of the power of complex samples that lies at negative frequencies.
+
+    Parameters
+    ----------
+    samples : (..., delay) array_like of complex
+        Samples in equal steps. Records with values that are not finite are not counted.
+
+    Returns
+    -------
+    float
+        From 0, of analytic signals, to 1; 0 where there is no power.
+    """
+    values = np.asarray(samples)
+    records = values.reshape(-1, values.shape[-1])
+    first_negative = (values.shape[-1] + 2) // 2  # after zero and the Nyquist frequency
+    total = 0.0
+    negative = 0.0
+    for record in records:
+        power = np.abs(np.fft.fft(record)) ** 2
+        if np.isfinite(power).all():
+            total += float(power.sum())
+            negative += float(power[first_negative:].sum())
+    return negative / total if total else 0.0

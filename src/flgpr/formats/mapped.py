@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.formats.arrays import LIMIT
-from flgpr.formats.impulse import impulse_to_frequency
+from flgpr.formats.impulse import impulse_to_frequency, negative_share
 from flgpr.formats.mapping import (
     Mapping,
     PathOffset,
@@ -343,6 +343,12 @@ class _Importer:
         carrier = spec.carrier * scale
         if carrier:
             self.notes.append(f"samples are at baseband, mixed down by {carrier / 1e9:g} GHz")
+        elif np.iscomplexobj(signal):
+            self.notes.append(
+                "samples are complex and samples.carrier is not stated: they are taken as analytic "
+                f"signals, and {100 * negative_share(signal):.3g} % of their power, at negative "
+                "frequencies, is left out"
+            )
         return impulse_to_frequency(signal, delay, band, spec.pad, carrier)
 
     def _stated_tones(self, spec: Quantity, count: int) -> FloatArray:

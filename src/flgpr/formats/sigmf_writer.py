@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from flgpr.door import MOST_JSON, MOST_VALUES, count_values
 from flgpr.formats.sigmf import DATA, META, NAMESPACE, VERSION
 from flgpr.model import check_run
+from flgpr.model.printable import printable
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
 NAMESPACE_VERSION = "1.0.0"
 """Version of the extension's description, ``docs/reference/flgpr.sigmf-ext.md``."""
+_SHA512_DIGITS = 128
 _IN_MAPPING = ("title", "source", "import_notes")
 """Attributes of a run that an import gives it again."""
 _MAPPING = """\
@@ -93,7 +96,8 @@ def write_sigmf(
     Raises
     ------
     ValueError
-        If the run breaks a rule, or the time has no time zone.
+        If the run breaks a rule, the time has no time zone, or the run has so many scans that
+        readers would refuse its metadata; then nothing is written.
     FileExistsError
         If the folder exists and holds something else.
     """
@@ -102,16 +106,13 @@ def write_sigmf(
         raise ValueError(f"time must have a time zone, got {time.isoformat()}")
     folder = Path(folder)
     left_out = sorted(str(name) for name in run.attrs if name not in _IN_MAPPING)
+    captures = _captures(run, anchor, time)
+    _check_readable(_metadata(run, captures, digest="0" * _SHA512_DIGITS), len(captures))
     with atomic_output(folder) as partial:
         partial.mkdir()
         digest = _write_samples(run, partial / f"{folder.name}{DATA}")
-        content = {
-            "global": _global(run, digest),
-            "captures": _captures(run, anchor, time),
-            "annotations": [],
-        }
-        text = json.dumps(content, allow_nan=False, indent=1)
-        (partial / f"{folder.name}{META}").write_text(text + "\n", encoding="utf-8")
+        metadata = _metadata(run, captures, digest)
+        (partial / f"{folder.name}{META}").write_bytes(metadata)
         mapping = _mapping(run, folder.name)
         (partial / f"{folder.name}.toml").write_text(mapping, encoding="utf-8")
     if left_out:
@@ -120,6 +121,33 @@ def write_sigmf(
             f"{', '.join(left_out)}"
         )
     return folder
+
+
+def _metadata(run: xr.Dataset, captures: list[dict[str, Any]], digest: str) -> bytes:
+    """Return the file of the metadata, JSON without blanks: a capture takes up to 400 bytes."""
+    content = {"global": _global(run, digest), "captures": captures, "annotations": []}
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+    return text.encode() + b"\n"
+
+
+def _check_readable(metadata: bytes, scans: int) -> None:
+    """Refuse metadata that are larger than a reader of flgpr takes."""
+    values = count_values(metadata)
+    share = max(len(metadata) / MOST_JSON, values / MOST_VALUES)
+    if share > 1:
+        most = _rounded(scans / share)
+        raise ValueError(
+            f"the metadata of a SigMF recording must be at most {MOST_JSON / 2**20:g} MiB and "
+            f"{MOST_VALUES} values, which is what readers take, got {len(metadata) / 2**20:.1f} MiB "
+            f"and {values} values of {scans} scans: write parts of at most about {most} scans, "
+            f"in Python write_sigmf(run.isel(scan=slice(0, {most})), ...)"
+        )
+
+
+def _rounded(count: float) -> int:
+    """Return a number of two digits that is not above a count."""
+    digits = max(len(str(int(count))) - 2, 0)
+    return int(count) // 10**digits * 10**digits
 
 
 def _write_samples(run: xr.Dataset, path: Path) -> str:
@@ -207,7 +235,7 @@ def _mapping(run: xr.Dataset, name: str) -> str:
     """Return the mapping that takes a recording back, TOML."""
     labels = ", ".join(f'"{label}"' for label in run["polarization"].values)
     text = _MAPPING.format(
-        name="".join(letter if letter.isprintable() else "?" for letter in name),
+        name=printable(name),
         title=_toml_text(str(run.attrs.get("title", ""))),
         source=_toml_text(str(run.attrs.get("source", ""))),
         data=_toml_text(escape(f"{name}{META}")),  # it is a pattern of names

@@ -7,18 +7,19 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError, ProjError
 
 from flgpr.door import parse_toml, read_named
 from flgpr.model.faults import first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing, faults_of
+
+if TYPE_CHECKING:
+    from pyproj import CRS, Transformer
 
 FloatArray = NDArray[np.float64]
 _FILE_OF_SYSTEMS = re.compile(r"\binit\s*=\s*(?!epsg:\d+\b)", re.IGNORECASE)
@@ -505,6 +506,8 @@ def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
 
 def _geodesy(source: Any, target: Any) -> Transformer:
     """Return the transformation between two systems, longitude or easting first."""
+    from pyproj import Transformer  # slow, and many commands have no anchor
+
     return Transformer.from_crs(source, target, always_xy=True)
 
 
@@ -515,6 +518,9 @@ def reference_system(crs: str) -> CRS:
     would be read, or waited for, when the first point is transformed. Grids that PROJ itself knows
     for a system of a registry are used.
     """
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
     rule = f"crs must be a reference system such as EPSG:32633, got {crs!r}"
     if _FILE_OF_SYSTEMS.search(crs):
         raise ValueError(f"{rule}, which names a file")
@@ -543,6 +549,8 @@ def _system(crs: str, geographic: bool | None) -> CRS:
 
 def _to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
     """Return longitude and latitude, degrees, of points, and the stated accuracy of this, m."""
+    from pyproj.exceptions import ProjError
+
     transformer = _geodesy(system, "EPSG:4326")
     try:
         lon, lat = transformer.transform(points[:, 0], points[:, 1], errcheck=True)

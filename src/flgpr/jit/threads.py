@@ -7,9 +7,9 @@ takes fewer. Waiting threads sleep. Calls from several threads at once are allow
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from functools import cache, partial, wraps
 from typing import Any
 
@@ -67,18 +67,22 @@ def share(
                 helper.result()
 
 
-def blas_on_one_thread() -> AbstractContextManager[Any]:
-    """Return a context in which the linear algebra uses one thread.
+@contextmanager
+def blas_on_one_thread() -> Iterator[None]:
+    """Return a context in which the linear algebra uses one thread, in all threads of the process.
 
-    It is for small matrices, and for work beside the threads of our kernels.
+    The last bits of products and of eigenvectors depend on the number of its threads. It is also
+    for small matrices, and for work beside the threads of our kernels. Where several threads work,
+    the one that waits for them holds the context: the library lets one thread at a time decide.
     """
-    return _libraries().limit(limits=1, user_api="blas")
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield
 
 
 @cache
 def _libraries() -> Any:
     """Return the controller of the linear algebra's threads."""
-    from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]  # detections need none
+    from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]  # slow
 
     return ThreadpoolController()
 

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import Folder
-from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, RECORD, Card, parse_card
+from flgpr.proving_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr.proving_ground.citing import is_packaged
 from flgpr.proving_ground.ground import MINES, Ground
 from flgpr.proving_ground.running import ORACLES, SEALED, read_ground
@@ -146,15 +146,15 @@ def _add_folder(board: Board, folder: Path) -> None:
 def _add_card(board: Board, files: Folder, name: str) -> None:
     """Add the card of an entry that is a submission."""
     card_name = f"entries/{name}/{CARD}"
-    if not files.has(card_name):
+    card_text = entered_card(files, name)
+    if card_text is None:
         return
-    card, faults = parse_card(files.read(card_name, MOST_CARD_BYTES))
+    card, faults = parse_card(card_text)
     if card is None or card.name != name or card.ground != board.ground.title:
         fault = faults[0] if faults else "it must be of this entry and this ground"
         raise ValueError(f"{files.root / card_name}: {fault}")
-    record = files.json(f"entries/{name}/{RECORD}")
     board.cards[name] = card
-    board.records[name] = record if isinstance(record, dict) else {}
+    board.records[name] = files.json(f"entries/{name}/{RECORD}")
     board.sources[name] = SUBMITTED
     declared = {
         "seconds_per_km": card.cost.seconds_per_km,

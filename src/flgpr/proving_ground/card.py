@@ -9,8 +9,11 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationError, field_validator
 
 from flgpr.chain.stages import Table
-from flgpr.door import parse_toml
+from flgpr.door import Folder, parse_toml
+from flgpr.model.bounds import Largest, NotNegative
 from flgpr.model.faults import describe_fault
+from flgpr.model.printable import printable
+from flgpr.store import sha256
 
 CARD = "submission.toml"
 """Name of the card in the folder of a submission."""
@@ -20,19 +23,18 @@ MOST_CARD_BYTES = 64 * 2**10
 """Largest card."""
 MOST_PARAMETERS = 100
 """Most declared parameters."""
+MOST_SECONDS = 1e9
+"""Largest declared time, s: about 32 years of processors."""
+MOST_MIB = 1e9
+"""Largest declared memory, MiB: about a pebibyte."""
+LARGEST_PARAMETER = 1e20
+"""Largest magnitude of a declared parameter: a seed of 64 bits fits."""
 _MOST_FAULTS = 50
+_SHOWN_DIGITS = 12  # of a digest in a message
 _LONGEST_FAULT = 300  # characters
 _LONGEST_PARAMETER = 300  # characters
 _NOT_PLAIN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of characters that are not seen, or that change what is seen around them."""
-
-
-def printable(text: str) -> str:
-    """Return text in which what is not seen is written as an escape, so that a terminal is safe."""
-    letters = []
-    for letter in text:
-        letters.append(letter if letter.isprintable() else repr(letter)[1:-1])
-    return "".join(letters)
 
 
 def _plain_line(text: str) -> str:
@@ -49,7 +51,6 @@ Line = Annotated[str, Field(min_length=1, max_length=400), AfterValidator(_plain
 """A line of text."""
 Word = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain_line)]
 """A short line of text."""
-NotNegative = Annotated[float, Field(ge=0)]
 
 
 class Cost(Table):
@@ -57,9 +58,10 @@ class Cost(Table):
 
     hardware: Line  #: processor, graphics card and memory
     #: seconds of processor (or of device, as ``hardware`` says) per kilometre of lane in detection
-    seconds_per_km: NotNegative
-    training_seconds: NotNegative | None = None  #: seconds of all trainings
-    peak_mib: NotNegative | None = None  #: largest process, MiB
+    seconds_per_km: Annotated[NotNegative, Largest(MOST_SECONDS)]
+    #: seconds of all trainings
+    training_seconds: Annotated[NotNegative | None, Largest(MOST_SECONDS)] = None
+    peak_mib: Annotated[NotNegative | None, Largest(MOST_MIB)] = None  #: largest process, MiB
 
 
 class Card(Table):
@@ -84,7 +86,9 @@ class Card(Table):
     contact: Word = ""
     reference: Line = ""  #: paper or address that describes the method
     #: settings, each a number, a text or a boolean
-    parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    parameters: Annotated[dict[str, bool | int | float | str], Largest(LARGEST_PARAMETER)] = Field(
+        default_factory=dict
+    )
 
     @field_validator("parameters", mode="after")
     @classmethod
@@ -144,3 +148,40 @@ def parse_card(data: bytes) -> tuple[Card | None, list[str]]:
         more = len(lines) - _MOST_FAULTS
         lines = [*lines[:_MOST_FAULTS], f"and {more} more entries that break a rule"]
     return None, lines
+
+
+def entered_card(files: Folder, name: str) -> bytes | None:
+    """Return the card of an entry as it was when it was scored.
+
+    Parameters
+    ----------
+    files : Folder
+        The folder of a ground.
+    name : str
+        Name of the entry.
+
+    Returns
+    -------
+    bytes or None
+        The file; None for an entry without a card, which is no submission.
+
+    Raises
+    ------
+    ValueError
+        If the card is another one than that whose digest was recorded.
+    """
+    card_name = f"entries/{name}/{CARD}"
+    if not files.has(card_name):
+        return None
+    card_text = files.read(card_name, MOST_CARD_BYTES)
+    record_name = f"entries/{name}/{RECORD}"
+    record = files.json(record_name) if files.has(record_name) else None
+    recorded = record.get("card") if isinstance(record, dict) else None
+    digest = sha256(card_text)
+    if recorded != digest:
+        shown = "none" if recorded is None else printable(str(recorded))[:_SHOWN_DIGITS]
+        raise ValueError(
+            f"{files.root / card_name}: it must be the card that was scored, of SHA-256 {shown} by "
+            f"{RECORD}, got one of {digest[:_SHOWN_DIGITS]}: put the scored card back"
+        )
+    return card_text

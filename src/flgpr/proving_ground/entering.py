@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import pandas as pd
 
 from flgpr.door import Folder
-from flgpr.proving_ground.card import CARD, RECORD
+from flgpr.proving_ground.card import CARD, RECORD, entered_card
 from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.leaderboard import write_leaderboard
+from flgpr.proving_ground.leaderboard import refuse_other_page, write_leaderboard
 from flgpr.proving_ground.running import (
     ALARMS,
     Entry,
     begin_folder,
-    entry_folder,
     read_ground,
     seal_tested,
     write_about,
@@ -28,10 +28,13 @@ from flgpr.proving_ground.submission import (
 )
 from flgpr.proving_ground.table import write_score_tables
 from flgpr.store import sha256, write_table, write_whole
+from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
 from flgpr.trials import alarm_hash
 
 LEADERBOARD = "leaderboard.html"
 """The page, in the folder of the ground."""
+ENTRIES = "entries"
+"""Folder of the entries, in the folder of the ground."""
 _SHOWN_FAULTS = 3
 
 
@@ -43,8 +46,9 @@ def enter_submissions(
     """Check submissions, score them on the sealed truth, and write the tables and the leaderboard.
 
     The lanes need not be there: truth is drawn from the description and sealed. Every list is
-    scored once, which is logged; the same list again is not scored again, and another one under the
-    same name is refused.
+    scored once, which is logged; the same list again is not scored again. Another one under the
+    same name is refused, and so is another card, as what it declares decides on a rank. While one
+    process enters submissions in a folder, no other can.
 
     Parameters
     ----------
@@ -63,8 +67,10 @@ def enter_submissions(
     Raises
     ------
     ValueError
-        If a submission breaks a rule, is of another ground, or was entered with other alarms; then
-        none is scored.
+        If a submission breaks a rule, is of another ground, or was entered with other alarms or
+        another card, or if another process enters submissions there; then none is scored.
+    FileExistsError
+        If the folder has a ``leaderboard.html`` that is no leaderboard; then none is scored.
     NotADirectoryError
         If a submission is no folder.
     """
@@ -83,14 +89,20 @@ def enter_submissions(
         raise ValueError(f"submissions must have names of their own, got {', '.join(names)}")
 
     folder = Path(output)
-    for submission in checked:
-        _refuse_second(submission, entered_ground, folder)
-    begin_folder(entered_ground, folder)
-    seal_tested(entered_ground, folder / "lanes")
-    for submission in checked:
-        _write_entry(submission, entered_ground, folder)
-    text = write_score_tables([folder], folder)
-    write_leaderboard([folder], folder / LEADERBOARD)
+    page = folder / LEADERBOARD
+    refuse_other_page(page)
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked_folder(folder):
+        for submission in checked:
+            _refuse_second(submission, entered_ground, folder)
+        _refuse_changed_cards(folder)
+        begin_folder(entered_ground, folder)
+        seal_tested(entered_ground, folder / "lanes")
+        discard_partials(folder / ENTRIES)
+        for submission in checked:
+            _write_entry(submission, entered_ground, folder)
+        text = write_score_tables([folder], folder)
+        write_leaderboard([folder], page)
     return text
 
 
@@ -107,12 +119,13 @@ def _refuse_faults(submission: Submission) -> None:
 
 
 def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
-    """Refuse a name that was entered with other alarms, or that a recipe has."""
-    own_folder = folder / "entries" / submission.name
+    """Refuse a name that was entered with other alarms or another card, or that a recipe has."""
+    own_folder = folder / ENTRIES / submission.name
     if not own_folder.exists():
         return
     if read_ground(folder) == ground and Folder(own_folder).has(RECORD):
-        entered = Folder(own_folder).json(RECORD)["alarms"]
+        record = Folder(own_folder).json(RECORD)
+        entered = record["alarms"]
         for key, digest in _digests(submission, ground):
             if entered.get(key, digest) != digest:
                 raise ValueError(
@@ -120,10 +133,23 @@ def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None
                     f"others of {key}: sealed lanes are scored once; a changed detector enters "
                     "under another name"
                 )
+        if record["card"] != sha256(submission.card_text):
+            raise ValueError(
+                f"submission {submission.name} must have the card that was scored, got another "
+                "one: what a card declares is not changed after scoring; to correct it, delete "
+                f"{own_folder} and enter again, which scores the alarms again and is logged"
+            )
         return
     raise ValueError(
         f"submission must have a name that no other entry of {folder} has, got {submission.name}"
     )
+
+
+def _refuse_changed_cards(folder: Path) -> None:
+    """Refuse a folder in which the card of an earlier entry was changed."""
+    files = Folder(folder)
+    for path in sorted((folder / ENTRIES).glob("*")):
+        entered_card(files, path.name)
 
 
 def _by_tier(submission: Submission, ground: Ground) -> Iterator[tuple[Ground, str, pd.DataFrame]]:
@@ -142,22 +168,33 @@ def _digests(submission: Submission, ground: Ground) -> Iterator[tuple[str, str]
 
 
 def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
-    """Write the alarms of a submission as those of an entry, with its card."""
-    own_folder = folder / "entries" / submission.name
-    own_folder.mkdir(parents=True, exist_ok=True)
-    entered = Folder(own_folder).json(RECORD)["alarms"] if Folder(own_folder).has(RECORD) else {}
+    """Write the alarms of a submission as those of an entry, with its card.
+
+    A new entry has its name when it is complete. To one that is there, splits may be added.
+    """
+    own_folder = folder / ENTRIES / submission.name
+    own_folder.parent.mkdir(exist_ok=True)
+    is_new = not own_folder.exists()
+    with atomic_output(own_folder) if is_new else nullcontext(own_folder) as target:
+        target.mkdir(exist_ok=True)
+        _fill_entry(submission, ground, target)
+
+
+def _fill_entry(submission: Submission, ground: Ground, target: Path) -> None:
+    """Write the files of an entry into a folder, which may hold other splits of it."""
+    entered = Folder(target).json(RECORD)["alarms"] if Folder(target).has(RECORD) else {}
     record = {
         "card": sha256(submission.card_text),
         "alarms": entered | dict(_digests(submission, ground)),
         "lanes": submission.likeness,
     }
     # Before the alarms, so that an interrupted submission is known as the one that goes on.
-    write_whole(own_folder / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
-    write_whole(own_folder / CARD, submission.card_text)
+    write_whole(target / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
+    write_whole(target / CARD, submission.card_text)
     method = "" if submission.card is None else submission.card.method
     entry = Entry(submission.name, method, alarms=submission.folder)
     for tier, split, alarms in _by_tier(submission, ground):
-        of_tier = entry_folder(folder, submission.name, tier)
+        of_tier = target / tier.tier if tier.tier else target
         write_about(tier, entry, of_tier)
         (of_tier / split).mkdir(exist_ok=True)
         write_table(alarms, of_tier / split / ALARMS)

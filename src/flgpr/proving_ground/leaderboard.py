@@ -59,18 +59,21 @@ def write_leaderboard(folders: Sequence[str | Path], output: str | Path) -> Path
     board = read_board([Path(folder) for folder in folders])
     path = Path(output)
     page = leaderboard_html(board)
-    if path.exists():
-        earlier = read_named(path)
-        if earlier == page.encode():
-            log_finished(path)
-        elif _MARK not in earlier[:_HEAD]:
-            raise FileExistsError(
-                f"output must not exist yet or be an older leaderboard, got {path}, which holds "
-                "something else"
-            )
+    refuse_other_page(path)
+    if path.exists() and read_named(path) == page.encode():
+        log_finished(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, page)
     return path
+
+
+def refuse_other_page(path: Path) -> None:
+    """Refuse an output that is there and is no leaderboard with a FileExistsError."""
+    if path.exists() and _MARK not in read_named(path)[:_HEAD]:
+        raise FileExistsError(
+            f"output must not exist yet or be an older leaderboard, got {path}, which holds "
+            "something else"
+        )
 
 
 def leaderboard_html(board: Board) -> str:

@@ -22,7 +22,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.door import DoorError, Folder
-from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card, printable
+from flgpr.model.printable import printable
+from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card
 from flgpr.proving_ground.fingerprints import likeness_of
 from flgpr.proving_ground.ground import GROUNDS, Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import ALARMS, ORACLES, PRINTS, packaged_entries

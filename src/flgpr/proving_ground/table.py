@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
-from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, parse_card
+from flgpr.proving_ground.card import entered_card, parse_card
 from flgpr.proving_ground.figures import opening_split, split_figure, tiers_figure
 from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.ground import BODY, MINES, Ground, load_ground
@@ -315,7 +315,7 @@ def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
 
 def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
     """Return what a submission cost by its card; None for an entry without one."""
-    data = Folder(folder / "entries" / name).read_if_listed(CARD, MOST_CARD_BYTES)
+    data = entered_card(Folder(folder), name)
     card = None if data is None else parse_card(data)[0]
     if card is None:
         return None

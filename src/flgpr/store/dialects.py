@@ -59,7 +59,6 @@ _SYNONYMS_OF_ONE_ID = {
     "target_id": "target mine ziel mina cible objetivo bersaglio alvo",
     "object_id": "object objekt objet objeto oggetto",
 }
-_WITH_UNIT = re.compile(r"\s*(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*")
 _NUMBER_OR_EMPTY = re.compile(r"[-+]?[\d.,]+([eE][-+]?\d+)?|")
 _SUFFIX = re.compile(r"(?P<name>.*\w)[_ ](?P<unit>m|cm|mm|km|ft|in|deg)", re.IGNORECASE)
 _LENGTHS = ("x", "y", "depth", "radius", "height", "easting", "northing")
@@ -372,10 +371,31 @@ def _in_lane_frame(
 
 def _split_unit(name: str) -> tuple[str, str]:
     """Return a column's name and its unit, which stands in brackets or at the end."""
-    with_unit = _WITH_UNIT.fullmatch(name) or _SUFFIX.fullmatch(name.strip())
-    if with_unit is None:
-        return name.strip(), ""
-    return with_unit["name"], with_unit["unit"]
+    text = name.strip()
+    in_brackets = _unit_in_brackets(text)
+    if in_brackets is not None:
+        return in_brackets
+    with_suffix = _SUFFIX.fullmatch(text)
+    if with_suffix is None:
+        return text, ""
+    return with_suffix["name"], with_suffix["unit"]
+
+
+def _unit_in_brackets(text: str) -> tuple[str, str] | None:
+    """Return what stands before and in the brackets at the end of a text; None if there are none.
+
+    The brackets begin at the first one that opens after all others that close. A regular expression
+    of this takes minutes for a hostile header of thousands of brackets.
+    """
+    if not text.endswith(("]", ")")):
+        return None
+    inner = text[:-1]
+    begin = max(inner.rfind("]"), inner.rfind(")")) + 1
+    opened = [place for place in (inner.find("[", begin), inner.find("(", begin)) if place >= 0]
+    if not opened:
+        return None
+    first = min(opened)
+    return inner[:first].strip(), inner[first + 1 :].strip()
 
 
 def _unit_factor(target: str, unit: str, name: str) -> float:

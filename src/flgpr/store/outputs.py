@@ -21,6 +21,7 @@ from flgpr.store.files import replace_folder, sync_file, writing
 _LOG = logging.getLogger("flgpr.outputs")
 DELETE = "delete it to make it again"
 OVERWRITE = "--overwrite makes it again"
+_PARTIAL = ".partial-"  # before the name of an output, for the folder in which it is made
 
 
 class BusyError(ValueError):
@@ -46,9 +47,15 @@ def _discard_partial(path: Path) -> None:
         shutil.rmtree(partial, ignore_errors=True)
 
 
+def discard_partials(folder: Path) -> None:
+    """Remove what killed writers left in a folder of outputs; nothing if there is no folder."""
+    for partial in sorted(folder.glob(f"{_PARTIAL}*")):
+        _discard_partial(partial.with_name(partial.name.removeprefix(_PARTIAL)))
+
+
 def _partial_of(path: Path) -> Path:
     """Return the temporary folder in which an output is made."""
-    return path.with_name(f".partial-{path.name}")
+    return path.with_name(f"{_PARTIAL}{path.name}")
 
 
 def output_exists_error(

@@ -30,7 +30,7 @@ from flgpr.store.text import decode_text
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
-_NUMBER = re.compile(r"\s*[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?\s*")
+_NUMBER = re.compile(r"[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?")
 _PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
 _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
 """Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
@@ -276,7 +276,7 @@ def _decimal_mark(text: str, mark: str, text_columns: Sequence[str]) -> str:
     has_commas = False
     has_points = False
     for name in cells.columns:
-        column = cells[name]
+        column = cells[name].str.strip()
         if name in text_columns or not column.str.fullmatch(_NUMBER).all():
             continue
         has_commas |= bool(column.str.contains(",", regex=False).any())

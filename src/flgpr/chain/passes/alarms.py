@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -37,9 +39,12 @@ class Maxima(Pass):
         channel = select(view, screen.polarization, screen.subband)
 
         maxima = self._in_section(self._candidates(view, channel))
+        places = maxima[["x", "y"]].to_numpy(dtype=np.float64)
+        columns: dict[str, Any] = {name: maxima[name] for name in maxima.columns}
         for stage in lane.columns:
-            places = maxima[["x", "y"]].to_numpy(dtype=np.float64)
-            maxima = maxima.assign(**stage.of_view(view, places))
+            columns.update(stage.of_view(view, places))
+        # Of all columns at once: there may be thousands.
+        maxima = pd.DataFrame(columns, index=maxima.index)
 
         pixels_seen = np.count_nonzero(np.isfinite(channel.values[lane.own_rows]))
         groups = {"maximum": table_arrays(maxima)}
