@@ -147,6 +147,7 @@ def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
     assert len(done) == len(set(done)) == 4 * (lane.blocks + 1) + 2
 
 
+@pytest.mark.slow("waits for processes to end")
 def test_workers_end_when_their_driver_is_killed(lane, tmp_path):
     context = multiprocessing.get_context("forkserver")
     ours, theirs = context.Pipe()
