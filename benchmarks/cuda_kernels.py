@@ -178,7 +178,7 @@ def lines_per_load() -> tuple[ImagingOperator, float, float]:
     """Make the benchmark's operator; count the cache lines that a tap of all threads of half and whole warps takes."""
     scan = sri_scan()
     operator = ImagingOperator(scan.frequency, scan.tx, scan.rx, scan.pixels, SUBBANDS, 5e-4)
-    size = operator.engine._spectrum.size
+    size = operator.backend._spectrum.size
     step = scan.frequency[1] - scan.frequency[0]
     distance = [np.linalg.norm(scan.pixels - place, axis=1) for place in (*scan.tx, *scan.rx)]
     path = np.array(distance[: len(scan.tx)]) + np.array(distance[len(scan.tx) :])
@@ -202,11 +202,11 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=None)
     options = parser.parse_args()
     operator, half, whole = lines_per_load()
-    engine = operator.engine
-    size = engine._spectrum.size
-    stride = 1 << max(5, (engine._bins - 1).bit_length())
+    backend = operator.backend
+    size = backend._spectrum.size
+    stride = 1 << max(5, (backend._bins - 1).bit_length())
     print(
-        f"window of {engine.width} taps, {size} slots, {stride} bins kept; {half:.2f} and {whole:.2f} lines per load"
+        f"window of {backend.width} taps, {size} slots, {stride} bins kept; {half:.2f} and {whole:.2f} lines per load"
     )
     with tempfile.TemporaryDirectory() as home:
         folder = options.folder or Path(home)
@@ -214,7 +214,7 @@ def main() -> None:
         for card, capability, processors, clock, lanes, most in CARDS:
             name_of = "{}.{}".format(*capability)
             print(f"\n{card} (compute capability {name_of}, {processors} x {clock} GHz)")
-            for name, (kernel, arguments, fast) in kernels(engine.width, stride, size).items():
+            for name, (kernel, arguments, fast) in kernels(backend.width, stride, size).items():
                 stem = (
                     folder
                     / f"{name.replace(', ', '-').replace(' ', '-')}-{name_of.replace('.', '')}"
@@ -228,7 +228,7 @@ def main() -> None:
                     counts = [
                         _count(code.loop, *names) / channels for names in (("",), SUMS, ("LDG",))
                     ]
-                    clocks = _clocks(code.loop, channels * engine.width, lanes, half, whole)
+                    clocks = _clocks(code.loop, channels * backend.width, lanes, half, whole)
                     rates = {
                         unit: 32 * channels / one * processors * clock * 1e9
                         for unit, one in clocks.items()

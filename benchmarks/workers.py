@@ -37,7 +37,8 @@ import flgpr
 import scaling
 from flgpr.chain.recipe import recipe_text
 from flgpr.execution.job import LaneJob, code_versions
-from flgpr.execution.workers import Cluster, do_block
+from flgpr.execution.pieces import do_block
+from flgpr.execution.workers import Cluster
 from suite.data import STEP, write_noise_run
 
 

@@ -235,6 +235,7 @@ def test_a_socket_is_refused_in_words_where_the_system_has_none(tmp_path, monkey
         LiveOptions(None, tmp_path / "live", socket=path)
 
 
+@pytest.mark.slow("a live session in a process of its own")
 def test_scans_come_by_tcp_without_posix(tmp_path):
     script = tmp_path / "feed_by_tcp.py"
     script.write_text(FEED_BY_TCP)

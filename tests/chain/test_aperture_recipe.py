@@ -97,6 +97,7 @@ def test_without_summing_the_scans_the_reflectors_are_arcs():
     assert max(near) > 0.3
 
 
+@pytest.mark.slow("detects three times")
 def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
     run = rail()
     save_run(run, tmp_path / "rail.zarr")

@@ -5,6 +5,7 @@ import math
 import pandas as pd
 import pytest
 
+from flgpr.chain.memory import memory_needed
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import (
     Section,
@@ -13,12 +14,16 @@ from flgpr.chain.sections import (
     lane_threshold,
     margin,
     noted_section,
+    plan_sections,
     section_lane,
     section_note,
+    threads_within,
 )
 from flgpr.model import Lane
 
 LANE = Lane(-1.5, 1.5, 10.0, 60.0)
+LONG = Lane(-1.5, 1.5, 0.0, 2000.0)
+SIZES = {"scan": 100, "polarization": 3, "pair": 36, "frequency": 1024}
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +86,39 @@ def test_the_density_rule_leaves_the_strongest_and_a_screen_stage_decides_itself
     assert (maxima["magnitude"] >= threshold).sum() == allowed
     with_screen = load_recipe("flsar2004")
     assert lane_threshold(with_screen, LANE, maxima, 1000) == -math.inf
+
+
+# The sections that follow from the memory
+
+
+def test_a_lane_that_fits_stays_in_one_piece_and_a_limit_cuts_it(recipe):
+    rows = recipe.run_view.grid(LONG).ny
+    needed = math.ceil(memory_needed(SIZES, recipe, LONG))
+    assert plan_sections(SIZES, recipe, LONG, needed) == [Section(0, rows)]
+    sections = plan_sections(SIZES, recipe, LONG, needed - 1)
+    assert len(sections) > 1
+    assert (sections[0].start, sections[-1].stop) == (0, rows)
+    with pytest.raises(ValueError, match=r"for a lane of 2000 m in one piece, got"):
+        plan_sections(SIZES, recipe, LONG, needed - 1, math.inf)
+
+
+def test_the_longest_section_that_is_wanted_is_kept_to(recipe):
+    sections = plan_sections(SIZES, recipe, LONG, 10**12, longest=100.0)
+    spacing = recipe.run_view.spacing
+    assert max(section.stop - section.start for section in sections) * spacing <= 100.0 + 1e-9
+    with pytest.raises(ValueError, match="section must be a positive length in metres, got 0"):
+        plan_sections(SIZES, recipe, LONG, 10**12, longest=0.0)
+
+
+def test_too_little_memory_says_what_would_suffice(recipe):
+    with pytest.raises(ValueError, match=r"must be at least [\d.]+ GB for this run, got 0\.1 GB"):
+        plan_sections(SIZES, recipe, LONG, 10**8)
+
+
+def test_threads_share_what_is_left(recipe):
+    sections = [Section(0, recipe.run_view.grid(LONG).ny)]
+    needed = math.ceil(memory_needed(SIZES, recipe, LONG))
+    assert threads_within(SIZES, recipe, LONG, sections, needed) == 1
+    counts = [threads_within(SIZES, recipe, LONG, sections, needed + k * 10**9) for k in (1, 2, 4)]
+    assert counts == sorted(counts)
+    assert counts[-1] > 1

@@ -24,10 +24,10 @@ def test_images_are_those_of_the_nearest_rows(lane):
     cleaned = CleanedRun(lane.images, lane.results["gain"])
     assert len(cleaned) == SCANS
     assert cleaned.reads_data
-    image = cleaned.scan(6)
-    whole = lane.image(6).values
+    image = cleaned.near_image(6)
+    whole = lane.images.scan_image(6).values
     near = whole[..., : cleaned.grid.ny, :]
-    # Other pixels make another grid of the engine, which keeps the recipe's tolerance.
+    # Other pixels make another grid of the operator, which keeps the recipe's tolerance.
     atol = lane.recipe.image.tolerance * np.abs(whole).max()
     np.testing.assert_allclose(image.values, near, atol=atol)
     assert image.attrs["scan"] == int(lane.imager.scans[6])
@@ -36,19 +36,22 @@ def test_images_are_those_of_the_nearest_rows(lane):
 def test_data_that_were_read_already_give_the_same_image(lane):
     cleaned = CleanedRun(lane.images, lane.results["gain"])
     data = lane.imager.signal(int(lane.imager.scans[6]))
-    np.testing.assert_array_equal(cleaned.scan(6, data).values, cleaned.scan(6).values)
+    np.testing.assert_array_equal(cleaned.near_image(6, data).values, cleaned.near_image(6).values)
 
 
-def test_whole_images_that_are_in_memory_are_cut(lane):
+def test_whole_images_that_are_in_memory_are_cut(lane, monkeypatch):
     asked = []
+    make = lane.images.scan_image
 
     def whole_image(index):
         asked.append(index)
-        return lane.image(index)
+        return make(index)
 
-    cleaned = CleanedRun(lane.images, lane.results["gain"], whole_image)
+    monkeypatch.setattr(lane.images, "in_memory", True)
+    monkeypatch.setattr(lane.images, "scan_image", whole_image)
+    cleaned = CleanedRun(lane.images, lane.results["gain"])
     assert not cleaned.reads_data
-    assert cleaned.scan(6).sizes["y"] == cleaned.grid.ny
+    assert cleaned.near_image(6).sizes["y"] == cleaned.grid.ny
     assert asked == [6]
 
 
@@ -57,7 +60,7 @@ def test_the_coherent_image_keeps_the_phase_of_what_is_left(lane):
     cleaned = CleanedRun(lane.images, lane.results["gain"])
     gain = lane.results["gain"]
     rows = cleaned.grid.ny
-    left = cleaned.scan(3).values / gain["gains"][3][..., None, None]
+    left = cleaned.near_image(3).values / gain["gains"][3][..., None, None]
     left = (left - gain["signature"][..., :rows, :]) / gain["gain"][..., :rows, :]
     found = cleaned.coherent(3)
     np.testing.assert_allclose(found.values, left, rtol=1e-3, atol=1e-4)

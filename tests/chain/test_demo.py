@@ -157,6 +157,7 @@ def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
         replay(demo[0].folder, tmp_path / "louder.zarr")
 
 
+@pytest.mark.slow("runs the demo again")
 def test_replay_tells_a_result_that_differs(demo, tmp_path):
     other = recipe_text("demo").replace('window = "hann"', 'window = "taylor"')
     folder = shutil.copytree(demo[0].folder, tmp_path / "result")

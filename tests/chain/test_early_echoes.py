@@ -44,6 +44,6 @@ def test_the_direct_wave_of_the_full_wave_lane_no_longer_covers_a_narrow_sub_ban
     levels = []
     for added in ("", EARLY):
         lane = LaneSetup(run, parse_recipe(narrow + added), LANE, explains=False)
-        image = np.abs(lane.image(0).sel(polarization="HH", subband="F0").values)
+        image = np.abs(lane.images.scan_image(0).sel(polarization="HH", subband="F0").values)
         levels.append(20 * np.log10(np.median(image)))
     assert levels[0] - levels[1] > 20

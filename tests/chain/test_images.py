@@ -28,7 +28,7 @@ def test_an_imager_makes_the_subbands_and_polarizations_that_are_asked_for():
     assert list(image["subband"].values) == [name]
     everything = imager_of(recorded(), table).image(0)
     same = everything.sel(polarization=["VV"], subband=[name]).values
-    # Fewer tones make another grid of the engine, which keeps the recipe's tolerance.
+    # Fewer tones make another grid of the operator, which keeps the recipe's tolerance.
     np.testing.assert_allclose(image.values, same, atol=table.tolerance * np.abs(same).max())
 
 
@@ -36,12 +36,20 @@ def test_plain_images_are_those_of_the_imager():
     images = images_of()
     assert images.plain
     assert images.passes() == []
-    np.testing.assert_array_equal(images.image(2).values, images.imager.image(2).values)
+    np.testing.assert_array_equal(images.scan_image(2).values, images.imager.image(2).values)
+
+
+def test_the_nearest_rows_of_an_image_are_those_of_all_of_it():
+    images = images_of()
+    whole = images.scan_image(2).values
+    near = images.scan_image(2, rows=5).values
+    assert near.shape[-2] >= 5
+    np.testing.assert_array_equal(near[..., :5, :], whole[..., :5, :])
 
 
 def test_only_the_polarizations_of_the_recipe_are_imaged():
     images = images_of(polarizations=("VV", "HH"))
-    assert list(images.image(0)["polarization"].values) == ["VV", "HH"]
+    assert list(images.scan_image(0)["polarization"].values) == ["VV", "HH"]
     assert images.setup.imaged == [1, 0]
 
 
@@ -56,7 +64,7 @@ def test_summed_images_are_means_on_the_ground_ahead_of_the_latest_scan():
         places = lane_to_scan(points, images.setup.pose(scan))
         operator = images.imager.operator_on(scan, places, images.imager.subbands)
         total = total + operator.adjoint(images.setup.imager.signal(scan))
-    found = images.image(index)
+    found = images.scan_image(index)
     wanted = (total / 3).reshape(found.shape)
     scale = np.abs(wanted).max()
     np.testing.assert_allclose(found.values, wanted, atol=1e-3 * scale)
@@ -66,9 +74,9 @@ def test_summed_images_are_means_on_the_ground_ahead_of_the_latest_scan():
 def test_the_first_scans_are_means_of_those_there_are(index):
     images = images_of(frames=3)
     alone = images_of()
-    first = images.image(index)
+    first = images.scan_image(index)
     assert first.attrs["scan"] == index
     if index == 0:
-        np.testing.assert_array_equal(first.values, alone.image(0).values)
+        np.testing.assert_array_equal(first.values, alone.scan_image(0).values)
     else:
-        assert np.abs(first.values - alone.image(1).values).max() > 0
+        assert np.abs(first.values - alone.scan_image(1).values).max() > 0

@@ -27,23 +27,15 @@ def test_number_pose_and_gain_are_those_of_its_scan(lane):
     np.testing.assert_array_equal(scan.gain, lane.results["gain"]["gains"][4])
 
 
-def test_the_nearest_rows_of_a_raw_image_are_those_of_all_of_it(lane):
-    scan = LaneScan(lane, 2)
-    whole = scan.raw_image()
-    near = scan.raw_image(5)
-    assert near.shape[-2] >= 5
-    np.testing.assert_array_equal(near[..., :5, :], whole[..., :5, :])
-
-
 def test_an_image_is_made_once_and_reaches_as_far_as_counts(lane):
     scan = LaneScan(lane, 3)
-    assert scan.image is scan.image
-    assert scan.image.sizes["y"] == lane.images.grid.ny
+    assert scan.near_image is scan.near_image
+    assert scan.near_image.sizes["y"] == lane.images.grid.ny
     rows = lane.images.grid.ny
-    whole = scan.raw_image()
-    # Other pixels make another grid of the engine, which keeps the recipe's tolerance.
+    whole = lane.images.scan_image(3).values
+    # Other pixels make another grid of the operator, which keeps the recipe's tolerance.
     atol = lane.recipe.image.tolerance * np.abs(whole).max()
-    np.testing.assert_allclose(scan.image.values, whole[..., :rows, :], atol=atol)
+    np.testing.assert_allclose(scan.near_image.values, whole[..., :rows, :], atol=atol)
 
 
 def test_the_magnitude_is_in_units_of_the_background(lane):
@@ -53,7 +45,7 @@ def test_the_magnitude_is_in_units_of_the_background(lane):
     rows = lane.images.grid.ny
     signature = gain["signature"][..., :rows, :]
     level = gain["gain"][..., :rows, :]
-    wanted = np.abs(scan.image.values / scan.gain[..., None, None] - signature) / level
+    wanted = np.abs(scan.near_image.values / scan.gain[..., None, None] - signature) / level
     np.testing.assert_allclose(scan.magnitude(), wanted, rtol=1e-4, atol=1e-5)
 
 

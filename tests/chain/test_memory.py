@@ -1,6 +1,4 @@
-"""Memory that a detection takes, estimated before it begins, and the sections that follow from it."""
-
-import math
+"""Memory that a detection takes, estimated before it begins."""
 
 import pytest
 
@@ -8,12 +6,9 @@ from flgpr.chain.memory import (
     check_scan_memory,
     memory_needed,
     parse_size,
-    plan_sections,
     sizes_of,
-    threads_within,
 )
 from flgpr.chain.recipe import load_recipe
-from flgpr.chain.sections import Section
 from flgpr.model import Lane
 from small_lane import small_run
 
@@ -67,37 +62,7 @@ def test_a_self_signature_by_the_median_holds_all_images(recipe):
     assert more >= images
 
 
-def test_a_lane_that_fits_stays_in_one_piece_and_a_limit_cuts_it(recipe):
-    rows = recipe.run_view.grid(LANE).ny
-    needed = math.ceil(memory_needed(SIZES, recipe, LANE))
-    assert plan_sections(SIZES, recipe, LANE, needed) == [Section(0, rows)]
-    sections = plan_sections(SIZES, recipe, LANE, needed - 1)
-    assert len(sections) > 1
-    assert (sections[0].start, sections[-1].stop) == (0, rows)
-    with pytest.raises(ValueError, match=r"for a lane of 2000 m in one piece, got"):
-        plan_sections(SIZES, recipe, LANE, needed - 1, math.inf)
-
-
-def test_the_longest_section_that_is_wanted_is_kept_to(recipe):
-    sections = plan_sections(SIZES, recipe, LANE, 10**12, longest=100.0)
-    spacing = recipe.run_view.spacing
-    assert max(section.stop - section.start for section in sections) * spacing <= 100.0 + 1e-9
-    with pytest.raises(ValueError, match="section must be a positive length in metres, got 0"):
-        plan_sections(SIZES, recipe, LANE, 10**12, longest=0.0)
-
-
-def test_too_little_memory_says_what_would_suffice(recipe):
-    with pytest.raises(ValueError, match=r"must be at least [\d.]+ GB for this run, got 0\.1 GB"):
-        plan_sections(SIZES, recipe, LANE, 10**8)
+def test_scans_that_take_too_much_memory_are_refused(recipe):
     with pytest.raises(ValueError, match=r"scans of \(3, 36, 1024\) samples must take at most"):
         check_scan_memory((3, 36, 1024), recipe, 10**8)
     check_scan_memory((3, 36, 1024), recipe)
-
-
-def test_threads_share_what_is_left(recipe):
-    sections = [Section(0, recipe.run_view.grid(LANE).ny)]
-    needed = math.ceil(memory_needed(SIZES, recipe, LANE))
-    assert threads_within(SIZES, recipe, LANE, sections, needed) == 1
-    counts = [threads_within(SIZES, recipe, LANE, sections, needed + k * 10**9) for k in (1, 2, 4)]
-    assert counts == sorted(counts)
-    assert counts[-1] > 1

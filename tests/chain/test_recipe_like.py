@@ -281,6 +281,7 @@ step = [1.4, 1.6]
 """
 
 
+@pytest.mark.slow("simulates lanes and trains")
 def test_recipe_train_and_detect_on_lanes_of_the_runs_own_array(tmp_path):
     """The documented sequence: a field run, lanes of its array, a model, alarms."""
     (tmp_path / "sensor.toml").write_text(SENSOR.replace("count = 4", "count = 3"))

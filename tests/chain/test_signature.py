@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, setup
+from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.passes.signature import SelfSignature
 
 
@@ -28,22 +29,15 @@ def test_every_scan_has_a_gain_and_every_pixel_a_signature(one_block):
     assert np.isfinite(one_block["signature"]).all()
 
 
-def test_a_scan_that_is_twice_as_strong_has_twice_the_gain():
+@pytest.mark.parametrize("index", [4, 7])
+def test_a_scan_that_is_twice_as_strong_has_twice_the_gain(index, monkeypatch):
     """Everything in the data is linear, and Eq. 2 divides every image by its gain."""
     lane = setup()
-    for image in (lane.image(4), lane.image(7)):
-        doubled = SelfSignature(lane, range(0, 2))
-        doubled.add(Shown(image.values))
-        doubled.add(Shown(2 * image.values))
-        gains = doubled.result()["gains"]
-        np.testing.assert_allclose(gains[1], 2 * gains[0], rtol=1e-5)
-
-
-class Shown:
-    """A scan with a given image."""
-
-    def __init__(self, values):
-        self.values = values
-
-    def raw_image(self):
-        return self.values
+    image = lane.images.scan_image(index)
+    shown = [image, 2 * image]
+    monkeypatch.setattr(lane.images, "scan_image", shown.__getitem__)
+    doubled = SelfSignature(lane, range(0, 2))
+    for number in range(2):
+        doubled.add(LaneScan(lane, number))
+    gains = doubled.result()["gains"]
+    np.testing.assert_allclose(gains[1], 2 * gains[0], rtol=1e-5)

@@ -5,12 +5,12 @@ import pytest
 
 from flgpr.clutter import (
     BackgroundEstimator,
-    CausalBackground,
     gain_background,
     remove_background,
     scan_gain,
     self_signature,
 )
+from flgpr.clutter.streaming import mean_filtered
 from reference import wang2007
 
 SHAPE = (3, 2, 40, 34)
@@ -142,71 +142,11 @@ def test_the_background_does_not_hang_on_the_unit_of_the_data(scans, power):
         np.testing.assert_array_equal(getattr(same, name), value)
 
 
-def test_the_causal_self_signature_is_that_of_the_scans_before(scans):
-    causal = CausalBackground(*WINDOWS, step=1, warm_up=4)
-    for k, image in enumerate(scans):
-        gain, background = causal.add(image)
-        np.testing.assert_allclose(gain, scan_gain(image)[..., 0, 0], rtol=1e-6)
-        if k < 3:
-            assert background is None
-            continue
-        np.testing.assert_allclose(background.signature, self_signature(scans[:k]), atol=1e-5)
-    _, whole = estimate(scans)
-    assert 0.5 < (background.gain / whole.gain).mean() < 1.5
-    assert (background.shared_gain > 0).all()
-
-
-@pytest.mark.parametrize("ask", ["learn", "state", "restore"])
-def test_what_is_learnt_does_not_hang_on_when(scans, ask):
-    late, early = (CausalBackground(*WINDOWS, warm_up=3) for _ in range(2))
-    for image in scans:
-        (_, want), (_, got) = late.add(image), early.add(image)
-        assert (want is None) == (got is None)
-        for name, value in vars(want).items() if want else ():
-            np.testing.assert_array_equal(getattr(got, name), value)
-        getattr(early, ask.replace("restore", "state"))()
-        if ask == "restore":
-            state = early.state()
-            early = CausalBackground(*WINDOWS, warm_up=3)
-            early.restore(state)
-
-
-def test_a_span_follows_a_self_signature_that_changes():
-    rng = np.random.default_rng(9)
-    fixed = rng.normal(size=(2, *SHAPE)) + 1j * rng.normal(size=(2, *SHAPE))
-    noise = [0.1 * rng.normal(size=SHAPE) for _ in range(40)]
-    left = {}
-    for span in (None, 5):
-        causal = CausalBackground(*WINDOWS, span=span)
-        for k, one in enumerate(noise):
-            gain, background = causal.add((fixed[int(k >= 20)] + one).astype(np.complex64))
-        left[span] = np.abs(
-            (fixed[1] + noise[-1]) / gain[..., None, None] - background.signature
-        ).mean()
-    assert left[5] < 0.3 * left[None]
-
-
-def test_a_scan_with_an_infinite_pixel_spoils_no_others(scans):
-    causal = CausalBackground(*WINDOWS, warm_up=3)
-    other = CausalBackground(*WINDOWS, warm_up=3)
-    huge = scans[0].copy()
-    huge[..., -1, -1] = np.inf
-    for image in scans:
-        causal.add(image)
-        with pytest.raises(ValueError, match="finite"):
-            causal.add(huge)
-        other.add(image)
-    for name, value in other.state().items():
-        np.testing.assert_array_equal(causal.state()[name], value)
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda s: BackgroundEstimator((4, 5)), "odd"),
         (lambda s: BackgroundEstimator(step=0), "step"),
-        (lambda s: CausalBackground(warm_up=2), "warm_up"),
-        (lambda s: CausalBackground(span=1), "span"),
         (lambda s: estimate(s[:1]), "two scans"),
         (lambda s: estimate([s[0], s[1][..., :-1]]), "shape"),
         (lambda s: estimate([s[0], 0 * s[1]]), "gain"),
@@ -221,10 +161,8 @@ def test_bad_input(scans, call, words):
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
 @pytest.mark.parametrize("plane", [(40, 34), (9, 31)])
 def test_spreading_out_is_the_mean_over_the_pixels_that_were_looked_at(step, plane):
-    tool = BackgroundEstimator(*WINDOWS, step=step)
-    tool._shape = (1, 2, *plane)
     coarse = np.random.default_rng(4).uniform(1, 2, (2, -(-plane[0] // step), -(-plane[1] // step)))
-    level = tool._mean_filtered(coarse)[0]
+    level = mean_filtered(coarse, (1, 2, *plane), WINDOWS[1], step)[0]
     for y, x in ((0, 0), (5, 7), (plane[0] - 1, plane[1] - 1), (plane[0] // 2, 3)):
         near = [
             coarse[:, v // step, u // step]

@@ -81,6 +81,7 @@ def test_detection_leaves_the_scan_out_and_tells_it(home, without, name):
     assert "identical" in call("replay", result.folder)
 
 
+@pytest.mark.slow("detects and opens the viewer")
 def test_the_viewers_picture_marks_the_scan(home):
     detected(home, "near")
     index = json.loads((home / "near-result" / "view" / "index.json").read_text())

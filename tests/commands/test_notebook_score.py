@@ -11,6 +11,7 @@ from flgpr.store import open_run, read_table, sample_lane
 LANE = sample_lane()
 
 
+@pytest.mark.slow("draws all figures of a score, twice")
 def test_a_result_and_a_truth_in_memory_are_scored_as_their_files(tmp_path):
     run = open_run(LANE / "run.zarr").load()
     truth = read_table(LANE / "truth.csv", "truth")

@@ -46,6 +46,7 @@ def test_an_alarm_list_is_scored_without_a_result_folder(scoring_files):
         assert (scoring_files / "score" / name).stat().st_size > 0
 
 
+@pytest.mark.slow("draws all figures of a score")
 def test_the_command_line_tells_what_is_found_at_the_operating_point(scoring_files):
     truth, lane, home = (str(scoring_files / name) for name in ("truth.csv", "lane.toml", "score"))
     given = [

@@ -12,6 +12,8 @@ import pytest
 
 from reading import FENCE, PAGES, ROOT, identify, read
 
+pytestmark = pytest.mark.slow("imports all that the pages name")
+
 SOURCES = (ROOT / "src", ROOT / "benchmarks", ROOT / "evidence", ROOT / "docs")
 HOMES = (
     ROOT,

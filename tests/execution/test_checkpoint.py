@@ -7,16 +7,21 @@ import pytest
 
 from flgpr import system
 from flgpr.chain.engine import sum_accumulator
+from flgpr.chain.sections import Section
 from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import (
     BlockCheckpoint,
     Checkpoint,
     WorkError,
     begin,
+    begin_work,
     block_name,
     finish,
+    work_until_done,
 )
-from flgpr.store import BundleError
+from flgpr.execution.job import make_job
+from flgpr.store import BundleError, save_run
+from small_lane import LANE, small_recipe, small_run
 
 JOB = {"run": "abc"}
 
@@ -208,3 +213,32 @@ def test_a_damaged_state_of_merged_blocks_is_an_error(tmp_path):
         path.write_bytes(bytes(data))
         with pytest.raises(BundleError, match="next differs from what was written"):
             work.merged_blocks("gain")
+
+
+@pytest.fixture
+def job(tmp_path):
+    save_run(small_run(scans=3), tmp_path / "run.zarr")
+    return make_job(tmp_path / "run.zarr", small_recipe(), LANE, tmp_path / "result")
+
+
+def test_the_work_of_another_division_of_the_lane_is_begun_anew(job):
+    sections = [Section(0, 5), Section(5, 9)]
+    with begin_work(job, sections) as work:
+        work["signature"] = {}
+    with begin_work(job, sections) as work:
+        assert list(work) == ["signature"]
+    with begin_work(job) as work:
+        assert list(work) == []
+
+
+def test_the_work_of_a_job_that_is_done_is_deleted_and_that_of_a_stopped_one_stays(job):
+    def stop_after_a_pass():
+        with work_until_done(job) as work:
+            work["signature"] = {}
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stop_after_a_pass()
+    with work_until_done(job) as work:
+        assert list(work) == ["signature"]
+    assert not job.work.exists()

@@ -19,7 +19,8 @@ from flgpr.execution.driver import (
     passes_of_lane,
 )
 from flgpr.execution.job import LaneJob, make_job
-from flgpr.execution.workers import InProcess, do_block, do_finish, do_merge
+from flgpr.execution.pieces import do_block, do_finish, do_merge
+from flgpr.execution.workers import InProcess
 from flgpr.results.result import read_result
 from flgpr.store import save_run
 from small_lane import LANE, small_recipe, small_run
@@ -146,7 +147,7 @@ def bare_job(tmp_path):
 
 @pytest.fixture
 def work(bare_job):
-    with begin(bare_job.work, bare_job.identity()) as opened:
+    with begin(bare_job.work, bare_job.identity) as opened:
         yield opened
 
 

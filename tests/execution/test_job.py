@@ -1,4 +1,4 @@
-"""A job as plain values, its lane, what its identity holds, and whether its result is there."""
+"""A job as plain values, its lane, and what its identity holds."""
 
 from dataclasses import replace
 
@@ -8,24 +8,15 @@ from typer.testing import CliRunner
 from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.chain.sections import Section
 from flgpr.commands.app import app
-from flgpr.execution.driver import detect_lane
 from flgpr.execution.job import (
     LaneJob,
-    begin_work,
     choose_lane,
     code_versions,
-    holds_result,
-    is_done,
-    is_whole,
-    lasting_identity,
     make_job,
-    open_lane,
     processor,
     searched_area,
 )
-from flgpr.execution.workers import InProcess
 from flgpr.results.result import read_result
-from flgpr.results.sections import results_at
 from flgpr.store import open_run, save_run
 from flgpr.store.tables import lane_file_of
 from small_lane import LANE, LANE_TOML, small_recipe, small_run
@@ -52,10 +43,10 @@ def test_a_job_holds_plain_values_and_absolute_paths(job):
 
 def test_the_identity_holds_the_rows_of_a_section_and_not_its_threshold(job):
     section = replace(job, section=Section(2, 9, 1.5))
-    assert job.identity()["rows"] is None
-    assert section.identity()["rows"] == [2, 9]
-    assert section.identity() == replace(job, section=Section(2, 9, 7.0)).identity()
-    assert section.identity() != job.identity()
+    assert job.identity["rows"] is None
+    assert section.identity["rows"] == [2, 9]
+    assert section.identity == replace(job, section=Section(2, 9, 7.0)).identity
+    assert section.identity != job.identity
 
 
 @pytest.mark.parametrize(
@@ -71,21 +62,12 @@ def test_the_identity_holds_the_rows_of_a_section_and_not_its_threshold(job):
     ],
 )
 def test_the_identity_changes_with_what_bits_depend_on(job, change, differs):
-    assert (replace(job, **change).identity() != job.identity()) is differs
+    assert (replace(job, **change).identity != job.identity) is differs
 
 
-def test_a_pass_is_shared_by_name_only_with_a_pass_cache(job, tmp_path):
-    depends_on = {"recipe": "what the pass reads of it"}
-    assert job.cached_name("signature", depends_on) is None
-    cached = replace(job, pass_cache=str(tmp_path), output=str(tmp_path / "a"))
-    assert cached.cached_name("signature", None) is None
-    name = cached.cached_name("signature", depends_on)
-    assert len(name) == 32
-    other = replace(cached, output=str(tmp_path / "b"), recipe="other")
-    assert other.cached_name("signature", depends_on) == name
-    assert cached.cached_name("gain", depends_on) != name
-    assert cached.cached_name("signature", {}) != name
-    assert replace(cached, store_sha256="other").cached_name("signature", depends_on) != name
+def test_what_lasts_of_an_identity_leaves_out_program_and_machine(job):
+    assert set(job.lasting_identity) == {"run", "recipe", "lane", "model", "others"}
+    assert job.lasting_identity == replace(job, cpu="other", code=()).lasting_identity
 
 
 # The lane that is searched: given, of the recipe, beside the run, or seen
@@ -135,64 +117,3 @@ def test_detect_takes_the_lane_beside_the_run_and_says_so(tmp_path):
     assert result.lane == LANE
     assert result.manifest["run"]["searched"]["source"] == "road-lane.toml beside the run"
     assert "Searched: x -0.75 to 0.75 m" in (output / "report.html").read_text()
-
-
-# What a job names, opened
-
-
-def test_another_run_at_the_path_of_the_drivers_is_refused(job):
-    with pytest.raises(ValueError, match="must see the run of the driver, got another at"):
-        open_lane(replace(job, store_sha256="other"))
-
-
-def test_the_work_of_another_division_of_the_lane_is_begun_anew(job):
-    sections = [Section(0, 5), Section(5, 9)]
-    with begin_work(job, sections) as work:
-        work["signature"] = {}
-    with begin_work(job, sections) as work:
-        assert list(work) == ["signature"]
-    with begin_work(job) as work:
-        assert list(work) == []
-
-
-# Whether a result is there and whole, before anything is computed
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    home = tmp_path_factory.mktemp("finished")
-    save_run(small_run(scans=4), home / "run.zarr")
-    job = make_job(home / "run.zarr", small_recipe(), LANE, home / "result", report=False)
-    assert not holds_result(job, [Section(0, 10)])
-    assert not is_done(job)
-    with InProcess() as executor:
-        assert detect_lane(job, executor) == [home / "result"]
-    return job
-
-
-def test_a_whole_result_of_the_job_is_found(finished):
-    job = finished
-    one_piece = [Section(0, 10)]
-    assert is_done(job)
-    assert is_whole(job)
-    assert holds_result(job, one_piece)
-    assert [str(path) for path in results_at(job.output)] == [job.output]
-    with_report = replace(job, report=True)
-    assert not is_whole(with_report)  # it lacks the report, and is completed
-    assert not holds_result(with_report, one_piece)
-
-
-def test_a_result_of_another_job_is_refused(finished):
-    job = finished
-    other = replace(job, recipe=job.recipe.replace("density = 0.75", "density = 0.5"))
-    assert not is_done(other)
-    with pytest.raises(FileExistsError, match="choose another output"):
-        holds_result(other, [Section(0, 10)])
-    with pytest.raises(FileExistsError, match="choose another output"):
-        holds_result(job, [Section(0, 5), Section(5, 10)])
-
-
-def test_what_lasts_of_an_identity_leaves_out_program_and_machine(finished):
-    job = finished
-    assert set(lasting_identity(job)) == {"run", "recipe", "lane", "model", "others"}
-    assert lasting_identity(job) == lasting_identity(replace(job, cpu="other", code=()))

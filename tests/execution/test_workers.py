@@ -1,28 +1,9 @@
-"""Who does the work, what a process refuses to do, and reports."""
+"""Who does the work."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
-from flgpr.execution.job import make_job, processor
-from flgpr.execution.workers import (
-    InProcess,
-    Processes,
-    RunOptions,
-    StoppedError,
-    do_block,
-    report,
-)
-from flgpr.store import save_run
-from small_lane import LANE, small_recipe, small_run
-
-
-@pytest.fixture(scope="module")
-def job(tmp_path_factory):
-    home = tmp_path_factory.mktemp("job")
-    save_run(small_run(scans=3), home / "run.zarr")
-    return make_job(home / "run.zarr", small_recipe(), LANE, home / "result")
+from flgpr.execution.job import processor
+from flgpr.execution.workers import InProcess, Processes, RunOptions, StoppedError
 
 
 def test_options_choose_who_does_the_work():
@@ -41,25 +22,3 @@ def test_work_that_was_stopped_is_not_begun():
     executor.stop()
     with pytest.raises(StoppedError, match="the work was stopped"):
         list(executor.run(processor, [()]))
-
-
-def test_a_worker_of_other_versions_names_them(job):
-    other = tuple((name, "0.0" if name == "numpy" else value) for name, value in job.code)
-    with pytest.raises(ValueError, match=rf"got numpy {np.__version__} and 0\.0"):
-        do_block(replace(job, code=other), "signature", 0)
-
-
-def test_a_worker_without_the_work_folder_names_it(job):
-    with pytest.raises(
-        ValueError, match=r"must see the work folder of the driver, got no .*\.work"
-    ):
-        do_block(job, "signature", 0)
-
-
-def test_a_report_counts_from_the_clocks_at_the_beginning():
-    row = report("lane", "gain", 4, (0.0, 0.0), 12)
-    assert (row["lane"], row["stage"], row["block"], row["bytes"]) == ("lane", "gain", 4, 12)
-    assert row["seconds"] > 0
-    assert row["processor_seconds"] > 0
-    assert row["peak_bytes"] > 0
-    assert row["cpu"] == processor()

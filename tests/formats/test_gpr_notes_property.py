@@ -37,6 +37,8 @@ from io_recordings import (
     set_dt1_words,
 )  # fmt: skip
 
+pytestmark = pytest.mark.slow("many drawn files")
+
 NO_ZERO = "tells no time zero"
 CUT = "the last trace is cut off and left out"
 

@@ -20,6 +20,8 @@ from io_geodesy import LANE, on_the_ellipsoid
 from io_notes import check_notes, if_any, some
 from scans_mapping import TIME, line_mapping
 
+pytestmark = pytest.mark.slow("many drawn files")
+
 GUARDED = settings(FUZZ, max_examples=max(CASES // 4, 1))
 """Of files that a child process reads, which takes its time."""
 RNG = np.random.default_rng(11)

@@ -66,6 +66,7 @@ def test_whatever_prints_json_is_tried():
     assert tried == offering
 
 
+@pytest.mark.slow("runs every command that prints JSON")
 @pytest.mark.parametrize("name", [SLOW.get(name, name) for name in PRINTED])
 def test_json_has_the_keys_that_it_had(name, inputs, tmp_path):
     output = tmp_path / "out"

@@ -1,4 +1,4 @@
-"""The CUDA engine on tiny arrays. Run in its own process, under the simulator or on a device (see test_cuda.py)."""
+"""The CUDA backend on tiny arrays. Run in its own process, under the simulator or on a device (see test_cuda.py)."""
 
 import itertools
 import sys
@@ -15,7 +15,7 @@ from flgpr.commands import imaging_cases as bench_cases
 from flgpr.commands import imaging_peers as bench_peers
 from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
-from flgpr.imaging import cuda as engine
+from flgpr.imaging import cuda as backend
 from flgpr.store import open_run, sample_lane
 
 TONES = 500e6 + 40e6 * np.arange(20)
@@ -28,8 +28,8 @@ BANDS = ((0.5e9, 1.0e9), (0.9e9, 1.3e9))
 def few_threads(monkeypatch):
     """Simulated threads are real ones, and those of a transform wait for each other."""
     if config.ENABLE_CUDASIM:
-        monkeypatch.setattr(engine.gpu, "THREADS", 4)
-        monkeypatch.setattr(engine, "_block", lambda size: 3)
+        monkeypatch.setattr(backend.gpu, "THREADS", 4)
+        monkeypatch.setattr(backend, "_block", lambda size: 3)
         from numba.cuda.simulator.kernel import BlockThread
 
         # The simulator asks its threads again and again: it shall wait a moment for each, not take
@@ -92,18 +92,18 @@ def test_both_directions_agree_with_the_direct_sum(name):
 
 
 def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(monkeypatch):
-    makers = engine.gpu.compress_kernel, engine.gpu.expand_kernel
-    monkeypatch.setattr(engine.gpu, "SHARED_BINS", 1)
+    makers = backend.gpu.compress_kernel, backend.gpu.expand_kernel
+    monkeypatch.setattr(backend.gpu, "SHARED_BINS", 1)
     for maker in makers:
         maker.cache_clear()
     test_both_directions_agree_with_the_direct_sum("odd width")
-    assert engine.CudaEngine._shared_lanes[1][0].spare.shape[1] > 1
+    assert backend.CudaBackend._shared_lanes[1][0].spare.shape[1] > 1
     for maker in makers:
         maker.cache_clear()
 
 
 def test_batches_go_through_in_passes(monkeypatch):
-    monkeypatch.setattr(engine, "PASS_BYTES", 1)
+    monkeypatch.setattr(backend, "PASS_BYTES", 1)
     operator = ImagingOperator(TONES, TX, RX, scene(count=5), device="cuda")
     data = noise((4, 1, 3, 20))
     images = operator.adjoint(data)
@@ -150,14 +150,14 @@ def test_page_locked_memory_holds_images():
 
 def test_sums_on_the_device_are_timed():
     operator = ImagingOperator(TONES, TX, RX, scene(count=2), device="cuda")
-    assert min(operator.engine.device_seconds(1, 1, repeats=1)) > 0
+    assert min(operator.backend.device_seconds(1, 1, repeats=1)) > 0
     assert np.isfinite(operator.adjoint(noise((1, 3, 20)))).all()
 
 
 def test_a_recipe_chooses_the_device():
     text = recipe_text("demo").replace("[image]\n", '[image]\ndevice = "cuda"\n')
     imager = imager_of(open_run(sample_lane() / "run.zarr"), parse_recipe(text).image)
-    assert isinstance(imager.operator_on(0, scene(count=2)).engine, engine.CudaEngine)
+    assert isinstance(imager.operator_on(0, scene(count=2)).backend, backend.CudaBackend)
 
 
 class Plan:
@@ -186,7 +186,7 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
     monkeypatch.setattr(
-        engine, "_block", lambda size: 1
+        backend, "_block", lambda size: 1
     )  # waiting for each other takes simulated threads longest
     scan = bench_cases.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)

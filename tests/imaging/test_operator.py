@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from flgpr.imaging import ImagingOperator
+from flgpr.imaging.cpu import DirectBackend, PreciseBackend, ProfileBackend
 from flgpr.model import SPEED_OF_LIGHT
 
 TONES = 500e6 + 10e6 * np.arange(128)
@@ -57,7 +58,7 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
 )
 def test_kept_delays_and_phasors_give_the_bits_of_those_found_anew(kind, channels, monkeypatch):
     def results(kept):
-        monkeypatch.setattr("flgpr.imaging.engines.KEPT_BYTES", kept)
+        monkeypatch.setattr("flgpr.imaging.cpu.KEPT_BYTES", kept)
         operator = ImagingOperator(
             TONES, TX, RX, grid() - [0, 0, 0.1], BANDS[:1], method="profile", **kind
         )
@@ -230,3 +231,22 @@ def test_pixels_of_a_volume_and_a_surface_keep_their_shape():
     assert line[:, 2] == pytest.approx(np.zeros(7))
     alone = ImagingOperator(TONES, TX, RX, line, BANDS, method="direct").adjoint(data)
     assert np.linalg.norm(on_surface[:, :, 2] - alone) < 3e-4 * np.linalg.norm(alone)
+
+
+def test_the_backend_follows_from_tolerance_and_work():
+    frequency = 1e9 + 5e6 * np.arange(64)
+    antennas = np.array([[0.0, 0.0, 1.5]])
+    x, y = np.meshgrid(np.linspace(-1, 1, 20), np.linspace(3, 5, 20))
+    pixels = np.stack([x, y, 0 * x], axis=-1)
+
+    def backend(points=pixels, **options):
+        return type(ImagingOperator(frequency, antennas, antennas, points, **options).backend)
+
+    assert backend() is ProfileBackend
+    assert backend(tolerance=1e-8) is PreciseBackend
+    assert backend(method="direct") is DirectBackend
+    assert backend(pixels[:1, :1]) is DirectBackend
+    with pytest.raises(ValueError, match="method must be"):
+        backend(method="fast")
+    with pytest.raises(ValueError, match="device must be 'cpu' or 'cuda'"):
+        backend(device="tpu")

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.spatial import cKDTree
 
-from flgpr.chain.alarm_features import AlarmSums
+from flgpr.chain.alarm_sums import AlarmSums
 from flgpr.chain.classifier import Classifier, make_training_set
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.method import detect
@@ -236,7 +236,7 @@ def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(
             continue
         with monkeypatch.context() as patch:
             patch.setattr(
-                "flgpr.chain.alarm_features.AlarmSums.add",
+                "flgpr.chain.alarm_sums.AlarmSums.add",
                 lambda *_: (_ for _ in ()).throw(ValueError("no")),
             )
             with pytest.raises(ValueError, match="no"):

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ from flgpr.live.events import (
     anew_event,
     as_line,
     position_events,
+    scan_event,
+    start_event,
     view_event,
 )
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
+from flgpr.model import Lane
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import Scan
 
@@ -91,3 +95,27 @@ def test_rows_of_the_view_are_half_floats_in_decibels():
     values = np.frombuffer(base64.b64decode(event["halves"]), "<f2").reshape(event["rows"], -1)
     np.testing.assert_allclose(values, [[0, 20], [np.nan, 40]])
     assert (event["row"], event["median_db"]) == (0, 20.0)
+
+
+def test_the_event_of_a_scan_names_its_outcome_and_when_it_came():
+    scan = Scan(3, 1.5, np.array([0.1, 2.0, 1.23456, 0.0, 0.0, 0.0]), np.zeros((1, 1, 1)))
+    event = scan_event(scan, "taken", 1000.12345, 0.0123)
+    assert event["scan"] == 3
+    assert event["outcome"] == "taken"
+    assert event["pose"] == [0.1, 2.0, 1.2346, 0.0, 0.0, 0.0]
+    assert (event["arrived"], event["latency_ms"]) == (1000.123, 12.3)
+    assert scan_event(Scan(4, 1.5, None, scan.signal), "refused", 0.0, 0.0)["pose"] == []
+
+
+def test_the_event_of_the_start_says_what_is_searched():
+    prescreen = SimpleNamespace(polarization="HH", subband="F1")
+    recipe = SimpleNamespace(name="own", prescreen=prescreen)
+    detector = SimpleNamespace(recipe=recipe, lane=None, view_grid=lambda: {"dx": 0.1})
+    event = start_event("a drive", detector, None, 0.5, Vehicle())
+    assert (event["title"], event["recipe"], event["threshold"]) == ("a drive", "own", 0.5)
+    assert event["channel"] == ["HH", "F1"]
+    assert event["lane"] is None
+    assert event["vehicle"]["front"] == Vehicle().front
+    detector.lane = Lane(-1.0, 1.0, 0.0, 9.0)
+    borders = start_event("a drive", detector, None, 0.5, Vehicle())["lane"]
+    assert borders == {"x_min": -1.0, "x_max": 1.0, "y_min": 0.0, "y_max": 9.0}

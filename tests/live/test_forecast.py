@@ -271,7 +271,7 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
             lane=tmp_path / "lane.toml", vehicle=Vehicle(0.1),
         )
     )  # fmt: skip
-    take = live._take
+    take = live._take_frame
     waited = []
 
     def taken(arrival, events):
@@ -288,7 +288,7 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
         waited.append(len(waiting))
         return whole
 
-    monkeypatch.setattr(live, "_take", taken)
+    monkeypatch.setattr(live, "_take_frame", taken)
     live.run()
     assert sum(waited) > 3, sum(waited)
 

@@ -91,7 +91,7 @@ def given_to(live, data, over=True, stream=None):
         if arrival.kind == "run":
             run._take_description(arrival, events)
         elif arrival.kind == "frame":
-            run._take(arrival, events)
+            run._take_frame(arrival, events)
     with path.open() as file:
         file.seek(before)
         return [json.loads(line) for line in file], kinds
@@ -189,6 +189,7 @@ def test_a_first_description_that_cannot_be_used_is_told(tmp_path):
         assert run._intake is not None
 
 
+@pytest.mark.slow("many bad frames")
 def test_the_socket_answers_every_bad_frame_on_one_connection(tmp_path):
     (tmp_path / "recipe.toml").write_text(small_recipe())
     run = LiveRun(LiveOptions(tmp_path / "recipe.toml", tmp_path / "out", socket=tmp_path / "s"))

@@ -124,7 +124,7 @@ class SessionMachine(RuleBasedStateMachine):
         """Killed before a frame is dealt with or after its events are written, with snapshots in between."""
         run = self.options("out", snapshot=every, idle=0.0)
         seen = 0
-        take = run._take
+        take = run._take_frame
 
         def deal(*arguments):
             nonlocal seen
@@ -136,7 +136,7 @@ class SessionMachine(RuleBasedStateMachine):
                 raise Killed
             return done
 
-        gone = mock.patch.multiple(run, _take=deal, _finish=mock.Mock(side_effect=Killed))
+        gone = mock.patch.multiple(run, _take_frame=deal, _finish=mock.Mock(side_effect=Killed))
         with gone, pytest.raises(Killed):
             run.run()
         for thread in threading.enumerate():

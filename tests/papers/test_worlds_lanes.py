@@ -24,6 +24,8 @@ from flgpr_papers.worlds.lanes import (
 )
 from flgpr_papers.worlds.signature import signal_to_clutter
 
+pytestmark = pytest.mark.slow("simulates the lanes of a study")
+
 WORLD = World(1, 4.0, 4.5, "mironov", "natural", "posts", "plastic")
 
 

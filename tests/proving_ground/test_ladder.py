@@ -14,6 +14,8 @@ from flgpr.proving_ground.oracle import divided_by_rms, inverse_covariance
 from flgpr.simulate import Simulator, draw_world
 from submitted import write_ground
 
+pytestmark = pytest.mark.slow("simulates bodies of a lane")
+
 SCRIPT = Path(__file__).parents[2] / "evidence" / "ladder.py"
 SIZE = 6
 

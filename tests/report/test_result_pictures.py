@@ -66,6 +66,7 @@ def test_a_long_lane_is_stretched_and_keeps_its_brightest_spot(length, scale, tm
     assert figure.get_size_inches()[1] < 30
 
 
+@pytest.mark.slow("writes many pictures")
 def test_only_the_first_ranks_are_written_and_listed(tmp_path):
     result = result_of(700.0, 620, tmp_path)
     assert len(run_view_figure(result, ["main"]).axes[0].texts) == 100

@@ -156,6 +156,7 @@ def test_a_score_that_was_stopped_before_its_last_step_is_finished(commands, tmp
     assert command.content(output) == want
 
 
+@pytest.mark.slow("trains")
 def test_a_training_at_the_same_output_is_refused(commands, tmp_path):
     command = commands["train"]
     output = tmp_path / "out"

@@ -100,7 +100,7 @@ def test_the_messages_do_not_grow_with_the_images(lane):
     """What goes through the scheduler per piece: the job, the stage and a number one way, a report the other."""
     from distributed.protocol import serialize_bytes
 
-    from flgpr.execution.workers import do_block
+    from flgpr.execution.pieces import do_block
     from robust import small_job
 
     job = small_job(lane, lane.home / "other")

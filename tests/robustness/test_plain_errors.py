@@ -225,6 +225,7 @@ def messages(tree):
                     yield part.lineno, part.value
 
 
+@pytest.mark.slow("makes every message")
 def test_messages_are_free_of_python():
     words = re.compile(
         r"\b[a-z_]+=(True|False|None)\b|\bNone\b|\w+Error\b|Path\(|\[Errno|\bkwargs?\b|\bself\."

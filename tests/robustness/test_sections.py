@@ -14,13 +14,13 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr.chain.memory import memory_needed, plan_sections, threads_within
+from flgpr.chain.memory import memory_needed
 from flgpr.chain.recipe import load_recipe
-from flgpr.chain.sections import Section, divide, section_lane
+from flgpr.chain.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_alarms, score_result
-from flgpr.execution import driver
+from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.driver import detect_lane
 from flgpr.execution.workers import InProcess
@@ -144,7 +144,7 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
                 detect_lane(job, executor, note=note, longest=2.0)
             assert not (tmp_path / "result").exists()
         with monkeypatch.context() as patch:
-            patch.setattr(driver, "finish", stop)
+            patch.setattr(checkpoint, "finish", stop)
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
         assert len(done) == len(set(done)) > 20

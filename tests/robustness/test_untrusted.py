@@ -14,8 +14,9 @@ import zarr
 from zarr.codecs import BytesCodec, Crc32cCodec
 
 import flgpr
-from flgpr.chain.memory import parse_size, plan_sections
+from flgpr.chain.memory import parse_size
 from flgpr.chain.recipe import load_recipe
+from flgpr.chain.sections import plan_sections
 from flgpr.commands.imports import import_fullwave
 from flgpr.formats.arrays import open_arrays
 from flgpr.model import Lane

@@ -19,7 +19,8 @@ from flgpr.chain.engine import Engine
 from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import WorkError, begin
 from flgpr.execution.driver import detect_lane, passes_of_lane
-from flgpr.execution.workers import InProcess, LostWorkersError, Processes, do_block
+from flgpr.execution.pieces import do_block
+from flgpr.execution.workers import InProcess, LostWorkersError, Processes
 from flgpr.imaging import ScanImager
 from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
@@ -146,6 +147,7 @@ def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
     assert len(done) == len(set(done)) == 4 * (lane.blocks + 1) + 2
 
 
+@pytest.mark.slow("waits for processes to end")
 def test_workers_end_when_their_driver_is_killed(lane, tmp_path):
     context = multiprocessing.get_context("forkserver")
     ours, theirs = context.Pipe()

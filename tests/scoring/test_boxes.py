@@ -98,6 +98,7 @@ def test_images_and_boxes_that_do_not_fit_are_named(change, message):
         box_roc(**arguments)
 
 
+@pytest.mark.slow("counts every threshold by hand")
 @settings(max_examples=300, deadline=None)
 @given(
     st.lists(

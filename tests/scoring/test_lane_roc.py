@@ -59,6 +59,7 @@ target_lists = st.lists(
 )
 
 
+@pytest.mark.slow("counts every threshold by hand")
 @settings(max_examples=200, deadline=None)
 @given(alarm_lists, target_lists, st.sampled_from([0.5, 1.0, 1.25]), st.booleans(), st.booleans())
 def test_roc_is_the_rules_applied_threshold_by_threshold(

@@ -177,6 +177,7 @@ def test_a_thin_gap_raises_vv_by_the_normal_field():
     assert abs(got[1, 1] / got[0, 0]) == pytest.approx(expected, rel=0.08)
 
 
+@pytest.mark.slow("sums many dipoles")
 def test_the_checked_figures_of_a_plastic_mine_in_arid_soil():
     # Radius 16 cm, height 15 cm, permittivity 3.0, with a gap of 1.5 cm on top or none, in F1 at 67
     # degrees.

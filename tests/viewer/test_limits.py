@@ -173,6 +173,7 @@ def test_an_answer_that_is_not_taken_ends_the_connection(large):
         assert len(ends(sender)) < SIZE
 
 
+@pytest.mark.slow("takes an answer slowly")
 def test_an_answer_that_is_taken_slowly_comes_whole(large):
     """It takes longer than the deadline, in which 64 KiB must be taken."""
     asking = {"path": "data/session.json", "Connection": "close"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import xarray as xr
@@ -23,18 +23,13 @@ class CleanedRun:
         The images before they are cleaned.
     background : mapping of str to ndarray
         The result of the pass "gain".
-    whole_image : callable, optional
-        Returns the whole image of the scan at an index, where images stay in memory.
     """
 
-    def __init__(
-        self,
-        images: RunImages,
-        background: Mapping[str, NDArray[Any]],
-        whole_image: Callable[[int], xr.DataArray] | None = None,
-    ) -> None:
+    def __init__(self, images: RunImages, background: Mapping[str, NDArray[Any]]) -> None:
         self.grid = images.grid
-        self._whole_image = whole_image if images.plain else images.image
+        self._images = images
+        #: whether a near image is made of the data of its scan alone, without the pixels beyond
+        self.reads_data = images.plain and not images.in_memory
         self.gains: FloatArray = background["gains"]
         arrays = {}
         for name in background:
@@ -50,12 +45,7 @@ class CleanedRun:
     def __len__(self) -> int:
         return len(self.imager)
 
-    @property
-    def reads_data(self) -> bool:
-        """Whether an image is made of the data of its scan alone."""
-        return self._whole_image is None
-
-    def scan(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
+    def near_image(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
         """Return the image of a scan before its background is removed, with its number and pose.
 
         Parameters
@@ -65,14 +55,14 @@ class CleanedRun:
         data : (polarization, pair, frequency) ndarray of complex, optional
             The scan's data, where they have been read already.
         """
-        if self._whole_image is not None:
-            return self._whole_image(index).isel(y=slice(self.grid.ny))
-        return self.imager.image(int(self.imager.scans[index]), data)
+        if self.reads_data:
+            return self.imager.image(int(self.imager.scans[index]), data)
+        return self._images.scan_image(index).isel(y=slice(self.grid.ny))
 
     def coherent(self, index: int) -> xr.DataArray:
         """Return the cleaned image of the scan at an index, with its phase.
 
         It is in units of the background, with a gain of each polarization's own.
         """
-        image = self.scan(index)
+        image = self.near_image(index)
         return image.copy(data=self.background.own_coherent(image.values, self.gains[index]))

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.chain.engine import PlannedPass
+from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Model
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_tables import ImageTable
@@ -77,6 +78,8 @@ class RunImages:
         What stages are given.
     plain : bool
         Whether images are those of the run's own scans: nothing is cleaned or summed.
+    in_memory : bool
+        Whether images stay in memory once they are made.
     """
 
     def __init__(
@@ -91,10 +94,15 @@ class RunImages:
         table = recipe.image
         labels = [str(label) for label in run["polarization"].values]
         imaged = list(table.polarizations) or labels
-        source = imager_of(run, table)
-        self.imager = source if imaged == labels else imager_of(run, table, polarizations=imaged)
         self.frames = table.summed
         self.grid = recipe.near_grid()
+        source = imager_of(run, table)
+        self.imager = source if imaged == labels else imager_of(run, table, polarizations=imaged)
+        # The image of an aperture takes long to make, and is the only one of its run.
+        pixels = self.imager.grid.nx * self.imager.grid.ny
+        image_bytes = 8 * len(imaged) * len(table.subbands) * pixels
+        self.in_memory = len(self.imager) == 1 and image_bytes <= CACHE
+        self._made: dict[int, xr.DataArray] = {}  # images in memory, by index of the scan
         self.setup = Setup(
             run=run,
             others=others,
@@ -131,17 +139,13 @@ class RunImages:
             passes += stage.passes()
         return passes
 
-    def image(
-        self, index: int, data: ComplexArray | None = None, rows: int | None = None
-    ) -> xr.DataArray:
+    def scan_image(self, index: int, rows: int | None = None) -> xr.DataArray:
         """Return the image of a scan, the coherent mean of the last scans up to it.
 
         Parameters
         ----------
         index : int
             Index of the scan among the complete ones.
-        data : (polarization, pair, frequency) ndarray of complex, optional
-            Data in place of the scan's own, where images are plain.
         rows : int, optional
             The nearest rows that are needed; by default all. There may be more.
 
@@ -150,9 +154,17 @@ class RunImages:
         (polarization, subband, y, x) DataArray of complex
             With the scan's number and pose.
         """
+        if not self.in_memory:
+            return self._make_image(index, rows)
+        if index not in self._made:
+            self._made[index] = self._make_image(index)
+        return self._made[index]
+
+    def _make_image(self, index: int, rows: int | None = None) -> xr.DataArray:
+        """Compute the image of a scan, as of :meth:`scan_image`."""
         scan = int(self.imager.scans[index])
         if self.plain:
-            return self.imager.image(scan, data, rows)
+            return self.imager.image(scan, None, rows)
         frames = self._data(index, self.frames)[:, self.setup.imaged]
         if len(frames) == 1:
             return self.imager.image(scan, frames[0], rows)

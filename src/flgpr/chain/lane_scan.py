@@ -23,14 +23,6 @@ class LaneScan:
         self._lane = lane
         self.index = index
 
-    def raw_image(self, rows: int | None = None) -> NDArray[np.complex64]:
-        """Return the image (polarization, subband, y, x) before its background is removed.
-
-        It has at least the nearest ``rows``; by default all.
-        """
-        values: NDArray[np.complex64] = self._lane.image(self.index, rows).values
-        return values
-
     @cached_property
     def data(self) -> ComplexArray | None:
         """The scan's data (polarization, pair, frequency), read once for several uses.
@@ -43,10 +35,10 @@ class LaneScan:
         return None
 
     @cached_property
-    def image(self) -> xr.DataArray:
+    def near_image(self) -> xr.DataArray:
         """The image before its background is removed, as far ahead as counts, with its pose."""
         cleaned = self._lane.cleaned
-        return cleaned.scan(self.index, self.data if cleaned.reads_data else None)
+        return cleaned.near_image(self.index, self.data if cleaned.reads_data else None)
 
     @property
     def gain(self) -> FloatArray:
@@ -56,12 +48,12 @@ class LaneScan:
     @property
     def number(self) -> int:
         """The scan's number in the run."""
-        return int(self.image.attrs["scan"])
+        return int(self.near_image.attrs["scan"])
 
     @property
     def pose(self) -> FloatArray:
         """The scan's pose (6,) in the lane frame."""
-        return np.asarray(self.image.attrs["pose"], dtype=np.float64)
+        return np.asarray(self.near_image.attrs["pose"], dtype=np.float64)
 
     def magnitude(self) -> NDArray[np.float32]:
         """Return the cleaned magnitude (polarization, subband, y, x), or the recipe's map of it.
@@ -71,9 +63,9 @@ class LaneScan:
         lane = self._lane
         background = lane.cleaned.background
         if lane.mapper is None:
-            return background.magnitude(self.image.values, self.gain)
-        coherent = background.own_coherent(self.image.values, self.gain)
-        return lane.mapper.map(self.image.copy(data=coherent))[None, None]
+            return background.magnitude(self.near_image.values, self.gain)
+        coherent = background.own_coherent(self.near_image.values, self.gain)
+        return lane.mapper.map(self.near_image.copy(data=coherent))[None, None]
 
     @cached_property
     def cleaned(self) -> CleanedScan:
@@ -82,7 +74,7 @@ class LaneScan:
         return lane.steps.clean(
             self.number,
             self.pose,
-            self.image.values,
+            self.near_image.values,
             self.gain,
             lane.cleaned.background,
             own=lane.explains,

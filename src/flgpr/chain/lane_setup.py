@@ -14,7 +14,6 @@ from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.engine import PlannedPass, group_of
 from flgpr.chain.evidence import MOST_GATHERED, EvidenceSums
 from flgpr.chain.images import RunImages
-from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
@@ -102,7 +101,6 @@ class LaneSetup:
             check_confidence(recipe, self._column_names())
         self.section = Section(0, self.grid.ny) if section is None else section
         self.view_rows = kept_rows(recipe, lane, self.section)
-        self._images: dict[int, xr.DataArray] = {}
 
     def _background_rows(self, whole: bool) -> int:
         """Return how many rows of the images the background is estimated on."""
@@ -158,31 +156,9 @@ class LaneSetup:
         return self.images.plain and not self.stages
 
     @cached_property
-    def _remembers(self) -> bool:
-        """Whether images stay in memory.
-
-        The image of an aperture takes long to make, and is the only one of its run.
-        """
-        grid = self.imager.grid
-        channels = len(self.setup.imaged) * len(self.recipe.image.subbands) * grid.nx * grid.ny
-        return len(self.imager) == 1 and 8 * len(self.imager) * channels <= CACHE
-
-    def image(self, index: int, rows: int | None = None) -> xr.DataArray:
-        """Return the image of the scan at an index among the complete ones.
-
-        It has at least the nearest ``rows``; by default all.
-        """
-        if not self._remembers:
-            return self.images.image(index, None, rows)
-        if index not in self._images:
-            self._images[index] = self.images.image(index)
-        return self._images[index]
-
-    @cached_property
     def cleaned(self) -> CleanedRun:
         """The run's cleaned images; needs the result of the pass "gain"."""
-        whole_image = self.image if self._remembers else None
-        return CleanedRun(self.images, self.results["gain"], whole_image)
+        return CleanedRun(self.images, self.results["gain"])
 
     @cached_property
     def reads_data_once(self) -> bool:

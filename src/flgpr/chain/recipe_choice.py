@@ -16,6 +16,7 @@ from flgpr.chain.recipe_fit import (
     Band,
     FloatArray,
     RadarSetup,
+    allow_features,
 )
 from flgpr.model import SPEED_OF_LIGHT, scan_to_lane, unambiguous_path
 
@@ -51,6 +52,29 @@ class Choice:
     far: float  #: distance ahead at which images end, m
     fine: float  #: spacing of the images, m
     coarse: float  #: spacing of the run-view, m
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a recipe holds that is made from nothing but a run; distances as in the recipe."""
+
+    described: str  #: what the recipe was made from
+    fitted_to: str  #: the same in a few words
+    aperture: bool  #: whether all scans are one synthetic aperture
+    drives: bool  #: whether the mean scan is the self-signature
+    has_features: bool  #: whether the polarizations allow the ten features
+    image_x: Band  #: borders of the images across, m in the scan frame
+    image_y: Band  #: borders of the images ahead, m in the scan frame
+    fine: float  #: spacing of the images, m
+    window: str  #: that of the images
+    bands: dict[str, tuple[str, str]]  #: edges of the sub-bands, Hz, as TOML
+    median_step: int  #: pixels between those of the background's median
+    view_x: Band  #: borders of the run-view across, m in the lane frame
+    coarse: float  #: spacing of the run-view, m
+    y_max: float  #: how far ahead looks count, m in the scan frame
+    polarization: str  #: that of the prescreener
+    subband: str  #: that of the prescreener
+    reasons: dict[str, str]  #: the reason for each entry, by table and entry
 
 
 @dataclass(frozen=True)
@@ -202,6 +226,42 @@ def _spacing(cell: float, most: float) -> float:
         return abs(spacing - _PIXEL * cell)
 
     return min((spacing for spacing in _SPACINGS if spacing <= most), key=off)
+
+
+def figures_of(setup: RadarSetup, choice: Choice) -> Figures:
+    """Return what the recipe of a run holds, with the reason for each entry."""
+    return Figures(
+        described=described(setup),
+        fitted_to=fitted_to(setup),
+        aperture=setup.aperture,
+        drives=setup.drives,
+        has_features=allow_features(setup.polarizations),
+        image_x=image_x(choice),
+        image_y=image_y(setup, choice),
+        fine=choice.fine,
+        window=window_of(setup),
+        bands=_band_texts(setup, choice),
+        median_step=median_step(choice),
+        view_x=view_x(setup, choice),
+        coarse=choice.coarse,
+        y_max=last_look(setup, choice),
+        polarization=polarization_of(setup.polarizations),
+        subband=choice.subband,
+        reasons=reasons_for(setup, choice),
+    )
+
+
+def _band_texts(setup: RadarSetup, choice: Choice) -> dict[str, tuple[str, str]]:
+    """Return the edges of the sub-bands as TOML, by name."""
+    texts = {}
+    for name, (low, high) in choice.bands.items():
+        texts[name] = (_edge_text(setup, low), _edge_text(setup, high))
+    return texts
+
+
+def _edge_text(setup: RadarSetup, edge: float) -> str:
+    """Return the edge of a sub-band as TOML: to the bit where it is a tone, else six digits."""
+    return toml_frequency(edge) if edge in setup.tones else f"{edge / 1e9:.6g}e9"
 
 
 def pixels_of(lengths: Sequence[float], spacing: float) -> list[int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,27 +9,10 @@ import numpy as np
 import xarray as xr
 
 from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.recipe_choice import (
-    MEAN,
-    MEDIAN_STEP,
-    PATCH,
-    Choice,
-    choose,
-    described,
-    fitted_to,
-    image_x,
-    image_y,
-    last_look,
-    median_step,
-    pixels_of,
-    polarization_of,
-    reasons_for,
-    toml_frequency,
-    view_x,
-    window_of,
-)
-from flgpr.chain.recipe_fit import ALARM_RADIUS, RadarSetup, allow_features, radar_setup
+from flgpr.chain.recipe_choice import choose, figures_of, image_x, image_y
+from flgpr.chain.recipe_fit import radar_setup
 from flgpr.chain.recipe_like import like_text, load_model
+from flgpr.chain.recipe_writing import fitted_text
 from flgpr.model import (
     Sensor,
     aperture_pose,
@@ -45,15 +27,6 @@ from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.files import faults_of
 from flgpr.store.outputs import write_new
 
-Reasons = Mapping[str, str]
-
-# Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
-_DENSITY = 0.75  # alarms per area of an alarm
-_HALO = 1.0
-_INNER = (0.5, 0.3)
-_GUARD = (0.9, 0.7)
-_COHERENT = (0.25, 0.15)
-_MEDIAN = 1.05
 _ALIKE = 0.95  # length of the mean of the headings' unit vectors of a radar that looks one way
 # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
 _ACROSS = (0.5, 2.0)
@@ -63,7 +36,6 @@ ASSUMED_ANTENNAS = "sri-array"
 _FILLED_ASIDE = 0.2
 _FILLED_BEFORE = 0.3
 _FILLED_BEHIND = 0.4
-_PAPER = "as in Wang et al. 2007"
 
 
 def recipe_for(
@@ -157,7 +129,7 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = 
     setup = radar_setup(aperture_run(run) if aperture else run, aperture)
     setup = replace(setup, begins=begins)
     if like is None:
-        text = _text(setup, choose(setup))
+        text = fitted_text(figures_of(setup, choose(setup)))
     else:
         text = like_text(setup, like, preset_of(run))
     parse_recipe(text, "fitted")
@@ -223,130 +195,3 @@ def _goes_across(run: xr.Dataset) -> bool:
     widths = [float(np.ptp(run[f"{end}_position"].values[:, 0])) for end in ("tx", "rx")]
     least = max(_ACROSS[0], _ACROSS[1] * max(widths))
     return bool(across > least and across > 2 * ahead)
-
-
-def _text(setup: RadarSetup, choice: Choice) -> str:
-    """Write a recipe, with the reason for every entry beside it."""
-    reasons = reasons_for(setup, choice)
-    tables = [
-        _head(setup),
-        _image_table(setup, choice, reasons),
-        _subbands_table(setup, choice, reasons),
-        _background_table(setup, choice, reasons),
-        _run_view_table(setup, choice, reasons),
-        _prescreen_table(setup, choice, reasons),
-        _contrast_table(setup, choice),
-    ]
-    if allow_features(setup.polarizations):
-        tables.append(_features_table(choice))
-    tables.append(_score_table())
-    return "\n".join(tables)
-
-
-def _head(setup: RadarSetup) -> str:
-    """Write what the recipe was made from, its name and its description."""
-    confidence = "Ten features" if allow_features(setup.polarizations) else "Local contrast"
-    return f"""\
-# Made by `flgpr recipe for` {described(setup)} Lengths in m, frequencies in Hz.
-
-name = "fitted"
-description = "{confidence} after Wang et al. 2007, {fitted_to(setup)}"
-"""
-
-
-def _image_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
-    """Write the table of the scan images."""
-    frames = ""
-    if setup.aperture:
-        frames = f'frames = "all"  # {reasons["image.frames"]}\n'
-    left, right = image_x(choice)
-    nearest, far = image_y(setup, choice)
-    return f"""\
-[image]
-x = [{left:.2f}, {right:.2f}]  # {reasons["image.x"]}
-y = [{nearest:.2f}, {far:.2f}]  # {reasons["image.y"]}
-spacing = {choice.fine}  # {reasons["image.spacing"]}
-window = "{window_of(setup)}"  # {reasons["image.window"]}
-{frames}"""
-
-
-def _subbands_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
-    """Write the table of the sub-bands."""
-    lines = [f"[image.subbands]  # {reasons['image.subbands']}\n"]
-    for name, (low, high) in choice.bands.items():
-        lines.append(f"{name} = [{_edge_text(setup, low)}, {_edge_text(setup, high)}]\n")
-    return "".join(lines)
-
-
-def _edge_text(setup: RadarSetup, edge: float) -> str:
-    """Return the edge of a sub-band as TOML: to the bit where it is a tone, else six digits."""
-    return toml_frequency(edge) if edge in setup.tones else f"{edge / 1e9:.6g}e9"
-
-
-def _background_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
-    """Write the table of self-signature and gain background."""
-    method = "mean" if setup.drives else "none"
-    return f"""\
-[background]
-self_signature = "{method}"  # {reasons["background.self_signature"]}
-median = {_MEDIAN}  # {_PAPER}
-mean = {MEAN}  # {_PAPER}
-median_step = {median_step(choice)}  # {MEDIAN_STEP} m, {_PAPER}
-"""
-
-
-def _run_view_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
-    """Write the table of the run-view."""
-    left, right = view_x(setup, choice)
-    return f"""\
-[run_view]
-x = [{left:.2f}, {right:.2f}]  # {reasons["run_view.x"]}
-spacing = {choice.coarse}  # {reasons["run_view.spacing"]}
-y_max = {last_look(setup, choice):.2f}  # {reasons["run_view.y_max"]}
-"""
-
-
-def _prescreen_table(setup: RadarSetup, choice: Choice, reasons: Reasons) -> str:
-    """Write the table of the prescreener."""
-    polarization = polarization_of(setup.polarizations)
-    return f"""\
-[prescreen]
-polarization = "{polarization}"  # {reasons["prescreen.polarization"]}
-subband = "{choice.subband}"  # {reasons["prescreen.subband"]}
-radius = {ALARM_RADIUS}  # {_PAPER}
-density = {_DENSITY}  # {_PAPER}
-count = "view"
-"""
-
-
-def _contrast_table(setup: RadarSetup, choice: Choice) -> str:
-    """Write the table of the local contrast."""
-    spacing = choice.coarse
-    return f"""\
-[contrast]
-polarization = "{polarization_of(setup.polarizations)}"  # the prescreener's channel
-subband = "{choice.subband}"
-size = {pixels_of([PATCH], spacing)[0]}  # {PATCH} m, {_PAPER}
-spacing = {spacing}  # the run-view's
-inner = {pixels_of(_INNER, spacing)}  # {_INNER[0]} m x {_INNER[1]} m, {_PAPER}
-guard = {pixels_of(_GUARD, spacing)}  # {_GUARD[0]} m x {_GUARD[1]} m, {_PAPER}
-"""
-
-
-def _features_table(choice: Choice) -> str:
-    """Write the table of the features."""
-    return f"""\
-[features]  # the run has HH, VV and a cross-polarized channel
-inner = {pixels_of(_COHERENT, choice.fine)}  # {_COHERENT[0]} m x {_COHERENT[1]} m of the image, \
-{_PAPER}
-psi = "circular"  # angles are averaged as directions
-"""
-
-
-def _score_table() -> str:
-    """Write the table of the scoring."""
-    return f"""\
-[score]
-halo = {_HALO}  # {_PAPER}
-area = "union"
-"""

@@ -2,22 +2,27 @@
 
 Backgrounds are estimated over the whole run, the density rule counts over the whole lane, and every
 section reads rows beyond its own. So sections together hold the run-view and the alarms that the
-lane in one piece would.
+lane in one piece would. How many there are follows from the memory (``chain/memory.py``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
 import pandas as pd
 
+from flgpr.chain.memory import memory_needed, thread_memory
 from flgpr.chain.recipe import Recipe
 from flgpr.model import Lane
 from flgpr.screen import view_threshold
+from flgpr.store.store_layout import MAX_MEMORY
+
+SHORTEST = 50.0
+"""Length of a lane for which there must be memory, m."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,105 @@ def section_lane(recipe: Recipe, lane: Lane, section: Section) -> Lane:
     if section.stop < grid.ny:
         end = min(lane.y_max, grid.y_min + (section.stop - 0.5) * grid.dy)
     return Lane(lane.x_min, lane.x_max, begin, end)
+
+
+def plan_sections(
+    sizes: Mapping[str, int],
+    recipe: Recipe,
+    lane: Lane,
+    limit: int = MAX_MEMORY,
+    longest: float | None = None,
+) -> list[Section]:
+    """Cut a lane into as few sections as the memory allows, before anything is decoded.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    limit : int
+        Bytes that a process may take.
+    longest : float, optional
+        The longest section that is wanted, m; infinity asks for the lane in one piece.
+
+    Returns
+    -------
+    list of Section
+        One that is the whole lane if that fits.
+
+    Raises
+    ------
+    ValueError
+        If the lane in one piece was asked for and takes more, or the memory does not suffice for
+        sections of ``SHORTEST`` metres (or of the longest that is wanted), or the run-view reaches
+        beyond the lane so that a section would have none of it. It says what would suffice.
+    """
+    if longest is not None and not longest > 0:
+        raise ValueError(f"section must be a positive length in metres, got {longest}")
+    grid = recipe.run_view.grid(lane)
+    needed = memory_needed(sizes, recipe, lane)
+    wanted_rows = grid.ny
+    if longest is not None and longest != math.inf:
+        wanted_rows = max(1, math.floor(longest / grid.dy + 1e-9))
+    if wanted_rows >= grid.ny and needed <= limit:
+        return [Section(0, grid.ny)]
+    if longest == math.inf:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of "
+            f"{lane.y_max - lane.y_min:.0f} m in one piece, got {limit / 1e9:.3g} GB: "
+            "give more or take it in sections"
+        )
+
+    beyond = 2 * margin(recipe)
+    shortest = min(math.ceil(SHORTEST / grid.dy), wanted_rows, grid.ny)
+    least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
+    if least > limit:
+        raise ValueError(
+            f"max-memory must be at least {least / 1e9:.3g} GB for this run, "
+            f"got {limit / 1e9:.3g} GB"
+        )
+
+    # What is left beside the shortest section and a second thread makes sections longer.
+    per_row = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
+    room = limit - least - thread_memory(sizes, recipe)
+    longer = int(max(room, 0) / per_row)
+    sections = divide(grid.ny, min(wanted_rows, shortest + longer))
+    for section in sections:
+        section_lane(recipe, lane, section)  # refuses a section without any of the lane
+    return sections
+
+
+def threads_within(
+    sizes: Mapping[str, int],
+    recipe: Recipe,
+    lane: Lane,
+    sections: Sequence[Section],
+    limit: int = MAX_MEMORY,
+) -> int:
+    """Return how many threads may work on scans of a lane at once, at least one.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    sections : sequence of Section
+        What :func:`plan_sections` returned.
+    limit : int
+        Bytes that the process may take.
+    """
+    rows = None
+    if len(sections) > 1:
+        longest = max(section.stop - section.start for section in sections)
+        rows = longest + 2 * margin(recipe)
+    room = limit - memory_needed(sizes, recipe, lane, rows)
+    return 1 + max(0, int(room / thread_memory(sizes, recipe)))
 
 
 def section_note(lane: Lane, section: Section) -> dict[str, Any]:

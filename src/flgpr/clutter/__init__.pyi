@@ -2,6 +2,7 @@ from flgpr.clutter.background import gain_background as gain_background
 from flgpr.clutter.background import remove_background as remove_background
 from flgpr.clutter.background import scan_gain as scan_gain
 from flgpr.clutter.background import self_signature as self_signature
+from flgpr.clutter.causal import CausalBackground as CausalBackground
 from flgpr.clutter.coherence import Coherence as Coherence
 from flgpr.clutter.coherence import FrameStack as FrameStack
 from flgpr.clutter.coherence import accuracy_needed as accuracy_needed
@@ -39,7 +40,6 @@ from flgpr.clutter.standing import subtract_mean_scan as subtract_mean_scan
 from flgpr.clutter.standing import subtract_standing as subtract_standing
 from flgpr.clutter.streaming import Background as Background
 from flgpr.clutter.streaming import BackgroundEstimator as BackgroundEstimator
-from flgpr.clutter.streaming import CausalBackground as CausalBackground
 from flgpr.clutter.streaming import shared_gain as shared_gain
 from flgpr.clutter.streaming import shared_level as shared_level
 from flgpr.clutter.suppression import Suppression as Suppression

@@ -8,8 +8,6 @@ polarizations, which polarimetry uses, survive.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +24,6 @@ from flgpr.clutter.background import (
 )
 from flgpr.kernels.background import (
     add_clipped,
-    blend_clipped,
     gain_and_limit,
     magnitude_over_background,
     mean_of_nodes,
@@ -38,9 +35,6 @@ from flgpr.kernels.filters import median_stack
 
 FloatArray = NDArray[np.float64]
 MagnitudeArray = NDArray[np.float32]
-LEAST_WARM_UP = 3
-LEAST_SPAN = 2
-"""Scans that causal estimates need."""
 _LOWEST_SHARE = 0.75  # of the pixels, whose rms is r_k
 _CLIP_DEVIATIONS = 5.0  # above the mean, at which Eq. 2 clips magnitudes
 
@@ -88,7 +82,11 @@ class Background:
         """
         out = np.empty(_shape_of_rows(image, rows), np.float32)
         magnitude_over_background(
-            _flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out)
+            by_channel(image),
+            gain.ravel(),
+            by_channel(self.signature),
+            by_channel(self.gain),
+            by_channel(out),
         )
         return out
 
@@ -101,7 +99,11 @@ class Background:
         """
         out = np.empty(_shape_of_rows(image, rows), np.complex64)
         subtract_and_divide(
-            _flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out)
+            by_channel(image),
+            gain.ravel(),
+            by_channel(self.signature),
+            by_channel(self.gain),
+            by_channel(out),
         )
         return out
 
@@ -115,7 +117,11 @@ class Background:
         out = np.empty(_shape_of_rows(image, rows), np.complex64)
         shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
         subtract_and_divide(
-            _flat(image), shared, _flat(self.shared_signature), _flat(self.shared_gain), _flat(out)
+            by_channel(image),
+            shared,
+            by_channel(self.shared_signature),
+            by_channel(self.shared_gain),
+            by_channel(out),
         )
         return out
 
@@ -169,12 +175,8 @@ class BackgroundEstimator:
         method: SelfSignature = "mean",
         rows: int | None = None,
     ) -> None:
-        check_windows(median_size, mean_size)
+        check_smoothing(median_size, mean_size, step)
         check_method(method)
-        if not 1 <= step <= max(1, min(mean_size) // 2):
-            raise ValueError(
-                f"step must lie between 1 and half of mean_size {mean_size}, got {step}"
-            )
         self.median_size = median_size
         self.mean_size = mean_size
         self.step = step
@@ -209,13 +211,13 @@ class BackgroundEstimator:
         rows = image[..., self._rows, :]
         if self._shape is None:
             self._begin(rows.shape)
-        r, limit = self._measure(image)
+        r, limit = measure(image, self._rows, self._shape)
         if self.method == "mean":
             # The sum over k of Eq. 2, min(m_k, μ_k + 5σ_k) exp(iθ_k) over r_k, and the same over
             # the shared gain.
             r_shared = np.broadcast_to(shared_gain(r), r.shape)
             add_clipped(
-                _flat(image),
+                by_channel(image),
                 limit.ravel(),
                 1 / r.ravel(),
                 np.ascontiguousarray(1 / r_shared).ravel(),
@@ -242,7 +244,8 @@ class BackgroundEstimator:
             raise ValueError(
                 f"image must have the shape {signature.shape} of those before, got {image.shape}"
             )
-        smooth = self._smooth(image, self.gains[self._smoothed], signature)
+        gain = self.gains[self._smoothed]
+        smooth = smoothed_residual(image, gain, signature, self.median_size, self.step)
         if self._median_total is None:
             self._median_total = smooth
         else:
@@ -286,7 +289,8 @@ class BackgroundEstimator:
                 f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}"
             )
         N_scan = self._smoothed
-        B2 = self._mean_filtered(self._median_total / N_scan)  # Eq. 4
+        medians = self._median_total / N_scan  # Eq. 4
+        B2 = mean_filtered(medians, self._shape, self.mean_size, self.step)
         B2_shared = shared_level(B2, np.stack(self.gains))
         return Background(signature, B2, self._shared_signature, B2_shared)
 
@@ -326,8 +330,8 @@ class BackgroundEstimator:
                 f"image must have the shape {self._shape} of those before, got {shape}"
             )
         if self.method == "mean":
-            self._B1_total += _flat(sums["own"])
-            self._B1_shared_total += _flat(sums["shared"])
+            self._B1_total += by_channel(sums["own"])
+            self._B1_shared_total += by_channel(sums["shared"])
         elif self.method == "median":
             self._scaled += list(sums["scaled"])
         self.gains += list(sums["gains"])
@@ -373,49 +377,114 @@ class BackgroundEstimator:
             self._B1_total = np.zeros(pixels, np.complex128)
             self._B1_shared_total = np.zeros(pixels, np.complex128)
 
-    def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Return r_k, the rms of the lowest 75 % of m_k, and μ_k + 5σ_k, by channel (Eq. 2)."""
-        if image[..., self._rows, :].shape != self._shape:
-            raise ValueError(
-                f"image must have the shape {self._shape} of those before, got {image.shape}"
-            )
-        gain = np.empty(image.shape[:2])
-        limit = np.empty(image.shape[:2])
-        pixels = image.shape[2] * image.shape[3]
-        lowest = max(1, int(_LOWEST_SHARE * pixels))
-        gain_and_limit(_flat(image), lowest, _CLIP_DEVIATIONS, gain.ravel(), limit.ravel())
-        check_gain(gain)
-        if not np.isfinite(limit).all():
-            raise ValueError("image must be finite, got pixels that are not")
-        return gain, limit
 
-    def _smooth(self, image: ComplexArray, r: FloatArray, B1: ComplexArray) -> FloatArray:
-        """Return the median-filtered m'_k = |v_k/r_k - B1| (Eq. 3) at every ``step``-th pixel."""
-        m_prime = np.empty(B1.shape, np.float32)
-        residual(_flat(image), r.ravel(), _flat(B1), _flat(m_prime))
-        medians = median_stack(m_prime.reshape(-1, *m_prime.shape[2:]), self.median_size, self.step)
-        return medians.astype(np.float64)
+# The steps of an estimate, of all scans (above) and of the scans so far (``causal.py``)
 
-    def _mean_filtered(self, medians: FloatArray) -> MagnitudeArray:
-        """Return B2 from medians at every ``step``-th pixel, averaged over the scans.
 
-        The mean filter is linear, so that it is applied once, after the mean over the scans of Eq.
-        4.
-        """
-        if self._shape is None:
-            raise ValueError("images must hold at least one scan, got none")
-        ny, nx = self._shape[2:]
-        row = np.stack(_nodes(ny, self.mean_size[0] // 2, self.step))
-        column = np.stack(_nodes(nx, self.mean_size[1] // 2, self.step))
-        sums = np.pad(medians.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
-        level = np.empty((len(medians), ny, nx), np.float32)
-        mean_of_nodes(sums, row, column, level)
-        if not (level > 0).all():
-            raise ValueError(
-                "gain background must be positive everywhere, got zero: "
-                "images equal their self-signature"
-            )
-        return level.reshape(self._shape)
+def check_smoothing(median_size: tuple[int, int], mean_size: tuple[int, int], step: int) -> None:
+    """Refuse windows (y, x) that are not odd, and a step that is too long for the mean."""
+    check_windows(median_size, mean_size)
+    if not 1 <= step <= max(1, min(mean_size) // 2):
+        raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
+
+
+def measure(
+    image: ComplexArray, rows: slice, shape: tuple[int, ...] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return r_k, the rms of the lowest 75 % of m_k, and μ_k + 5σ_k, by channel (Eq. 2).
+
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        Scan image.
+    rows : slice
+        Rows of which the background is estimated; the gain is that of all rows.
+    shape : tuple of int
+        Shape that these rows must have.
+
+    Raises
+    ------
+    ValueError
+        If they have another shape, a gain is zero or a pixel is not finite.
+    """
+    if image[..., rows, :].shape != shape:
+        raise ValueError(f"image must have the shape {shape} of those before, got {image.shape}")
+    gain = np.empty(image.shape[:2])
+    limit = np.empty(image.shape[:2])
+    pixels = image.shape[2] * image.shape[3]
+    lowest = max(1, int(_LOWEST_SHARE * pixels))
+    gain_and_limit(by_channel(image), lowest, _CLIP_DEVIATIONS, gain.ravel(), limit.ravel())
+    check_gain(gain)
+    if not np.isfinite(limit).all():
+        raise ValueError("image must be finite, got pixels that are not")
+    return gain, limit
+
+
+def smoothed_residual(
+    image: ComplexArray,
+    r: FloatArray,
+    B1: ComplexArray,
+    median_size: tuple[int, int],
+    step: int,
+) -> FloatArray:
+    """Return the median-filtered m'_k = |v_k/r_k - B1| (Eq. 3) at every ``step``-th pixel.
+
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        Scan image v_k.
+    r : (polarization, subband) ndarray
+        Its gain.
+    B1 : (polarization, subband, y, x) ndarray of complex
+        Self-signature.
+    median_size : tuple of int
+        Window (y, x) of the median.
+    step : int
+        Distance between the pixels of the result.
+    """
+    m_prime = np.empty(B1.shape, np.float32)
+    residual(by_channel(image), r.ravel(), by_channel(B1), by_channel(m_prime))
+    medians = median_stack(m_prime.reshape(-1, *m_prime.shape[2:]), median_size, step)
+    return medians.astype(np.float64)
+
+
+def mean_filtered(
+    medians: FloatArray, shape: tuple[int, ...] | None, mean_size: tuple[int, int], step: int
+) -> MagnitudeArray:
+    """Return B2 from medians at every ``step``-th pixel, averaged over the scans.
+
+    The mean filter is linear, so that it is applied once, after the mean over the scans of Eq. 4.
+
+    Parameters
+    ----------
+    medians : (channel, y, x) ndarray
+        Mean over the scans of :func:`smoothed_residual`.
+    shape : tuple of int
+        Shape (polarization, subband, y, x) of the result; None if no scan was added.
+    mean_size : tuple of int
+        Window (y, x) of the mean.
+    step : int
+        Distance between the pixels of the medians.
+
+    Raises
+    ------
+    ValueError
+        If the background is zero somewhere, or no scan was added.
+    """
+    if shape is None:
+        raise ValueError("images must hold at least one scan, got none")
+    ny, nx = shape[2:]
+    row = np.stack(_nodes(ny, mean_size[0] // 2, step))
+    column = np.stack(_nodes(nx, mean_size[1] // 2, step))
+    sums = np.pad(medians.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
+    level = np.empty((len(medians), ny, nx), np.float32)
+    mean_of_nodes(sums, row, column, level)
+    if not (level > 0).all():
+        raise ValueError(
+            "gain background must be positive everywhere, got zero: "
+            "images equal their self-signature"
+        )
+    return level.reshape(shape)
 
 
 def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
@@ -437,187 +506,10 @@ def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
     """
     ratio = np.mean(gains / shared_gain(gains), axis=0)
     out = np.empty(level.shape[1:], np.float32)
-    root_mean_square(np.ascontiguousarray(level).reshape(*level.shape[:2], -1), ratio, _flat(out))
+    root_mean_square(
+        np.ascontiguousarray(level).reshape(*level.shape[:2], -1), ratio, by_channel(out)
+    )
     return out
-
-
-class CausalBackground:
-    """Estimate the background from the scans so far, for live use before the end of the run.
-
-    Self-signature and medians are running means. The residuals of earlier scans are not computed
-    anew when the self-signature improves. A scan is cleaned with the estimate from those before it,
-    so that nothing of a target in it is subtracted and its alarms need not wait until it is
-    included (:meth:`learn`).
-
-    Parameters
-    ----------
-    median_size, mean_size, step, rows
-        As for :class:`BackgroundEstimator`.
-    span : int, optional
-        Scans with which the running means fade, to follow a self-signature that drifts; by default
-        they are over all scans.
-    warm_up : int
-        Number of the first scan that is cleaned, at least 3.
-
-    Raises
-    ------
-    ValueError
-        If ``warm_up`` or ``span`` is too short.
-    """
-
-    def __init__(
-        self,
-        median_size: tuple[int, int] = (21, 21),
-        mean_size: tuple[int, int] = (51, 51),
-        step: int = 3,
-        span: int | None = None,
-        warm_up: int = 5,
-        rows: int | None = None,
-    ) -> None:
-        if warm_up < LEAST_WARM_UP:
-            raise ValueError(
-                f"warm_up must be at least {LEAST_WARM_UP} scans, got {warm_up}: "
-                "the background is estimated from two"
-            )
-        if span is not None and span < LEAST_SPAN:
-            raise ValueError(f"span must be at least {LEAST_SPAN} scans, got {span}")
-        self._estimator = BackgroundEstimator(median_size, mean_size, step, rows=rows)
-        self._span = span
-        self._warm_up = warm_up
-        self._count = 0
-        # Running means: own and shared signature, ratios of the gains, medians. Once given out by
-        # state() they must not be overwritten.
-        self._means: list[Any] = []
-        self._means_given_out = False
-        # The first two of the means as images, and the background of all scans learnt.
-        self._signatures: tuple[ComplexArray, ComplexArray] | None = None
-        self._background: Background | None = None
-        # The last scan, its gain and limit, until it is learnt.
-        self._pending: tuple[ComplexArray, FloatArray, FloatArray] | None = None
-
-    def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
-        """Add the next scan.
-
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex
-            Scan image.
-
-        Returns
-        -------
-        gain : (polarization, subband) ndarray
-            Gain r_k of the scan.
-        background : Background or None
-            What to clean it with, from the scans before; None during the warm-up.
-        """
-        self.learn()
-        estimator = self._estimator
-        estimator._shape = estimator._shape or image[..., estimator._rows, :].shape
-        gain, limit = estimator._measure(image)
-        self._pending = (image, gain, limit)
-        if self._count + 1 >= self._warm_up and self._background is None:
-            self._assemble()
-        return gain, self._background
-
-    def learn(self) -> None:
-        """Include the last scan in the estimate.
-
-        :meth:`add` and :meth:`state` do so themselves where it was not done before.
-        """
-        if self._pending is None:
-            return
-        image, gain, limit = self._pending
-        self._pending = None
-        self._count += 1
-        weight = 1 / min(self._count, self._span or self._count)
-        common = shared_gain(gain)
-        ratio = gain / common
-        if not self._means:
-            polarizations, subbands, ny, nx = image[..., self._estimator._rows, :].shape
-            shape = (polarizations * subbands, ny * nx)
-            self._means = [np.zeros(shape, np.complex128), np.zeros(shape, np.complex128), ratio]
-
-        own_scale = 1 / gain.ravel()
-        shared_scale = (1 / np.broadcast_to(common, gain.shape)).ravel()
-        own_signature = self._blend_signature(0, image, limit, own_scale, weight)
-        shared = self._blend_signature(1, image, limit, shared_scale, weight)
-        self._means[2] = _blend(self._means[2], ratio, weight)
-        self._means_given_out = False
-        if self._count >= 2:
-            self._blend_medians(image, gain, own_signature)
-        self._signatures = (own_signature, shared)
-        self._background = None
-        if self._count + 1 >= self._warm_up:
-            with suppress(ValueError):  # add() raises it with the next scan
-                self._assemble()
-
-    def _blend_signature(
-        self,
-        number: int,
-        image: ComplexArray,
-        limit: FloatArray,
-        scale: FloatArray,
-        weight: float,
-    ) -> ComplexArray:
-        """Add the last scan, clipped and scaled, to a mean; return the mean as an image."""
-        mean = self._means[number]
-        updated = np.empty_like(mean) if self._means_given_out else mean
-        signature = np.empty(image[..., self._estimator._rows, :].shape, np.complex64)
-        blend_clipped(_flat(image), limit.ravel(), scale, weight, mean, updated, _flat(signature))
-        self._means[number] = updated
-        return signature
-
-    def _blend_medians(
-        self, image: ComplexArray, gain: FloatArray, own_signature: ComplexArray
-    ) -> None:
-        """Add the filtered residual of the last scan to the mean of the medians."""
-        smooth = self._estimator._smooth(image, gain, own_signature)
-        weight = 1 / min(self._count - 1, self._span or self._count)
-        medians = self._means[3] if len(self._means) > 3 else smooth
-        self._means[3:] = [_blend(medians, smooth, weight)]
-
-    def _assemble(self) -> None:
-        """Compute from the means the background of the next scan."""
-        if self._signatures is None:
-            shape = self._estimator._shape
-            own_signature = self._means[0].astype(np.complex64).reshape(shape)
-            shared = self._means[1].astype(np.complex64).reshape(shape)
-            self._signatures = (own_signature, shared)
-        own_signature, shared = self._signatures
-        level = self._estimator._mean_filtered(self._means[3])
-        common_level = shared_level(level, self._means[2][None])
-        self._background = Background(own_signature, level, shared, common_level)
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return the estimate for a later :meth:`restore`; later scans do not change it."""
-        self.learn()
-        self._means_given_out = True
-        state = {
-            "count": np.array(self._count),
-            "shape": np.array(self._estimator._shape or (), np.int64),
-        }
-        for number, mean in enumerate(self._means):
-            state[f"mean{number}"] = mean
-        return state
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue from the :meth:`state` of an estimate with the same parameters.
-
-        A state that lacks a mean is a ValueError.
-        """
-        count = int(state["count"])
-        mean_count = min(count + 2, 4) if count else 0
-        names = [f"mean{number}" for number in range(mean_count)]
-        missing = [name for name in names if name not in state]
-        if missing:
-            raise ValueError(f"state must hold {', '.join(missing)}, which it does not")
-        self._count = count
-        self._estimator._shape = tuple(int(n) for n in state["shape"]) or None
-        self._means = [np.asarray(state[name]) for name in names]
-        self._means_given_out = True
-        self._signatures = None
-        self._background = None
-        self._pending = None
 
 
 def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -631,11 +523,6 @@ def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray
     return first, end
 
 
-def _blend(old: Any, new: Any, weight: float) -> Any:
-    """Update a running mean by a new value."""
-    return old + weight * (new - old)
-
-
-def _flat(array: NDArray[Any]) -> NDArray[Any]:
+def by_channel(array: NDArray[Any]) -> NDArray[Any]:
     """Return (channel, pixel) of (..., y, x); a view where the array is contiguous."""
     return np.ascontiguousarray(array).reshape(-1, array.shape[-2] * array.shape[-1])

@@ -246,7 +246,7 @@ def _device_rows(
             count = polarizations * scans
             times = []
             for _ in range(rounds):
-                times.append(operator.engine.device_seconds(count, channels, REPEATS))
+                times.append(operator.backend.device_seconds(count, channels, REPEATS))
             _, code, _, error, *_ = rows_by_work[name]
             medians = np.median(times, axis=0)
             for step, seconds in zip(

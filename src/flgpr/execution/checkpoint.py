@@ -10,7 +10,7 @@ import shutil
 import time
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from flgpr import system
 from flgpr.chain.engine import Arrays, Engine, Gatherer, block_name
+from flgpr.chain.sections import Section
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
+from flgpr.execution.job import WORK_SUFFIX, LaneJob
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE
 from flgpr.store.files import PARTIAL, naming_output, own_temporary
 
 SUFFIX = ".arrays"
-WORK_SUFFIX = ".work"
-"""Ending of the work folder beside an output."""
 _JOB = "job.json"
 _LOCK = "lock"
 _MERGING = "folding"
@@ -44,7 +44,7 @@ class WorkError(ValueError):
 class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
     """A work folder as a mapping from names to groups of arrays.
 
-    :func:`begin` begins or continues a job in it.
+    :func:`begin_work` begins or continues a job in it.
 
     Parameters
     ----------
@@ -291,6 +291,36 @@ def _locked(path: Path) -> Iterator[bool]:
             yield False
         else:
             yield True
+
+
+@contextmanager
+def work_until_done(job: LaneJob, sections: Sequence[Section] = ()) -> Iterator[Checkpoint]:
+    """Begin the work folder of a job, or continue it, and delete it once the job is done.
+
+    It is done where the context ends without an error; else the folder stays. Parameters and errors
+    are those of :func:`begin_work`.
+    """
+    with begin_work(job, sections) as work:
+        yield work
+        finish(job.work)
+
+
+def begin_work(
+    job: LaneJob, sections: Sequence[Section] = ()
+) -> AbstractContextManager[Checkpoint]:
+    """Begin the work folder of a job, or continue it, see :func:`begin`. It stays.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    sections : sequence of Section
+        Those that share the folder, where the lane is taken in several.
+    """
+    identity = job.identity
+    if sections:
+        identity["rows"] = [[section.start, section.stop] for section in sections]
+    return begin(job.work, identity, job.largest)
 
 
 @contextmanager

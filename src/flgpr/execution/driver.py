@@ -2,13 +2,12 @@
 
 A caller makes a job. :func:`plan_lane` opens its lane and refuses what does not fit;
 :func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
-nothing: the pieces of work (``execution/workers.py``) are done by whoever the executor asks. An
-interrupted detection resumes.
+nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks
+(``execution/workers.py``). An interrupted detection resumes.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -22,31 +21,17 @@ import pandas as pd
 
 from flgpr.chain.engine import group_of, not_shared
 from flgpr.chain.lane_setup import LaneSetup, array_table
-from flgpr.chain.memory import plan_sections, sizes_of, threads_within
+from flgpr.chain.memory import sizes_of
 from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
-from flgpr.chain.sections import Section, lane_threshold
-from flgpr.door import Folder
-from flgpr.execution.checkpoint import Checkpoint, finish
-from flgpr.execution.job import (
-    LaneJob,
-    begin_work,
-    holds_result,
-    is_done,
-    is_whole,
-    lasting_identity,
-    open_lane,
-)
-from flgpr.execution.workers import (
-    Executor,
-    OnReport,
-    Report,
-    do_block,
-    do_finish,
-    do_merge,
-    ignore_report,
-)
+from flgpr.chain.sections import Section, lane_threshold, plan_sections, threads_within
+from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
+from flgpr.execution.finished import holds_result, is_done, is_whole
+from flgpr.execution.job import LaneJob
+from flgpr.execution.pass_cache import PassCache
+from flgpr.execution.pieces import do_block, do_finish, do_merge, open_lane
+from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result_manifest
 from flgpr.results.sections import results_at, section_names, write_sections
@@ -54,9 +39,6 @@ from flgpr.store import lane_text, open_run, write_table
 from flgpr.store.files import listed_files, replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 from flgpr.store.tables import parse_own_table
-
-_COSTS = ("seconds", "processor_seconds")
-"""Entries of reports that add up."""
 
 
 @dataclass(frozen=True)
@@ -180,10 +162,9 @@ def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
     runner : PassRunner
         Runs the passes.
     """
-    with begin_work(job) as work:
+    with work_until_done(job) as work:
         runner.run(job, work, passes_to_run(job, lane))
         runner.finish(job)
-        finish(job.work)
 
 
 @contextmanager
@@ -283,15 +264,19 @@ class PassRunner:
 
     def _run_pass(self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str) -> None:
         """Do one pass: its blocks and then their merge, unless another recipe left its result."""
-        shared = job.cached_name(planned.name, planned.cache_key())
-        if shared is not None and self._take(job, work, planned.name, shared):
-            return
+        cache = PassCache(job)
+        shared_name = cache.name_of(planned.name, planned.cache_key())
+        if shared_name is not None:
+            cost = cache.take(shared_name, work, planned.name)
+            if cost is not None:
+                self.note(cost)
+                return
         reports = self._gather(job, work, planned, label)
         for report in self.executor.run(do_merge, [(job, planned.name, tuple(planned.numbers))]):
             self.note(report)
             reports.append(report)
-        if shared is not None:
-            self._leave(job, work, planned.name, shared, reports)
+        if shared_name is not None:
+            cache.leave(shared_name, work, planned.name, reports)
 
     def _gather(
         self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str
@@ -307,27 +292,6 @@ class PassRunner:
                 self.note(report)
                 reports.append(report)
         return reports
-
-    def _take(self, job: LaneJob, work: Checkpoint, name: str, shared: str) -> bool:
-        """Take the result of a pass from the pass cache, and report what it cost the first job."""
-        if not work.take(Checkpoint(Path(job.pass_cache), job.largest), shared, name):
-            return False
-        report = Folder(job.pass_cache).json(f"{shared}.json")
-        self.note(report | {"lane": job.name})
-        return True
-
-    def _leave(
-        self, job: LaneJob, work: Checkpoint, name: str, shared: str, reports: Sequence[Report]
-    ) -> None:
-        """Leave the result of a pass in the pass cache, with what it cost."""
-        folder = Path(job.pass_cache)
-        folder.mkdir(parents=True, exist_ok=True)
-        cost = dict(reports[-1])
-        for entry in _COSTS:
-            cost[entry] = sum(report[entry] for report in reports)
-        cost["peak_bytes"] = max(report["peak_bytes"] for report in reports)
-        write_whole(folder / f"{shared}.json", json.dumps(cost))
-        Checkpoint(folder, job.largest).take(work, name, shared)
 
 
 # A lane in sections: a folder with a result folder per section, ``alarms.csv`` with all alarms
@@ -361,7 +325,7 @@ def run_sections(
     gathering = job.folder.with_name(f"{job.name}.sections")
     names = section_names(len(sections))
     folders = [job.folder / name for name in names]
-    with begin_work(job, sections) as shared:
+    with work_until_done(job, sections) as shared:
         stopped_after_last_step = (
             "threshold" in shared
             and not gathering.exists()
@@ -369,7 +333,6 @@ def run_sections(
             and results_at(job.folder) == folders
         )
         if stopped_after_last_step:
-            finish(job.work)
             return folders
 
         _prepare(gathering, names if len(shared) else ())
@@ -383,7 +346,6 @@ def run_sections(
         for section_job in section_jobs:
             _finish_section(lane, section_job, threshold, runner)
         _bring_together(job, gathering, names)
-        finish(job.work)
     return folders
 
 
@@ -434,12 +396,11 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
     if is_done(job):
         return
     label = f"{job.name}: "
-    with begin_work(job) as work:
+    with work_until_done(job) as work:
         passes = passes_to_run(job, _section_of(lane, job, work))
         own_passes = [item for item in passes if not item.all_scans]
         runner.run(job, work, own_passes, label)
         runner.finish(job, label)
-        finish(job.work)
 
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:
@@ -469,7 +430,7 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
     alarms = alarms.sort_values("confidence", ascending=False, kind="stable")
     write_table(alarms, gathering / "alarms.csv")
     write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
-    write_sections(gathering, names, lasting_identity(job))
+    write_sections(gathering, names, job.lasting_identity)
     replace_folder(gathering, job.folder)
 
 

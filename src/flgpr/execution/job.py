@@ -1,15 +1,12 @@
-"""A job: a detection on one lane as plain values, what it names, and whether its result exists.
+"""A job: a detection on one lane as plain values, which can be sent anywhere.
 
-The driver and every worker open a lane by :func:`open_lane`.
+Its lane is opened in ``execution/pieces.py``, its work folder in ``execution/checkpoint.py``.
 """
 
 from __future__ import annotations
 
 import platform
-import shutil
-import socket
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -17,35 +14,27 @@ from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
-import pandas as pd
 
 import flgpr
 from flgpr.chain.engine import BLOCK
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.model import MODEL_FILE, Model, load_model, read_model
-from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.chain.model import load_model, read_model
+from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
-from flgpr.door import Folder, read_named
-from flgpr.execution.checkpoint import WORK_SUFFIX, Checkpoint, begin, finish
+from flgpr.door import read_named
 from flgpr.model import Lane
-from flgpr.results.errors import ResultError
-from flgpr.results.result import MODEL, Result, read_result
-from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.store import (
     MAX_MEMORY,
-    canonical_json,
     open_run,
     read_lane,
     read_manifest,
     sha256,
 )
-from flgpr.store.files import replaced_by
-from flgpr.store.outputs import OVERWRITE, output_exists_error
-from flgpr.store.tables import lane_file_of, parse_table
+from flgpr.store.tables import lane_file_of
 
 PathLike = str | Path
-_PASS_CACHE_LAYOUT = 2  # to be raised when the arrays that jobs share change
+WORK_SUFFIX = ".work"
+"""Ending of the work folder beside an output."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 
 
@@ -71,7 +60,7 @@ class LaneJob:
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True  #: whether what explains alarms is gathered
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
-    #: folder of passes that jobs of other recipes share, see :meth:`cached_name`; "" for none
+    #: folder of passes that jobs of other recipes share (``execution/pass_cache.py``); "" for none
     pass_cache: str = ""
 
     @property
@@ -97,8 +86,9 @@ class LaneJob:
         """
         return max(self.max_memory, MAX_MEMORY)
 
+    @property
     def identity(self) -> dict[str, Any]:
-        """Return all that the bits of the result depend on, as JSON holds it.
+        """All that the bits of the result depend on, as JSON holds it.
 
         The threshold of a section is no part of it, as it follows from the rest.
         """
@@ -117,27 +107,14 @@ class LaneJob:
             "explains": self.explains,
         }
 
-    def cached_name(self, name: str, depends_on: Mapping[str, Any] | None) -> str | None:
-        """Return the name that the result of a pass has in the pass cache.
+    @property
+    def lasting_identity(self) -> dict[str, Any]:
+        """What a result must have been made of to stand for the job.
 
-        Parameters
-        ----------
-        name : str
-            Name of the pass.
-        depends_on : mapping or None
-            What of the recipe its result depends on; None if no other recipe can use the result.
-
-        Returns
-        -------
-        str or None
-            The name; None if the result is not shared.
+        Neither the versions of the program nor the machine are part of it.
         """
-        if not self.pass_cache or depends_on is None:
-            return None
-        identity = self.identity()
-        context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
-        context["layout"] = _PASS_CACHE_LAYOUT
-        return sha256(canonical_json([context, name, depends_on]))[:32]
+        identity = self.identity
+        return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
 
 
 def choose_lane(
@@ -366,207 +343,3 @@ def code_versions() -> tuple[tuple[str, str], ...]:
 def processor() -> str:
     """Return the name of the processor, as the compiler sees it."""
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
-
-
-# What a job names, opened, and the folder that its work goes into
-
-
-def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
-    """Open the run, the model and the truth that a job names, as the driver saw them.
-
-    Returns
-    -------
-    lane : LaneSetup
-        The lane. It reads the results of passes in the work folder, those that sections share
-        included.
-    work : Checkpoint
-        The work folder, which need not be there yet.
-
-    Raises
-    ------
-    ValueError
-        If this process sees others, or the recipe does not fit.
-    """
-    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
-        if read_manifest(path)["sha256"] != digest:
-            raise ValueError(
-                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
-                f"{path}"
-            )
-    work = Checkpoint(job.work, job.largest)
-    model = None if job.model is None else _model_of(job, job.model)
-    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
-    truth = _truth_of(job) if job.truth[0] else None
-    lane = LaneSetup(
-        run=open_run(job.run, job.max_memory),
-        recipe=parse_recipe(job.recipe),
-        lane=Lane(*job.lane),
-        model=model,
-        results=work.with_shared(job.shared),
-        section=job.section,
-        others=others,
-        truth=truth,
-        explains=job.explains,
-    )
-    return lane, work
-
-
-def _model_of(job: LaneJob, folder: str) -> Model:
-    """Load the model of a job."""
-    if sha256(read_model(folder)) != job.model_sha256:
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the model of the driver, got another at "
-            f"{folder}"
-        )
-    return load_model(folder, job.model_sha256)
-
-
-def _truth_of(job: LaneJob) -> pd.DataFrame:
-    """Read the targets of a training lane."""
-    path, digest = job.truth
-    data = read_named(path)
-    if sha256(data) != digest:
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
-        )
-    return parse_table(data, "truth", path)
-
-
-def begin_work(
-    job: LaneJob, sections: Sequence[Section] = ()
-) -> AbstractContextManager[Checkpoint]:
-    """Begin the work folder of a job, or continue it, see :func:`.checkpoint.begin`.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-    sections : sequence of Section
-        Those that share the folder, where the lane is taken in several.
-    """
-    identity = job.identity()
-    if sections:
-        identity["rows"] = [[section.start, section.stop] for section in sections]
-    return begin(job.work, identity, job.largest)
-
-
-# Whether the result is there and whole, so that nothing is computed twice
-
-
-def lasting_identity(job: LaneJob) -> dict[str, Any]:
-    """Return what a result must have been made of to stand for a job.
-
-    Neither the versions of the program nor the machine are part of it.
-    """
-    identity = job.identity()
-    return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
-
-
-def is_done(job: LaneJob) -> bool:
-    """Return whether the result of a job is there and whole.
-
-    It must be of the same run, recipe, lane, model and rows, and no work on it may be left.
-    """
-    return not job.work.exists() and is_whole(job)
-
-
-def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
-    """Return whether the output of a job is whole, and delete what a kill left beside it.
-
-    Nothing there, or a result of this job that lacks its report, does not count as a result.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-    sections : sequence of Section
-        The sections that the lane is to be taken in.
-
-    Raises
-    ------
-    FileExistsError
-        If the output holds any other result.
-    """
-    if not any((job.folder / name).is_file() for name in ("manifest.json", SECTIONS)):
-        return False
-    manifests = _own_manifests(job)
-    rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
-    versions = {manifest["flgpr"] for manifest in manifests}
-    if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
-        raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
-    if _lacks_report(job, manifests):
-        return False
-    _delete_leftovers(job)
-    return True
-
-
-def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int] | None]:
-    """Return the rows that the manifests of a job's results name, a section or the lane each."""
-    if len(sections) == 1:
-        return [job.identity()["rows"]]
-    return [[section.start, section.stop] for section in sections]
-
-
-def _delete_leftovers(job: LaneJob) -> None:
-    """Delete what a kill left beside a result that is whole."""
-    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(job.folder)):
-        shutil.rmtree(path, ignore_errors=True)
-    if job.work.is_dir():
-        with begin_work(job):
-            finish(job.work)
-
-
-def is_whole(job: LaneJob) -> bool:
-    """Return whether the output of a job is a whole result of it."""
-    manifests = _own_manifests(job)
-    return bool(manifests) and not _lacks_report(job, manifests)
-
-
-def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
-    """Return the manifest of the whole result of a job, or those of its sections in order.
-
-    There is none if the result is not whole or was made of anything else.
-    """
-    manifests = []
-    try:
-        if Folder(job.folder).has(SECTIONS):
-            sections = read_sections(job.folder)
-            if sections.identity == lasting_identity(job):
-                for folder in sections.homes:
-                    manifests.append(read_result(folder).manifest)
-        else:
-            result = read_result(job.folder)
-            if _is_result_of(job, result):
-                manifests.append(result.manifest)
-    except ResultError:
-        return []
-    return manifests
-
-
-def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether a job writes a report that its result lacks; one in sections is not asked."""
-    if not job.report or len(manifests) > 1:
-        return False
-    return None in manifests[0]["added"].get("report.html", [None])
-
-
-def _is_result_of(job: LaneJob, result: Result) -> bool:
-    """Return whether a result was made of what a job names, with a report or without."""
-    manifest = result.manifest
-    identity = job.identity()
-    section = manifest.get("section", {})
-    lane = result.lane
-    if job.section is not None:
-        # The lane of a section's result is its part of the whole lane.
-        lane = Lane(**section.get("lane", manifest["lane"]))
-    others = {}
-    for name, described in manifest["run"].get("others", {}).items():
-        others[name] = str(described["store_sha256"])
-    return bool(
-        manifest["run"].get("store_sha256") == job.store_sha256
-        and manifest["recipe_sha256"] == identity["recipe"]
-        and others == identity["others"]
-        and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
-        and section.get("rows") == identity["rows"]
-        and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
-    )

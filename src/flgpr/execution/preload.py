@@ -4,7 +4,7 @@ import gc
 
 from numba.core.registry import cpu_target
 
-from flgpr.execution import job, workers  # noqa: F401
+from flgpr.execution import job, pieces  # noqa: F401
 
 # What numba would prepare at the first kernel, and what every piece of work asks for.
 cpu_target.typing_context.refresh()

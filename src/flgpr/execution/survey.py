@@ -12,7 +12,8 @@ from flgpr.chain.progress import Track
 from flgpr.chain.recipe import parse_recipe
 from flgpr.door import read_named
 from flgpr.execution.driver import check_job, detect_lane
-from flgpr.execution.job import LaneJob, is_done, job_of_run
+from flgpr.execution.finished import is_done
+from flgpr.execution.job import LaneJob, job_of_run
 from flgpr.execution.workers import DEFAULTS, Executor, RunOptions
 from flgpr.model import Lane
 from flgpr.results.result import read_result

@@ -42,7 +42,8 @@ from flgpr.chain.too_few import (
 from flgpr.door import read_named
 from flgpr.execution.driver import passes_of_lane
 from flgpr.execution.job import code_versions, make_job, searched_area
-from flgpr.execution.workers import Executor, RunOptions, report
+from flgpr.execution.pieces import report
+from flgpr.execution.workers import Executor, RunOptions
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings

@@ -1,4 +1,4 @@
-"""The profile engine on a CUDA device: passes of a few scans in several streams."""
+"""The imaging sums on a CUDA device, from range profiles: passes of a few scans in several streams."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
-from flgpr.imaging.engine import Engine
+from flgpr.imaging.backend import Backend
 from flgpr.imaging.plan import Plan
 from flgpr.kernels import gpu
 from flgpr.kernels.layout import padded
@@ -43,14 +43,14 @@ class _Lane:
         self.spare = cuda.device_array(spare, np.complex64)  # spectra beyond shared memory
 
 
-class CudaEngine(Engine):
+class CudaBackend(Backend):
     """Interpolate range profiles in single precision on a CUDA device.
 
-    All engines share the memory of their passes: a vehicle that pitches and rolls needs an engine
-    per scan.
+    All backends share the memory of their passes: a vehicle that pitches and rolls needs one per
+    scan.
     """
 
-    # Shapes of the memory that all engines share, and its lanes.
+    # Shapes of the memory that all backends share, and its lanes.
     _shared_lanes: tuple[Any, list[_Lane]] | None = None
     _lock = Lock()
 
@@ -135,10 +135,10 @@ class CudaEngine(Engine):
         table = pairs * _groups(rows * bands)[1] * self._row()
         spare = (rows * bands * pairs, self._spare()) if self._spare() else (1, 1)
         shapes = ((rows, *source), (rows, *out), table, spare)
-        if CudaEngine._shared_lanes is None or CudaEngine._shared_lanes[0] != shapes:
-            CudaEngine._shared_lanes = None  # frees the memory before more is taken
-            CudaEngine._shared_lanes = (shapes, [_Lane(*shapes) for _ in range(STREAMS)])
-        return CudaEngine._shared_lanes[1]
+        if CudaBackend._shared_lanes is None or CudaBackend._shared_lanes[0] != shapes:
+            CudaBackend._shared_lanes = None  # frees the memory before more is taken
+            CudaBackend._shared_lanes = (shapes, [_Lane(*shapes) for _ in range(STREAMS)])
+        return CudaBackend._shared_lanes[1]
 
     def _adjoint_pass(self, lane: _Lane, rows: int) -> _Launches:
         """Return the kernels of a pass with their arguments, in their order."""

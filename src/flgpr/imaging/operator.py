@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from flgpr.imaging.engine import Engine
-from flgpr.imaging.engines import make_engine
-from flgpr.imaging.plan import Pattern, lay_out
+from flgpr.imaging.backend import Backend
+from flgpr.imaging.cpu import DirectBackend, PreciseBackend, ProfileBackend
+from flgpr.imaging.plan import Layout, Pattern, Plan, lay_out, make_plan
+from flgpr.kernels.layout import CHANNELS
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency
+from flgpr.model.arrays import FloatArray
 
 Subbands = Sequence[tuple[float, float]]
 
@@ -145,7 +147,7 @@ class ImagingOperator:
         layout = lay_out(
             self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern)
         )
-        self.engine: Engine = make_engine(
+        self.backend: Backend = _make_backend(
             layout,
             self.frequency,
             self.weight,
@@ -164,16 +166,16 @@ class ImagingOperator:
     @property
     def method(self) -> str:
         """Method in use, "profile" or "direct"."""
-        return self.engine.method
+        return self.backend.method
 
     @property
     def width(self) -> int:
         """Number of bins that the interpolation window covers; zero for direct sums."""
-        return self.engine.width
+        return self.backend.width
 
     def image_buffer(self, *lead: int) -> NDArray[Any]:
         """Allocate images (lead, subband, pixels) for ``out``; page-locked for a CUDA device."""
-        return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
+        return self.backend.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
     def adjoint(
         self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None
@@ -205,10 +207,10 @@ class ImagingOperator:
             pixels = (min(rows, pixels[0]), *pixels[1:])
         shape = (*lead, len(self.subbands), *pixels)
         if out is None:
-            out = self.engine.buffer(shape, self.dtype)
+            out = self.backend.buffer(shape, self.dtype)
         images = _checked_target(out, shape, self.dtype)
         flat = images.reshape(block.shape[0], len(self.subbands), math.prod(pixels))
-        self.engine.adjoint(block, flat)
+        self.backend.adjoint(block, flat)
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:
@@ -231,7 +233,7 @@ class ImagingOperator:
         """
         block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
         out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)
-        self.engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
+        self.backend.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
         return out.reshape(*lead, *out.shape[1:])
 
     def _checked(
@@ -320,6 +322,74 @@ class ImagingOperator:
                 )
             weight = weight * taper
         return weight
+
+
+# The backend: what computes the sums
+
+
+def _make_backend(
+    layout: Layout,
+    frequency: FloatArray,
+    weight: FloatArray,
+    offset: FloatArray,
+    tolerance: float,
+    dtype: np.dtype[Any],
+    device: str,
+    method: str,
+) -> Backend:
+    """Choose and prepare the backend for a device, a precision and a method.
+
+    What cannot be combined is a ValueError.
+    """
+    if device not in ("cpu", "cuda"):
+        raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
+    if method not in ("auto", "profile", "direct"):
+        raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
+    active = np.asarray(weight.any(axis=0))
+    # What single precision adds to the window's error is small but not nothing.
+    window_tolerance = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
+    if device == "cuda":
+        plan = make_plan(frequency, active, layout, offset, window_tolerance)
+        return _cuda_backend(plan, weight, tolerance, dtype, method)
+    # Below this many terms per pair, profiles cost more than the sums themselves.
+    if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
+        return DirectBackend(layout, frequency, weight, offset)
+    plan = make_plan(frequency, active, layout, offset, window_tolerance)
+    if dtype == np.dtype(np.complex64) and _fits_single(plan, tolerance):
+        return ProfileBackend(plan, weight)
+    return PreciseBackend(plan, weight)
+
+
+def _fits_single(plan: Plan, tolerance: float) -> bool:
+    """Check that 32-bit delays and indices suffice: not with many thousands of tones."""
+    table_size = plan.layout.tx.size * plan.bins * 2 * max(CHANNELS)
+    return plan.rounding < tolerance / 2 and table_size < 2**32
+
+
+def _cuda_backend(
+    plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str
+) -> Backend:
+    """Return the backend on a CUDA device, which has single precision and profiles only."""
+    if dtype != np.dtype(np.complex64):
+        raise ValueError(
+            f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}"
+        )
+    if method == "direct":
+        raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
+    if not _fits_single(plan, tolerance):
+        raise ValueError(
+            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these "
+            f"tones, got {tolerance:g}"
+        )
+    # Imported here because it needs numba-cuda, which only users of a device install.
+    try:
+        from flgpr.imaging.cuda import CudaBackend
+    except ImportError as error:
+        raise ValueError(f"device 'cuda' needs the package numba-cuda: {error}") from None
+    return CudaBackend(plan, weight)
+
+
+# Checks of what is given
 
 
 def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import AlarmSums
+from flgpr.chain.alarm_sums import AlarmSums
 from flgpr.chain.engine import Arrays
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, course_lane
@@ -30,7 +30,7 @@ from flgpr.chain.recipe_fit import alias_faults, check_channels
 from flgpr.chain.stages import MapStage, Stage
 from flgpr.chain.steps import CleanedScan
 from flgpr.clutter import CausalBackground
-from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
+from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal

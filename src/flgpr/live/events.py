@@ -24,16 +24,23 @@ from flgpr.live.event_types import (
     AlarmEvent,
     AnewEvent,
     Event,
+    LaneBorders,
     PositionEvent,
     ProblemEvent,
+    ScanEvent,
+    StartEvent,
+    VehicleEntries,
     ViewEvent,
 )
-from flgpr.live.updates import LiveAlarm, LiveUpdate
+from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
 from flgpr.live.vehicle import Vehicle
 from flgpr.model.plausible import Step
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
+    from flgpr.live.detector import LiveDetector
+    from flgpr.model import Lane
+    from flgpr.store import Scan
 
 AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
 """Event of an alarm, or an alarm of a result."""
@@ -151,6 +158,85 @@ def add_places_on_earth(events: Sequence[AnyAlarm], anchor: Anchor) -> None:
     for event, (longitude, latitude, _) in zip(events, on_earth, strict=True):
         event["latitude"] = round(float(latitude), _DEGREE_DIGITS)
         event["longitude"] = round(float(longitude), _DEGREE_DIGITS)
+
+
+def start_event(
+    title: str,
+    detector: LiveDetector,
+    georeference: Any,
+    threshold: float | None,
+    vehicle: Vehicle,
+) -> StartEvent:
+    """Return the event that detection starts.
+
+    Parameters
+    ----------
+    title : str
+        Title of the run.
+    detector : LiveDetector
+        The detector, with its recipe, lane and grid.
+    georeference : dict or None
+        Where the lane lies on Earth.
+    threshold : float or None
+        Confidence from which on alarms are shown.
+    vehicle : Vehicle
+        Speed, brakes and front.
+    """
+    screen = detector.recipe.prescreen
+    return {
+        "event": "start",
+        "title": title,
+        "recipe": detector.recipe.name,
+        "lane": _lane_borders(detector.lane),
+        "grid": detector.view_grid(),
+        "channel": [screen.polarization, screen.subband],
+        "georeference": georeference,
+        "threshold": threshold,
+        "vehicle": _vehicle_entries(vehicle),
+    }
+
+
+def _lane_borders(lane: Lane | None) -> LaneBorders | None:
+    """Return the borders of a lane as the event ``start`` states them."""
+    if lane is None:
+        return None
+    return {"x_min": lane.x_min, "x_max": lane.x_max, "y_min": lane.y_min, "y_max": lane.y_max}
+
+
+def _vehicle_entries(vehicle: Vehicle) -> VehicleEntries:
+    """Return a vehicle as the event ``start`` states it."""
+    return {
+        "speed": vehicle.speed,
+        "reaction": vehicle.reaction,
+        "deceleration": vehicle.deceleration,
+        "front": vehicle.front,
+        "stopping_distance": vehicle.stopping_distance,
+    }
+
+
+def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: float) -> ScanEvent:
+    """Return the event of what became of a scan.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+    outcome : str
+        What became of it.
+    arrived : float
+        When it arrived, s since 1970.
+    latency : float
+        Time from its arrival to the event, s.
+    """
+    pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
+    return {
+        "event": "scan",
+        "scan": scan.number,
+        "pose": pose,
+        "outcome": outcome,
+        "arrived": round(arrived, 3),
+        "latency_ms": round(1e3 * latency, 1),
+    }
 
 
 def problem_event(name: str, words: str) -> ProblemEvent:

@@ -107,7 +107,8 @@ class Intake:
         self.counts: dict[str, int] = dict.fromkeys(COUNTS, 0)
         self._used = Numbers()
         self._came = Numbers()
-        self._poses: list[NumberedPose] = []  # those that were plausible, ascending
+        # Those that missing ones are filled in from, ascending.
+        self._poses: list[NumberedPose] = []
         # the last that came, plausible or not, without those that were filled in
         self._own_poses: list[NumberedPose] = []
 
@@ -234,7 +235,7 @@ class Intake:
         self._own_poses = _poses_from_json(state["own_poses"])
 
     def _record(self, scan: Scan) -> None:
-        """Record the number of a scan that came, and its pose if it is plausible.
+        """Record the number of a scan that came, and its pose if others are filled in from it.
 
         A number far from all before is not recorded: it may be damaged.
         """
@@ -244,11 +245,14 @@ class Intake:
         self.counts["missing"] = self._came.missing
         if scan.pose is not None:
             self._own_poses = _with_pose(self._own_poses, scan.number, scan.pose)
-            if self._is_plausible(scan.number, scan.pose):
+            if self._fits_known_poses(scan.number, scan.pose):
                 self._poses = _with_pose(self._poses, scan.number, scan.pose)
 
-    def _is_plausible(self, number: int, pose: NDArray[np.float64]) -> bool:
-        """Return whether a pose is plausible by the nearest known one; the first pose is."""
+    def _fits_known_poses(self, number: int, pose: NDArray[np.float64]) -> bool:
+        """Return whether missing poses may be filled in from a pose; from the first they may.
+
+        No scan is held back or left out for this: that is up to the detector's gate.
+        """
         if not self._poses:
             return True
         known, known_pose = min(self._poses, key=lambda other: abs(other[0] - number))

@@ -32,12 +32,9 @@ from flgpr.live.event_types import (
     AlarmEvent,
     EndEvent,
     Event,
-    LaneBorders,
     ReportEntries,
     ResumeEvent,
-    ScanEvent,
     StartEvent,
-    VehicleEntries,
 )
 from flgpr.live.events import (
     EVENT_FILE,
@@ -48,6 +45,8 @@ from flgpr.live.events import (
     as_line,
     position_events,
     problem_event,
+    scan_event,
+    start_event,
     view_event,
 )
 from flgpr.live.intake import Intake
@@ -66,7 +65,6 @@ from flgpr.live.state import (
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
-from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
 from flgpr.store import (
@@ -261,7 +259,7 @@ class LiveRun:
                 return
             if arrival.kind == "run":
                 self._take_description(arrival, events)
-            elif self._take(arrival, events):
+            elif self._take_frame(arrival, events):
                 scans_since_snapshot += 1
                 if self.options.snapshot and scans_since_snapshot >= self.options.snapshot:
                     scans_since_snapshot = 0
@@ -355,7 +353,7 @@ class LiveRun:
         self._intake = intake
         return detector
 
-    def _take(self, arrival: Arrival, events: EventFile) -> bool:
+    def _take_frame(self, arrival: Arrival, events: EventFile) -> bool:
         """Process a frame; return whether it held a scan that was judged."""
         detector = self._detector
         intake = self._intake
@@ -414,7 +412,7 @@ class LiveRun:
         for settled_scan, change in settled:
             # Scans that are released, and one that was not left out, are settled.
             outcome = cast(SettledOutcome, change.outcome)
-            lines.append(_scan_event(settled_scan, outcome, arrival, latency))
+            lines.append(scan_event(settled_scan, outcome, arrival.when, latency))
         if pose is not None:
             lines += self._alarm_events(update, scan.number, pose, latency, detector)
         for _, change in settled:
@@ -491,22 +489,13 @@ class LiveRun:
 
     def _start_event(self, detector: LiveDetector, description: RunDescription) -> StartEvent:
         """Return the event that detection starts."""
-        recipe = detector.recipe
-        screen = recipe.prescreen
         reference = description.attrs.get("georeference")
         if self.options.anchor is not None and self._anchor is not None:
             reference = self._anchor.georeference()
-        return {
-            "event": "start",
-            "title": description.title,
-            "recipe": recipe.name,
-            "lane": _lane_borders(detector.lane),
-            "grid": detector.view_grid(),
-            "channel": [screen.polarization, screen.subband],
-            "georeference": reference,
-            "threshold": self.options.threshold,
-            "vehicle": _vehicle_entries(self.options.vehicle),
-        }
+        options = self.options
+        return start_event(
+            description.title, detector, reference, options.threshold, options.vehicle
+        )
 
     def _snapshot(self) -> Snapshot:
         """Return the state of detector and intake."""
@@ -573,37 +562,6 @@ def _anchor_on_earth(reference: Any) -> Anchor:
     if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
         raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
     return anchor
-
-
-def _lane_borders(lane: Lane | None) -> LaneBorders | None:
-    """Return the borders of a lane as the event ``start`` states them."""
-    if lane is None:
-        return None
-    return {"x_min": lane.x_min, "x_max": lane.x_max, "y_min": lane.y_min, "y_max": lane.y_max}
-
-
-def _vehicle_entries(vehicle: Vehicle) -> VehicleEntries:
-    """Return a vehicle as the event ``start`` states it."""
-    return {
-        "speed": vehicle.speed,
-        "reaction": vehicle.reaction,
-        "deceleration": vehicle.deceleration,
-        "front": vehicle.front,
-        "stopping_distance": vehicle.stopping_distance,
-    }
-
-
-def _scan_event(scan: Scan, outcome: SettledOutcome, arrival: Arrival, latency: float) -> ScanEvent:
-    """Return the event of what became of a scan."""
-    pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
-    return {
-        "event": "scan",
-        "scan": scan.number,
-        "pose": pose,
-        "outcome": outcome,
-        "arrived": round(arrival.when, 3),
-        "latency_ms": round(1e3 * latency, 1),
-    }
 
 
 def _faults(counts: dict[str, int]) -> dict[str, int]:

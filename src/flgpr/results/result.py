@@ -460,23 +460,25 @@ def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
 def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
     """Read one detection, as the manifest's entry names it."""
     prefix = "" if entry["name"] == MAIN else f"variants/{entry['name']}/"
-    data = files.read(f"{prefix}run_view.npz")
+    alarms_name = f"{prefix}alarms.csv"
+    view_data = files.read(f"{prefix}run_view.npz")
+    alarms_data = files.read(alarms_name)
+    features_data = files.read_if_listed(f"{prefix}features.csv")
+    frames_data = files.read_if_listed(f"{prefix}{FRAMES}")
+    own_recipe = files.read_if_listed(f"{prefix}recipe.toml") if prefix else None
+
     try:
-        view = parse_view(data)
+        view = parse_view(view_data)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(
             f"{files.root}: {prefix}run_view.npz cannot be read ({error!r})"
         ) from None
-    alarms_name = f"{prefix}alarms.csv"
-    alarms = parse_own_table(files.read(alarms_name), "alarms", files.root / alarms_name)
-    features_data = files.read_if_listed(f"{prefix}features.csv")
+    alarms = parse_own_table(alarms_data, "alarms", files.root / alarms_name)
     features = None if features_data is None else parse_columns(features_data)
-    frames_data = files.read_if_listed(f"{prefix}{FRAMES}")
     try:
         frames = None if frames_data is None else _parse_frames(frames_data)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(f"{files.root}: {prefix}{FRAMES} cannot be read ({error!r})") from None
-    own_recipe = files.read_if_listed(f"{prefix}recipe.toml") if prefix else None
     return Detection(
         entry["name"],
         entry["title"],

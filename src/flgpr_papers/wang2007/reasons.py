@@ -276,7 +276,7 @@ def _run_view(
     }
     rows = []
     for index in range(len(cleaned)):
-        image = cleaned.scan(index)
+        image = cleaned.near_image(index)
         magnitude = cleaned.background.magnitude(image.values, cleaned.gains[index])
         sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
         if index % SCAN_EVERY == 0:

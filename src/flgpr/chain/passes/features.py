@@ -1,6 +1,8 @@
 """The features of alarms, from the images of all scans that see them.
 
-Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17.
+Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17
+(``features/alarm_features.py``). The other columns are those of the recipe's feature stages: a new
+column is a stage such as ``chain/stages/tracking.py``, and its row in ``chain/stages/__init__.py``.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import AlarmSums
+from flgpr.chain.alarm_sums import AlarmSums
 from flgpr.chain.cache_key import features_key
 from flgpr.chain.engine import Arrays
 from flgpr.chain.lane_scan import LaneScan

@@ -40,6 +40,7 @@ class SmoothGain(_GainBackground):
 
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
+        self._images = lane.images
         self._rows = lane.background_rows
         signature = lane.results["signature"]
         self._gains = signature["gains"]
@@ -49,7 +50,7 @@ class SmoothGain(_GainBackground):
 
     def add(self, scan: LaneScan) -> None:
         """Add a scan's smoothed magnitude, the self-signature subtracted."""
-        self._estimator.add_gain(scan.raw_image(self._rows))
+        self._estimator.add_gain(self._images.scan_image(scan.index, self._rows).values)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the sum of the smoothed magnitudes."""
@@ -72,6 +73,7 @@ class RowGain(_GainBackground):
 
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
+        self._images = lane.images
         self._rows = lane.background_rows
         self._first = lane.results["signature"]
         within = lane.recipe.background.within or np.inf
@@ -81,7 +83,7 @@ class RowGain(_GainBackground):
 
     def add(self, scan: LaneScan) -> None:
         """Add the medians of a scan's rows."""
-        image = scan.raw_image(self._rows)[..., : self._rows, :]
+        image = self._images.scan_image(scan.index, self._rows).values[..., : self._rows, :]
         gain = self._first["gains"][scan.index][..., None, None]
         magnitude = np.abs(image / gain - self._first["signature"])
         self._total += np.median(magnitude[..., self._near], axis=-1, keepdims=True)

@@ -74,7 +74,7 @@ class PlainRunView(Pass):
 
     def add(self, scan: LaneScan) -> None:
         """Lay the magnitude of a scan's image on the lane."""
-        self._sums.add(np.abs(scan.image.values), self._grid, scan.pose)
+        self._sums.add(np.abs(scan.near_image.values), self._grid, scan.pose)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the looks of the rows that the block reaches."""

@@ -32,11 +32,12 @@ class SelfSignature(Pass):
 
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
+        self._images = lane.images
         self._estimator = background_estimator(lane)
 
     def add(self, scan: LaneScan) -> None:
         """Add a scan's whole image: its gain is that of all of it."""
-        self._estimator.add_signature(scan.raw_image())
+        self._estimator.add_signature(self._images.scan_image(scan.index).values)
 
     def state(self, exact: bool) -> Arrays:
         """Return the totals of Eq. 2 and the gains of the scans so far."""

@@ -1,4 +1,4 @@
-"""Engines that compute the imaging sums: term by term, or from interpolated range profiles."""
+"""The imaging sums on the CPU: term by term, or from interpolated range profiles."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.sparse import csr_array
 
-from flgpr.imaging.engine import Engine
-from flgpr.imaging.plan import Layout, Plan, make_plan
+from flgpr.imaging.backend import Backend
+from flgpr.imaging.plan import Layout, Plan
 from flgpr.jit.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
@@ -26,7 +26,7 @@ FEW = 1 << 15
 """Sums, or transform slots, below which no other thread is woken: a tenth of a millisecond."""
 
 
-class DirectEngine(Engine):
+class DirectBackend(Backend):
     """Compute the sums term by term in double precision."""
 
     method = "direct"
@@ -61,7 +61,7 @@ class DirectEngine(Engine):
         out[..., self._active] = active_tones
 
 
-class ProfileEngine(Engine):
+class ProfileBackend(Backend):
     """Interpolate range profiles in single precision on the CPU."""
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
@@ -149,7 +149,7 @@ class ProfileEngine(Engine):
         return geometry
 
 
-class PreciseEngine(Engine):
+class PreciseBackend(Backend):
     """Interpolate range profiles in double precision, for tolerances beyond single precision."""
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
@@ -211,65 +211,3 @@ def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
             channels = min(count for count in CHANNELS if count >= needed)
             split.append((rows, bands, channels))
     return split
-
-
-def make_engine(
-    layout: Layout,
-    frequency: FloatArray,
-    weight: FloatArray,
-    offset: FloatArray,
-    tolerance: float,
-    dtype: np.dtype[Any],
-    device: str,
-    method: str,
-) -> Engine:
-    """Choose and prepare the engine for a device, a precision and a method.
-
-    What cannot be combined is a ValueError.
-    """
-    if device not in ("cpu", "cuda"):
-        raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
-    if method not in ("auto", "profile", "direct"):
-        raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
-    active = np.asarray(weight.any(axis=0))
-    # What single precision adds to the window's error is small but not nothing.
-    window_tolerance = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
-    if device == "cuda":
-        plan = make_plan(frequency, active, layout, offset, window_tolerance)
-        return _cuda_engine(plan, weight, tolerance, dtype, method)
-    # Below this many terms per pair, profiles cost more than the sums themselves.
-    if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
-        return DirectEngine(layout, frequency, weight, offset)
-    plan = make_plan(frequency, active, layout, offset, window_tolerance)
-    if dtype == np.dtype(np.complex64) and _fits_single(plan, tolerance):
-        return ProfileEngine(plan, weight)
-    return PreciseEngine(plan, weight)
-
-
-def _fits_single(plan: Plan, tolerance: float) -> bool:
-    """Check that 32-bit delays and indices suffice: not with many thousands of tones."""
-    table_size = plan.layout.tx.size * plan.bins * 2 * max(CHANNELS)
-    return plan.rounding < tolerance / 2 and table_size < 2**32
-
-
-def _cuda_engine(
-    plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str
-) -> Engine:
-    """Return the engine on a CUDA device, which has single precision and profiles only."""
-    if dtype != np.dtype(np.complex64):
-        raise ValueError(
-            f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}"
-        )
-    if method == "direct":
-        raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
-    if not _fits_single(plan, tolerance):
-        raise ValueError(
-            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these "
-            f"tones, got {tolerance:g}"
-        )
-    # Imported here because it needs numba-cuda, which only users of a device install.
-    try:
-        from flgpr.imaging.cuda import CudaEngine
-    except ImportError as error:
-        raise ValueError(f"device 'cuda' needs the package numba-cuda: {error}") from None
-    return CudaEngine(plan, weight)

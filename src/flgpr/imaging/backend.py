@@ -1,4 +1,4 @@
-"""What every imaging engine does, whatever computes its sums."""
+"""What computes the imaging sums, on whatever device (``cpu.py``, ``cuda.py``)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Engine:
+class Backend:
     """Compute the adjoint and the forward sums of checked arrays, in the memory of the host."""
 
     method = "profile"

@@ -1,0 +1,130 @@
+"""Whether the result of a job is there and whole, so that nothing is computed twice."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import flgpr
+from flgpr.chain.model import MODEL_FILE
+from flgpr.chain.sections import Section
+from flgpr.door import Folder
+from flgpr.execution.checkpoint import work_until_done
+from flgpr.execution.job import LaneJob
+from flgpr.model import Lane
+from flgpr.results.errors import ResultError
+from flgpr.results.result import MODEL, Result, read_result
+from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.store.files import replaced_by
+from flgpr.store.outputs import OVERWRITE, output_exists_error
+
+
+def is_done(job: LaneJob) -> bool:
+    """Return whether the result of a job is there and whole.
+
+    It must be of the same run, recipe, lane, model and rows, and no work on it may be left.
+    """
+    return not job.work.exists() and is_whole(job)
+
+
+def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
+    """Return whether the output of a job is whole, and delete what a kill left beside it.
+
+    Nothing there, or a result of this job that lacks its report, does not count as a result.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    sections : sequence of Section
+        The sections that the lane is to be taken in.
+
+    Raises
+    ------
+    FileExistsError
+        If the output holds any other result.
+    """
+    if not any((job.folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+        return False
+    manifests = _own_manifests(job)
+    rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
+    versions = {manifest["flgpr"] for manifest in manifests}
+    if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
+        raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
+    if _lacks_report(job, manifests):
+        return False
+    _delete_leftovers(job)
+    return True
+
+
+def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int] | None]:
+    """Return the rows that the manifests of a job's results name, a section or the lane each."""
+    if len(sections) == 1:
+        return [job.identity["rows"]]
+    return [[section.start, section.stop] for section in sections]
+
+
+def _delete_leftovers(job: LaneJob) -> None:
+    """Delete what a kill left beside a result that is whole."""
+    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(job.folder)):
+        shutil.rmtree(path, ignore_errors=True)
+    if job.work.is_dir():
+        with work_until_done(job):
+            pass  # all of it is done
+
+
+def is_whole(job: LaneJob) -> bool:
+    """Return whether the output of a job is a whole result of it."""
+    manifests = _own_manifests(job)
+    return bool(manifests) and not _lacks_report(job, manifests)
+
+
+def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
+    """Return the manifest of the whole result of a job, or those of its sections in order.
+
+    There is none if the result is not whole or was made of anything else.
+    """
+    manifests = []
+    try:
+        if Folder(job.folder).has(SECTIONS):
+            sections = read_sections(job.folder)
+            if sections.identity == job.lasting_identity:
+                for folder in sections.homes:
+                    manifests.append(read_result(folder).manifest)
+        else:
+            result = read_result(job.folder)
+            if _is_result_of(job, result):
+                manifests.append(result.manifest)
+    except ResultError:
+        return []
+    return manifests
+
+
+def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether a job writes a report that its result lacks; one in sections is not asked."""
+    if not job.report or len(manifests) > 1:
+        return False
+    return None in manifests[0]["added"].get("report.html", [None])
+
+
+def _is_result_of(job: LaneJob, result: Result) -> bool:
+    """Return whether a result was made of what a job names, with a report or without."""
+    manifest = result.manifest
+    identity = job.identity
+    section = manifest.get("section", {})
+    lane = result.lane
+    if job.section is not None:
+        # The lane of a section's result is its part of the whole lane.
+        lane = Lane(**section.get("lane", manifest["lane"]))
+    others = {}
+    for name, described in manifest["run"].get("others", {}).items():
+        others[name] = str(described["store_sha256"])
+    return bool(
+        manifest["run"].get("store_sha256") == job.store_sha256
+        and manifest["recipe_sha256"] == identity["recipe"]
+        and others == identity["others"]
+        and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
+        and section.get("rows") == identity["rows"]
+        and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
+    )
