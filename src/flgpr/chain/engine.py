@@ -226,10 +226,11 @@ class Engine:
         Gatherer
             It has the result of the pass.
         """
-        gatherer = self.passes[name].start(None)
-        for state in states:
-            gatherer.merge(state)
-        return gatherer
+        with blas_on_one_thread():
+            gatherer = self.passes[name].start(None)
+            for state in states:
+                gatherer.merge(state)
+            return gatherer
 
     def result_of(self, name: str, states: Iterable[Arrays]) -> Arrays:
         """Return the result of a pass.
