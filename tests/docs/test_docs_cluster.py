@@ -8,6 +8,8 @@ from test_docs_pages import check_flgpr
 
 from reading import FENCE, ROOT, read
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 PYTHON = [
     body
     for kind, body in FENCE.findall(read(ROOT / "docs" / "guide" / "cluster.md"))

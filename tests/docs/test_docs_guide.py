@@ -6,6 +6,8 @@ import pytest
 
 from reading import FENCE, PAGES, ROOT, identify, read, shell_fences
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 DOCS = ROOT / "docs"
 FIRST = DOCS / "index.md"
 GUIDE = [page for page in PAGES if page.parent == DOCS / "guide"]

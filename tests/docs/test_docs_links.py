@@ -5,6 +5,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 import links
+import pytest
+
+pytestmark = pytest.mark.slow("checks of pages")
 
 
 def test_links_that_lead_nowhere_are_listed(tmp_path):

@@ -19,6 +19,8 @@ from flgpr.simulate import sites
 from flgpr_papers import PAPERS
 from reading import EXAMPLES, FENCE, PAGES, ROOT, identify, program_lines, read, shell_fences
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
 

@@ -8,6 +8,8 @@ from test_docs_pages import resolves
 from flgpr.model import sensor_presets
 from reading import PAGES, ROOT, identify, read
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 STEPS = [page for page in PAGES if page.name.endswith("-steps.md")]
 FUSE = ROOT / "docs" / "evidence" / "papers" / "fuse2018-steps.md"
 HEAD = ["where", "the paper", "kind", "here"]

@@ -9,6 +9,8 @@ import pytest
 from flgpr.design import Viewing, expected_signal_to_clutter, ground_model
 from flgpr.model import load_sensor
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 DOCS = Path(__file__).parents[2] / "docs"
 BANDS = {"F1": (0.75e9, 1.35e9), "F4": (2.25e9, 2.85e9)}
 CHANNELS = {"f1_hh": ("F1", "HH"), "f1_vv": ("F1", "VV"), "f4_hh": ("F4", "HH")}

@@ -11,6 +11,8 @@ from flgpr.simulate import Scene, sites
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.simulator import _surface_spectra
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "sites.md").read_text(encoding="utf-8")
 WORDS = " ".join(PAGE.split())

@@ -20,6 +20,8 @@ from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.ground.soil import mironov, one_way_loss
 from flgpr.trials import sample_size
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 DOCS = Path(__file__).parents[2] / "docs"
 THEORY = DOCS / "reference" / "theory"
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 EVIDENCE = Path(__file__).parents[2] / "docs" / "evidence"
 STUDIES = {
     "Cosgrove et al. 2004": "cosgrove2004",

@@ -6,6 +6,8 @@ import pytest
 
 from reading import ROOT, read
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 PRINTED = {
     # page: equations, figures, tables (Roman) of the paper
     "flsar2004": (4, 10, ()),

@@ -8,6 +8,8 @@ import pytest
 
 from published_schemas import ROOT, SCHEMAS, check, keeps_to, maker
 
+pytestmark = pytest.mark.slow("checks of pages")
+
 SOURCES = ROOT / "src"
 FOLDERS = {
     "recipe": [SOURCES / "flgpr" / "chain" / "recipes"],

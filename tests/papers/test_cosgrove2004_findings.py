@@ -13,6 +13,8 @@ from flgpr_papers.cosgrove2004.findings import (
 )
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def case(seed, target, clutter, names=("HH", "PWF", "rank 1", "rank 3")):
     def peaks(name):

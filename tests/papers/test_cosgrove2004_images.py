@@ -9,6 +9,8 @@ from flgpr_papers.cosgrove2004.images import (
 )
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_plain_cylinder_without_clutter_shows_two_humps_32_cm_apart_behind_its_place():
     recipe = study_recipe()

@@ -1,11 +1,14 @@
 """The packaged settings of the study."""
 
 import numpy as np
+import pytest
 
 from flgpr_papers.cosgrove2004.images import (
     study_sensor,
 )
 from flgpr_papers.cosgrove2004.recipe import study_recipe
+
+pytestmark = pytest.mark.slow("studies of papers")
 
 
 def test_packaged_study_has_the_papers_sizes_and_mine():

@@ -13,6 +13,8 @@ from flgpr_papers.cosgrove2004.signature import (
     visible_mines,
 )
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.fixture
 def rng():

@@ -42,6 +42,8 @@ from flgpr_papers.kit.study_worlds import AS_FOUND
 from flgpr_papers.kit.worlds import changed
 from reference.cosgrove2004 import equations_7_to_12
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.fixture(scope="module", autouse=True)
 def folded_ranges():

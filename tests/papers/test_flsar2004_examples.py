@@ -5,6 +5,8 @@ import pytest
 
 from flgpr_papers.flsar2004 import findings as fi
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_templates_of_one_signature_have_one_component():
     rng = np.random.default_rng(4)

@@ -4,6 +4,8 @@ import pytest
 
 from flgpr_papers.flsar2004 import figures
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_margin_touches_the_nearest_points():
     figure = figures.margin_figure()

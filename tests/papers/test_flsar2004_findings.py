@@ -10,6 +10,8 @@ from sklearn.metrics import roc_auc_score
 from flgpr_papers.flsar2004 import findings as fi
 from flgpr_papers.flsar2004 import machines as ma
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def scores_of(mine, clutter, target=None):
     mine = np.asarray(mine, float)

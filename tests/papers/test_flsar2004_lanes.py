@@ -7,6 +7,8 @@ from flgpr.model import Grid, load_sensor
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.flsar2004.lanes import Mines, _scene, lane_images, load_settings
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.fixture(scope="module")
 def settings():

@@ -10,6 +10,8 @@ from flgpr_papers.flsar2004 import findings as fi
 from flgpr_papers.flsar2004 import machines as ma
 from flgpr_papers.flsar2004.lanes import load_settings
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.fixture(scope="module")
 def settings():

@@ -30,6 +30,8 @@ from flgpr_papers.kit.findings import (
 )
 from flgpr_papers.kit.worlds import turned
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.fixture(scope="module")
 def settings():

@@ -11,6 +11,8 @@ from flgpr_papers.fuse2018.lanes import (
 from flgpr_papers.fuse2018.matches import follow
 from flgpr_papers.kit.findings import clustered
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 RECIPE = fuse_recipe(True)
 
 

@@ -1,6 +1,10 @@
 """The packaged recipe and the lanes' runs."""
 
+import pytest
+
 from flgpr.chain.recipe import load_recipe
+
+pytestmark = pytest.mark.slow("studies of papers")
 
 
 def test_the_packaged_recipe_is_the_papers_form():

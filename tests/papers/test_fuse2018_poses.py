@@ -1,11 +1,14 @@
 """Poses that are wrong, and what they cost."""
 
 import numpy as np
+import pytest
 
 from flgpr_papers.fuse2018.lanes import (
     fuse_recipe,
 )
 from flgpr_papers.fuse2018.poses import pose_study
+
+pytestmark = pytest.mark.slow("studies of papers")
 
 RECIPE = fuse_recipe(True)
 

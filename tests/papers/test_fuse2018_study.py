@@ -41,6 +41,8 @@ from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, supp
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, without_paper
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)
 RX = np.tile(np.column_stack([np.linspace(-1.1, 1.1, 4), np.zeros(4), np.full(4, -0.2)]), (4, 1))
 TONES = {"l": 0.75e9 + 12e6 * np.arange(204), "x": 8.4e9 + 12e6 * np.arange(160)}

@@ -1,8 +1,11 @@
 """Finished steps of a study on disk: the same inputs have the same key and are not computed again."""
 
 import numpy as np
+import pytest
 
 from flgpr_papers.kit.cache import key_of, read_arrays, read_or_make, write_arrays
+
+pytestmark = pytest.mark.slow("studies of papers")
 
 
 def test_a_key_stands_for_all_that_a_result_comes_from():

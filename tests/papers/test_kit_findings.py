@@ -33,6 +33,8 @@ from flgpr_papers.kit.findings import (
     write_findings,
 )
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_no_verdict_without_an_interval():
     for verdict in (AGREES, DISAGREES):

@@ -17,6 +17,8 @@ from flgpr.simulate.bodies.signature.revolution import solve_round
 from flgpr_papers.kit.mines import MIXES, Mix, find_mix, mix_counts, mix_draws, mix_draws_at_depths
 from reading import ROOT, read
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 PAGE = ROOT / "docs" / "evidence" / "mines.md"
 MASSES = {  # kg and kg/l: mine with its charge, charge, density of the charge; as the page has them
     "vs-2.2": (3.5, 2.2, 1.65),

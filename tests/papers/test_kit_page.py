@@ -1,7 +1,11 @@
 """What the pages of the studies share."""
 
+import pytest
+
 from flgpr.report import kit
 from flgpr_papers.kit.page import Twin
+
+pytestmark = pytest.mark.slow("studies of papers")
 
 
 def test_a_figure_of_the_paper_stands_beside_its_numbers():

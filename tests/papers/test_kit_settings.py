@@ -7,6 +7,8 @@ from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.kit.settings import PAPERS, Table, packaged, packaged_text
 from flgpr_papers.kit.study_worlds import study_world
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 class Small(Table):
     value: int = 1

@@ -28,6 +28,8 @@ from flgpr_papers.kit.study_worlds import (
 )
 from flgpr_papers.wang2007 import lanes as wang
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 FROZEN = {
     ("cosgrove2004", "quick"): "fcc6a742473ff304",
     ("cosgrove2004", "full"): "676decbeda80ac56",

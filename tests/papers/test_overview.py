@@ -20,6 +20,8 @@ from flgpr_papers.kit.findings import (
     write_findings,
 )
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 MADE_UP = {
     "cosgrove2004": [
         replace(measured("A above B", "", "Pd", (0.2, 0.1, 0.31), verdict="agrees"), group="open"),

@@ -25,6 +25,8 @@ from flgpr_papers.kit.findings import measured, write_findings
 from flgpr_papers.kit.reasons import COLUMNS, Trial, road_trials, trials_csv
 from flgpr_papers.kit.threads import one_blas_thread
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.fixture
 def rng():

@@ -14,6 +14,8 @@ from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import study as wang
 from flgpr_papers.wang2007.lanes import quick_scenes, sensor
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 QUICK = pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
 TOO_WIDE = r"tones\.step must be at most [\d.]+ MHz"
 

@@ -15,6 +15,8 @@ from flgpr_papers.wang2007.analysis import (
 )
 from flgpr_papers.wang2007.costs import DIFFERENCES, paired_cost, pd_mean_of
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_a_difference_reads_the_columns_that_it_changes():
     _, gain, psi, area, everything = DIFFERENCES

@@ -7,6 +7,8 @@ from flgpr.features import FEATURES
 from flgpr_papers.kit.findings import all_of
 from flgpr_papers.wang2007.feature_findings import contrast_lead
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_the_lead_of_local_contrast():
     scores = np.full(10, 0.3)

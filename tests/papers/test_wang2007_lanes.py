@@ -1,9 +1,12 @@
 """The lanes of the study hold what the paper says."""
 
 import numpy as np
+import pytest
 
 from flgpr.simulate import draw_world
 from flgpr_papers.wang2007 import lanes
+
+pytestmark = pytest.mark.slow("studies of papers")
 
 
 def test_the_lanes_hold_what_the_paper_says():

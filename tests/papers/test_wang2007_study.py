@@ -38,6 +38,8 @@ from flgpr_papers.wang2007.findings import blind_scores
 from flgpr_papers.wang2007.page import page_html
 from flgpr_papers.wang2007.twins import likeness
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 BANDS = ("F0", *SUBBANDS)
 
 

@@ -23,6 +23,8 @@ from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.lanes import lane_table, read_targets
 from flgpr_papers.worlds.page import declared_hashes
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
     parts = values if len(values) > 1 else ()

@@ -19,6 +19,8 @@ from flgpr_papers.worlds.design import (
 )
 from flgpr_papers.worlds.detection import CROSSED
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 SMALL = {"a": [1, 2], "b": ["x", "y"], "c": [0.5, 1.5]}
 
 

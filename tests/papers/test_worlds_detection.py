@@ -7,6 +7,8 @@ from scipy.special import expit
 
 from flgpr_papers.worlds import detection
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 @pytest.mark.parametrize("chance", [0.0, 0.2])
 def test_decibels_that_are_missing_bring_the_papers_pd(chance):

@@ -8,6 +8,8 @@ from scipy.stats import linregress, ttest_rel
 
 from flgpr_papers.worlds.effects import block_differences, fit_means, fit_shares
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_a_single_share_is_that_of_the_jeffreys_penalty():
     """Firth 1993: for one binomial sample half a target is added to either side."""

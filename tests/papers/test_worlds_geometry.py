@@ -6,6 +6,8 @@ import pytest
 from flgpr.scoring import clopper_pearson
 from flgpr_papers.worlds import geometry
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def test_lanes_that_agree_do_not_make_a_geometry_certain():
     counts = {

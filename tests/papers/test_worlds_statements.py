@@ -11,6 +11,8 @@ from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, jud
 from flgpr_papers.kit.worlds import worlds
 from flgpr_papers.worlds import statements
 
+pytestmark = pytest.mark.slow("studies of papers")
+
 
 def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
     parts = values if len(values) > 1 else ()

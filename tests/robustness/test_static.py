@@ -7,6 +7,8 @@ import pytest
 
 import flgpr
 
+pytestmark = pytest.mark.slow("reads all sources")
+
 ROOT = Path(flgpr.__file__).parent
 MODULES = sorted(ROOT.rglob("*.py"))
 PICKLES = {
