@@ -134,6 +134,7 @@ def required(requirements):
 PARTS = {"llvmlite": "numba", "markupsafe": "jinja2"}
 
 
+@pytest.mark.slow("imports every package of the core")
 def test_the_core_depends_on_what_it_imports_and_on_nothing_else():
     core = required(PROJECT["dependencies"])
     extras = set()

@@ -6,7 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import flgpr
+
+pytestmark = pytest.mark.slow("processes of their own")
 
 SCRIPT = """
 import hashlib

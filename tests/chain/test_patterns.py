@@ -263,6 +263,7 @@ def test_an_svm_is_trained_on_them_and_ranks(folder, name):
     assert roc_auc_score(is_hit, alarms["confidence"]) > 0.9
 
 
+@pytest.mark.slow("trains three times")
 def test_a_model_is_the_same_with_two_workers_and_made_anew(folder):
     name = "visual-words"
     trained(folder, name, "one")

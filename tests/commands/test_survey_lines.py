@@ -29,6 +29,7 @@ def good(*words):
     return done.output
 
 
+@pytest.mark.slow("many commands")
 @pytest.mark.parametrize("zigzag", [False, True])
 def test_lines_become_one_survey_whose_slices_show_the_bodies(zigzag, tmp_path):
     paths = write_lines(tmp_path, zigzag=zigzag)

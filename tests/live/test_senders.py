@@ -20,6 +20,8 @@ from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
 from live_sockets import QUICK, first_scan, is_ended, sending_over, wait_for, watching
 
+pytestmark = pytest.mark.slow("waits for senders")
+
 RUN = make_lane_run(scans=2)
 DESCRIPTION = describe_for_live(RUN)
 DESCRIBED = encode_frame("run", DESCRIPTION.as_json())

@@ -128,6 +128,7 @@ def test_detection_in_memory_finds_the_same(lane):
     pd.testing.assert_frame_equal(found.features, lane.features, check_dtype=False, rtol=1e-12)
 
 
+@pytest.mark.slow("waits for processes to end")
 def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
     """Kill one of two workers when half is done: the others' pieces are not done again."""
     done = []

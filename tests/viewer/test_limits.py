@@ -19,6 +19,8 @@ from flgpr.store import sample_lane
 from flgpr.viewer import Viewer
 from flgpr.viewer.limits import FewRecords, Limits, fit_to_process
 
+pytestmark = pytest.mark.slow("waits for connections")
+
 RUN = sample_lane() / "run.zarr"
 LINUX = pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs Linux")
 SHORT = Limits(connections=8, header=0.5, body=0.3, unread=0.3)
