@@ -14,6 +14,7 @@ STATIC = resources.files("flgpr.viewer") / "static"
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="needs Node")
 @pytest.mark.skipif(not (SOURCES / "node_modules").is_dir(), reason="needs npm ci in viewer/")
+@pytest.mark.slow("builds the bundle")
 def test_the_bundle_is_that_of_the_sources():
     done = subprocess.run(
         [SOURCES / "build.sh", "--check"], capture_output=True, text=True, timeout=300
