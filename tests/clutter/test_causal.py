@@ -2,24 +2,9 @@
 
 import numpy as np
 import pytest
+from drive_images import SHAPE, WINDOWS
 
 from flgpr.clutter import BackgroundEstimator, CausalBackground, scan_gain, self_signature
-
-SHAPE = (3, 2, 40, 34)
-WINDOWS = (7, 5), (11, 9)
-
-
-@pytest.fixture
-def scans():
-    rng = np.random.default_rng(7)
-    fixed = rng.normal(size=SHAPE) + 1j * rng.normal(size=SHAPE)
-    level = np.linspace(1, 3, SHAPE[2])[:, None] * np.array([1, 5, 0.2])[:, None, None, None]
-    images = []
-    for k in range(6):
-        image = fixed + 0.5 * (rng.normal(size=SHAPE) + 1j * rng.normal(size=SHAPE))
-        image[..., 5 * k + 3, 12] += 40
-        images.append(((0.5 + k) * level * image).astype(np.complex64))
-    return images
 
 
 def test_the_causal_self_signature_is_that_of_the_scans_before(scans):
