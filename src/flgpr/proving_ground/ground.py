@@ -25,12 +25,14 @@ from flgpr.store import lane_text, merge_tables, open_run, read_table, sample_la
 from flgpr.store.files import existing, faults_of
 from flgpr.store.tables import lane_file_of
 
-GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
+GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
 """The packaged descriptions, the first by default."""
 ALL_TIERS = "all"
 """The name that chooses every tier."""
 MINES = "mines"
 """Name of the group of all mines in the scores."""
+SAMPLE = "sample"
+"""What a lane names in place of a run store to take a packaged one."""
 BODY = "body "
 """Prefix of the groups of targets with one packaged body."""
 
@@ -38,10 +40,11 @@ BODY = "body "
 class LaneRow(Table):
     """Lanes of one design: what they are for, how many at which sites, and what lies in them.
 
-    ``targets`` are sort, depth of the top (m) and number. ``surface``, ``errors`` and ``sensor``
-    change entries of the scene's surface, of the sensor's errors and of the sensor. A lane that is
-    there already has a ``run`` store, its ``truth`` and its borders x_min, x_max, y_min, y_max (m)
-    instead; "sample" is the packaged full-wave one.
+    ``targets`` are sort, depth of the top (m) and number. ``soil``, ``surface``, ``errors`` and
+    ``sensor`` change entries of the scene's soil and surface, of the sensor's errors and of the
+    sensor. A lane that is there already has a ``run`` store, its ``truth`` and its borders x_min,
+    x_max, y_min, y_max (m) instead; "sample" is the first packaged full-wave lane, "sample/NAME"
+    another one.
     """
 
     part: Literal["train", "validate", "test"]
@@ -52,6 +55,7 @@ class LaneRow(Table):
     run: str = ""
     truth: str = ""
     borders: tuple[float, float, float, float] | None = None
+    soil: dict[str, float] = Field(default_factory=dict)
     surface: dict[str, float] = Field(default_factory=dict)
     sensor: dict[str, float] = Field(default_factory=dict)
     errors: dict[str, float] = Field(default_factory=dict)
@@ -101,8 +105,14 @@ class Description(Table):
     name: str
     version: int
     sensor: str
+    #: those of the sensor's polarizations that are recorded; all of them if none is named
+    polarization: tuple[str, ...] = ()
     #: recipe in place of wang2007 of the packaged entries, of which no others enter then
     recipe: str = ""
+    #: texts that stand once in that recipe, and what replaces each
+    replace: tuple[tuple[str, str], ...] = ()
+    #: the packaged entries that enter; all that fit if none is named
+    entries: tuple[str, ...] = ()
     halo: float
     fars: tuple[float, ...]
     far: float
@@ -286,6 +296,9 @@ class Ground:
     def _make_lanes(self) -> Iterator[GroundLane]:
         """Yield all lanes: tier by tier, site by site, design by design."""
         preset = load_sensor(self.table.sensor)
+        if self.table.polarization:
+            recorded = {"polarization": self.table.polarization}
+            preset = Sensor.model_validate({**preset.model_dump(), **recorded})
         for tier, sites in self._sites_by_tier().items():
             for site, (design, row) in itertools.product(sites, self.table.lanes.items()):
                 if row.sites and site not in row.sites:
@@ -331,6 +344,8 @@ class Ground:
             draws.append({**table.sorts[sort], "depth": depth, "count": count})
         surface = {**table.scene.get("surface", {}), **row.surface, **tier_surface}
         entries = {"site": site, "length": row.length, "draws": draws, "surface": surface}
+        if row.soil:
+            entries["soil"] = {**table.scene.get("soil", {}), **row.soil}
         return Scene.model_validate({**table.scene, **entries})
 
 
@@ -338,7 +353,10 @@ def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) 
     """Return a lane of a run store and a truth that are there."""
     if row.borders is None:
         raise ValueError(f"lane {name} must have borders, for it is one that is there already")
-    files = sample_files() if row.run == "sample" else (Path(row.run), Path(row.truth))
+    if row.run == SAMPLE or row.run.startswith(f"{SAMPLE}/"):
+        files = sample_files(row.run.removeprefix(SAMPLE).removeprefix("/"))
+    else:
+        files = (Path(row.run), Path(row.truth))
     return GroundLane(name, site, row.part, Lane(*row.borders), 0, Scene(), preset, files, tier)
 
 
@@ -350,9 +368,10 @@ def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
     )
 
 
-def sample_files() -> tuple[Path, Path]:
-    """Return the run store and the truth of the packaged full-wave lane."""
-    return sample_lane() / "run.zarr", sample_lane() / "truth.csv"
+def sample_files(name: str = "") -> tuple[Path, Path]:
+    """Return the run store and the truth of a packaged full-wave lane, by default the first."""
+    folder = sample_lane(name) if name else sample_lane()
+    return folder / "run.zarr", folder / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:

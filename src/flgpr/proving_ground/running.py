@@ -81,7 +81,10 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     rows = tomllib.loads(packaged.read_text("utf-8"))
     entries = {}
     own_recipe = ground.table.recipe
+    chosen = ground.table.entries or tuple(rows)
     for name, row in rows.items():
+        if name not in chosen:
+            continue
         if own_recipe and row.get("fitted"):
             text = like_text(_array_of(ground), row["recipe"], ground.table.sensor)
         elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
@@ -89,6 +92,8 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         else:
             text = recipe_text(own_recipe or row["recipe"])
         replacements = list(row.get("replace", []))
+        if own_recipe and not row.get("fitted"):
+            replacements += ground.table.replace
         if ground.quick:
             replacements += row.get("quick", [])
         for old, new in replacements:
