@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from flgpr.commands.importing import import_gprmax_decks
 from flgpr.model import Sensor, load_sensor
@@ -113,7 +114,7 @@ def write_decks(out: Path) -> None:
 
 
 def solve(out: Path, interpreter: str) -> None:
-    """Run gprMax on every input file that has no result, all lanes that transmit H first."""
+    """Run gprMax on every input file that has no result, lane by lane, what transmits H first."""
     for transmitted in TRANSMITTED:
         for folder in sorted(path for path in out.iterdir() if path.is_dir()):
             for deck in sorted(folder.glob(f"*-{transmitted}.in")):
@@ -135,7 +136,9 @@ def _solve(deck: Path, interpreter: str) -> None:
 
 def pack(out: Path, samples: Path) -> None:
     """Import every lane whose results are there as a run store with its tables, and tell of the rest."""
-    for folder in sorted(path for path in out.iterdir() if path.is_dir()):
+    common = declared()
+    for lane in common["lanes"]:
+        folder = out / lane["name"]
         manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
         complete = [label for label in TRANSMITTED if _is_solved(folder, manifest, label)]
         if not complete:
@@ -143,10 +146,47 @@ def pack(out: Path, samples: Path) -> None:
             continue
         if len(complete) < len(TRANSMITTED):
             folder = _transmitting(complete, folder, manifest)
-        target = samples / folder.name
+        target = samples / lane["name"]
         target.mkdir(parents=True)
-        import_gprmax_decks(folder, target / "run.zarr")
+        for path in import_gprmax_decks(folder, target / "run.zarr")[1:]:
+            path.unlink()  # the sample has tables of its own
+        _write_tables(common, lane, target)
+        (target / "README.md").write_text(readme_of(lane, complete), encoding="utf-8")
         print(f"{folder.name}: {', '.join(complete)} transmitted")
+
+
+def _write_tables(common: dict[str, Any], lane: dict[str, Any], folder: Path) -> None:
+    """Write the targets, with the body of each, and the objects, with the buried stones."""
+    world = draw_world(scene_of(common, lane), lane["seed"])
+    bodies = [common["sorts"][sort]["body"] for sort, *_ in lane["targets"]]
+    write_table(world.truth().assign(body=bodies), folder / "truth.csv")
+    stones = []
+    for number, (x, y, cover, radius) in enumerate(lane["stones"], start=1):
+        stone = {"object_id": f"S{number:04d}", "x": x, "y": y, "kind": "stone", "radius": radius}
+        stones.append(stone | {"height": -cover})
+    objects = pd.concat([world.objects_table(), pd.DataFrame(stones)], ignore_index=True)
+    write_table(objects, folder / "objects.csv")
+
+
+def readme_of(lane: dict[str, Any], transmitted: list[str]) -> str:
+    """Return the README of a packaged lane."""
+    recorded = " ".join(f"{label}H {label}V" for label in transmitted)
+    conductivity = 1000 * lane["conductivity"]
+    roughness = 1000 * lane["rms_height"]
+    return f"""# {lane["name"].capitalize()}
+
+A miniature forward-looking lane computed with gprMax 4.0.1 (finite differences in the time domain, 1.5 cm cells). No
+code of flgpr made its fields; flgpr wrote the input files, by `evidence/full_wave_2.toml`, and read the results.
+
+- `run.zarr`: 2 transmitters x 16 receivers 1.5 m above the ground, {recorded}, 442.5 MHz to 1.5 GHz in 7.5 MHz steps,
+  two scans. The direct wave, computed in air alone, is taken off; the reflection of the ground beneath is not.
+- `truth.csv`: eight mines, two of each body, one under 3 cm of cover and one under 7.5 cm.
+- `objects.csv`: four rocks half out of the ground, and four buried stones whose height is that of their top. They are
+  no targets.
+
+Soil: permittivity {lane["permittivity"]:g}, conductivity {conductivity:g} mS/m. Roughness: {roughness:g} mm rms, its
+heights rounded to cells.
+"""
 
 
 def _is_solved(folder: Path, manifest: dict[str, Any], transmitted: str) -> bool:
@@ -157,13 +197,13 @@ def _is_solved(folder: Path, manifest: dict[str, Any], transmitted: str) -> bool
 
 
 def _transmitting(labels: list[str], folder: Path, manifest: dict[str, Any]) -> Path:
-    """Return a folder beside a lane's, of links to it, whose manifest has some transmitted polarizations alone."""
+    """Return a folder of links to a lane's files, whose manifest has some transmitted polarizations alone."""
     part = folder.parent / "transmitted" / folder.name
     part.mkdir(parents=True, exist_ok=True)
     for path in folder.iterdir():
         link = part / path.name
         if path.name != "manifest.json" and not link.exists():
-            link.symlink_to(path)
+            os.link(path, link)
     manifest["polarization"] = [name for name in manifest["polarization"] if name[0] in labels]
     manifest["runs"] = [run for run in manifest["runs"] if run["transmit"] in labels]
     (part / "manifest.json").write_text(json.dumps(manifest, indent=1))
