@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr.chain.radar_setup import RadarSetup, radar_setup
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.chain.recipe_fit import RadarSetup, radar_setup
-from flgpr.chain.recipe_like import like_text
+from flgpr.chain.recipe_choice import figures_of
+from flgpr.chain.recipe_like import like_text, load_model
 from flgpr.door import Folder
 from flgpr.execution.job import code_versions
 from flgpr.execution.survey import detect_survey
@@ -83,7 +84,9 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     own_recipe = ground.table.recipe
     for name, row in rows.items():
         if own_recipe and row.get("fitted"):
-            text = like_text(_array_of(ground), row["recipe"], ground.table.sensor)
+            model = load_model(row["recipe"])
+            figures = figures_of(_array_of(ground), model.recipe)
+            text = like_text(figures, model, ground.table.sensor)
         elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
             continue  # made for another array
         else:
