@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from chain.test_recipe_for_run import bare_run
 
+from chain.test_recipe_for_run import bare_run
 from flgpr.chain.radar_setup import RadarSetup, allow_features, goes_across, radar_setup
 
 

@@ -3,7 +3,13 @@
 import pytest
 
 from flgpr.results.errors import ResultError
-from flgpr.results.sections import read_sections, section_names, write_sections
+from flgpr.results.sections import (
+    read_sections,
+    results_at,
+    section_names,
+    sections_at,
+    write_sections,
+)
 from flgpr.store.tables import lane_text
 from small_results import LANE, small_result
 
@@ -35,6 +41,13 @@ def test_an_altered_file_is_refused(folder, name):
     path.write_bytes(path.read_bytes()[:-2] + b"0\n")
     with pytest.raises(ResultError, match=r"section-2|alarms"):
         read_sections(folder)
+
+
+def test_a_result_in_one_piece_has_no_sections(folder):
+    assert sections_at(folder / NAMES[0]) is None
+    assert results_at(folder / NAMES[0]) == [folder / NAMES[0]]
+    assert sections_at(folder).names == NAMES
+    assert results_at(folder) == [folder / name for name in NAMES]
 
 
 def test_a_missing_list_is_named(tmp_path):

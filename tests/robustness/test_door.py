@@ -232,7 +232,8 @@ def read_model_of(folder):
 
 def read_manifest_only(folder):
     from flgpr.model import Lane
-    from flgpr.results.result import Result, read_result_manifest
+    from flgpr.results.manifest import read_result_manifest
+    from flgpr.results.result import Result
 
     manifest = read_result_manifest(folder)
     return Result(folder, manifest, None, Lane(**manifest["lane"]), [])

@@ -15,11 +15,12 @@ import pandas as pd
 
 from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
-from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
-from flgpr.results.result import MODEL, read_result_manifest
+from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, parse_json, read_named
+from flgpr.results.manifest import read_result_manifest
+from flgpr.results.result import MODEL
 from flgpr.results.sections import SECTIONS, read_sections, results_at
 from flgpr.store.dialects import TableReading
-from flgpr.store.files import existing, listed_files
+from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_own_table, parse_table
 from flgpr.trials import (

@@ -26,6 +26,7 @@ from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold, plan_sections, threads_within
+from flgpr.door import listed_files
 from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
 from flgpr.execution.finished import holds_result, is_done, is_whole
 from flgpr.execution.job import LaneJob
@@ -33,10 +34,11 @@ from flgpr.execution.pass_cache import PassCache
 from flgpr.execution.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
-from flgpr.results.result import check_free, read_result_manifest
+from flgpr.results.manifest import read_result_manifest
+from flgpr.results.result import check_free
 from flgpr.results.sections import results_at, section_names, write_sections
 from flgpr.store import lane_text, open_run, write_table
-from flgpr.store.files import listed_files, replace_folder, write_whole
+from flgpr.store.files import replace_folder, write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
 from flgpr.store.tables import parse_own_table
 

@@ -9,13 +9,12 @@ from typing import Any
 import flgpr
 from flgpr.chain.model import MODEL_FILE
 from flgpr.chain.sections import Section
-from flgpr.door import Folder
 from flgpr.execution.checkpoint import work_until_done
 from flgpr.execution.job import LaneJob
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.results.result import MODEL, Result, read_result
-from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.results.result import MODEL, read_result
+from flgpr.results.sections import SECTIONS, sections_at
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, output_exists_error
 
@@ -85,18 +84,16 @@ def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
 
     There is none if the result is not whole or was made of anything else.
     """
-    manifests = []
     try:
-        if Folder(job.folder).has(SECTIONS):
-            sections = read_sections(job.folder)
-            if sections.identity == job.lasting_identity:
-                for folder in sections.homes:
-                    manifests.append(read_result(folder).manifest)
-        else:
-            result = read_result(job.folder)
-            if _is_result_of(job, result):
-                manifests.append(result.manifest)
+        sections = sections_at(job.folder)
+        if sections is not None and sections.identity != job.lasting_identity:
+            return []
+        folders = [job.folder] if sections is None else sections.homes
+        # One at a time, as a result holds its run-views.
+        manifests = [read_result(folder).manifest for folder in folders]
     except ResultError:
+        return []
+    if sections is None and not _is_result_of(job, manifests[0]):
         return []
     return manifests
 
@@ -108,12 +105,11 @@ def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
     return None in manifests[0]["added"].get("report.html", [None])
 
 
-def _is_result_of(job: LaneJob, result: Result) -> bool:
+def _is_result_of(job: LaneJob, manifest: Mapping[str, Any]) -> bool:
     """Return whether a result was made of what a job names, with a report or without."""
-    manifest = result.manifest
     identity = job.identity
     section = manifest.get("section", {})
-    lane = result.lane
+    lane = Lane(**manifest["lane"])
     if job.section is not None:
         # The lane of a section's result is its part of the whole lane.
         lane = Lane(**section.get("lane", manifest["lane"]))

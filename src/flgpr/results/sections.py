@@ -12,11 +12,11 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.door import DoorError, Folder
+from flgpr.door import DoorError, Folder, listed_files
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.store import json_with_digest, sha256
-from flgpr.store.files import listed_files, read_with_digest, write_whole
+from flgpr.store.files import read_with_digest, write_whole
 from flgpr.store.tables import parse_lane, parse_own_table
 
 FORMAT = "flgpr-sections"
@@ -100,7 +100,8 @@ def read_sections(folder: str | Path) -> Sections:
         for name in _JOINT_FILES:
             files.check(name)
         for name, home in zip(sections.names, sections.homes, strict=True):
-            _check_section(folder, home, name, content["files"][f"{name}/{_MANIFEST}"])
+            if _readable_identity(home) != content["files"][f"{name}/{_MANIFEST}"]:
+                raise ResultError(f"{folder}: {name}/{_MANIFEST} differs from what was written")
     except OSError as error:
         raise ResultError(
             f"{folder}: not a complete folder of sections: {error.filename} is missing"
@@ -114,16 +115,14 @@ def read_sections(folder: str | Path) -> Sections:
     return sections
 
 
-def _check_section(folder: Path, home: Path, name: str, identity: str) -> None:
-    """Refuse a section whose identity is not the one that the list holds."""
+def _readable_identity(home: Path) -> str:
+    """Return the identity of a result; "" if its manifest cannot be read."""
     try:
-        actual = _identity(home)
+        return _identity(home)
     except DoorError:
         raise
     except (KeyError, TypeError, ValueError):
-        actual = ""
-    if actual != identity:
-        raise ResultError(f"{folder}: {name}/{_MANIFEST} differs from what was written")
+        return ""
 
 
 def _identity(home: Path) -> str:
@@ -131,10 +130,21 @@ def _identity(home: Path) -> str:
     return str(read_with_digest(home, _MANIFEST)["identity"])
 
 
+def sections_at(folder: str | Path) -> Sections | None:
+    """Return the sections of a lane's folder; None of a result in one piece.
+
+    Raises
+    ------
+    ResultError
+        As of :func:`read_sections`.
+    """
+    return read_sections(folder) if Folder(folder).has(SECTIONS) else None
+
+
 def results_at(folder: str | Path) -> list[Path]:
     """Return the result folders of a lane: the folder itself, or those of its sections in order."""
-    folder = Path(folder)
-    return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
+    sections = sections_at(folder)
+    return [Path(folder)] if sections is None else sections.homes
 
 
 def section_names(count: int) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
+from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, parse_json, read_named
 from flgpr.formats import is_gpr, preview_run
 from flgpr.store import (
     MOST_VERDICT_BYTES,
@@ -27,7 +27,7 @@ from flgpr.store import (
     verdict_bytes,
     write_whole,
 )
-from flgpr.store.files import listed_files, read_with_digest
+from flgpr.store.files import read_with_digest
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT = "flgpr-view"
