@@ -13,7 +13,8 @@ from flgpr.execution.checkpoint import work_until_done
 from flgpr.execution.job import LaneJob
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.results.result import MODEL, read_result
+from flgpr.results.manifest import MANIFEST
+from flgpr.results.result import MODEL, check_free, read_result
 from flgpr.results.sections import SECTIONS, sections_at
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, output_exists_error
@@ -27,10 +28,11 @@ def is_done(job: LaneJob) -> bool:
     return not job.work.exists() and is_whole(job)
 
 
-def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
-    """Return whether the output of a job is whole, and delete what a kill left beside it.
+def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = False) -> bool:
+    """Return whether the output of a job is whole and stays, and refuse what must not be replaced.
 
-    Nothing there, or a result of this job that lacks its report, does not count as a result.
+    What a kill left beside a result that stays is deleted. Nothing there, or a result of this job
+    that lacks its report, does not count as a result.
 
     Parameters
     ----------
@@ -38,13 +40,16 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
         The job.
     sections : sequence of Section
         The sections that the lane is to be taken in.
+    overwrite : bool
+        Whether any result is replaced.
 
     Raises
     ------
     FileExistsError
-        If the output holds any other result.
+        If the output holds anything but a result, or another result that is not to be overwritten.
     """
-    if not any((job.folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+    check_free(job.folder)
+    if overwrite or not any((job.folder / name).is_file() for name in (MANIFEST, SECTIONS)):
         return False
     manifests = _own_manifests(job)
     rows = [manifest.get("section", {}).get("rows") for manifest in manifests]

@@ -207,16 +207,19 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
                 f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
                 f"{path}"
             )
-    work = Checkpoint(job.work, job.largest)
+    recipe = parse_recipe(job.recipe)
     model = None if job.model is None else _model_of(job, job.model)
-    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
     truth = _truth_of(job) if job.truth[0] else None
+    run = open_run(job.run, job.max_memory)
+    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    work = Checkpoint(job.work, job.largest)
+    results = work.with_shared(job.shared)
     lane = LaneSetup(
-        run=open_run(job.run, job.max_memory),
-        recipe=parse_recipe(job.recipe),
+        run=run,
+        recipe=recipe,
         lane=Lane(*job.lane),
         model=model,
-        results=work.with_shared(job.shared),
+        results=results,
         section=job.section,
         others=others,
         truth=truth,
