@@ -91,16 +91,15 @@ def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
     """
     try:
         sections = sections_at(job.folder)
-        if sections is not None and sections.identity != job.lasting_identity:
+        if sections is None:
+            manifest = read_result(job.folder).manifest
+            return [manifest] if _is_result_of(job, manifest) else []
+        if sections.identity != job.lasting_identity:
             return []
-        folders = [job.folder] if sections is None else sections.homes
         # One at a time, as a result holds its run-views.
-        manifests = [read_result(folder).manifest for folder in folders]
+        return [read_result(folder).manifest for folder in sections.homes]
     except ResultError:
         return []
-    if sections is None and not _is_result_of(job, manifests[0]):
-        return []
-    return manifests
 
 
 def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
