@@ -56,6 +56,7 @@ def detect_lane(
     note: OnReport = ignore_report,
     longest: float | None = None,
     overwrite: bool = True,
+    label: str = "",
 ) -> list[Path]:
     """Run a recipe on a stored lane, block by block.
 
@@ -78,6 +79,8 @@ def detect_lane(
     overwrite : bool
         Whether another result is overwritten. Otherwise a whole result of this job and version is
         left as it is.
+    label : str
+        What stands before the titles of the passes where progress is shown.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def detect_lane(
         log_finished(job.folder, OVERWRITE)
         return plan.folders
     job.folder.parent.mkdir(parents=True, exist_ok=True)
-    runner = PassRunner(executor, track, note, plan.threads)
+    runner = PassRunner(executor, track, note, plan.threads, label)
     if len(plan.sections) > 1:
         run_sections(job, plan, runner)
     else:
@@ -183,8 +186,8 @@ def passes_of_lane(
     job = replace(job, explains=False)
     plan = plan_lane(job, math.inf)
     with begin_work(job) as work:
-        runner = PassRunner(executor, track, note, plan.threads)
-        runner.run(job, work, passes_to_run(job, plan.lane), label)
+        runner = PassRunner(executor, track, note, plan.threads, label)
+        runner.run(job, work, passes_to_run(job, plan.lane))
         yield plan.lane
 
 
@@ -228,13 +231,18 @@ class PassRunner:
         Takes a report of every piece of work that was done.
     threads : int
         How many threads of a process may take blocks at once.
+    label : str
+        What stands before all that progress is shown of, such as the name of a lane.
     """
 
-    def __init__(self, executor: Executor, track: Track, note: OnReport, threads: int) -> None:
+    def __init__(
+        self, executor: Executor, track: Track, note: OnReport, threads: int, label: str = ""
+    ) -> None:
         self.executor = executor
         self.track = track
         self.note = note
         self.threads = threads
+        self.label = label
 
     def run(
         self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun], label: str = ""
@@ -260,7 +268,7 @@ class PassRunner:
     def finish(self, job: LaneJob, label: str = "") -> None:
         """Write the result folder of a job whose passes are done."""
         done = self.executor.run(do_finish, [(job,)])
-        for report in self.track(done, f"{label}writing the result", 1):
+        for report in self.track(done, f"{self.label}{label}writing the result", 1):
             self.note(report)
 
     def _run_pass(
@@ -289,8 +297,9 @@ class PassRunner:
         reports: list[Report] = []
         if not pieces:
             return reports
+        title = f"{self.label}{label}{planned.title}"
         with closing(self.executor.run(do_block, pieces, self.threads)) as done:
-            for report in self.track(done, label + planned.title, len(pieces)):
+            for report in self.track(done, title, len(pieces)):
                 self.note(report)
                 reports.append(report)
         return reports
