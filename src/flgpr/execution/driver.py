@@ -27,13 +27,13 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold, plan_sections, threads_within
 from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
-from flgpr.execution.finished import is_done, is_whole, keeps_result
+from flgpr.execution.finished import is_done, keeps_result, whole_results
 from flgpr.execution.job import LaneJob
 from flgpr.execution.pass_cache import PassCache
 from flgpr.execution.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
-from flgpr.results.sections import join_results, results_at, section_names
+from flgpr.results.sections import join_results, section_names
 from flgpr.store import open_run
 from flgpr.store.files import replace_folder
 from flgpr.store.outputs import OVERWRITE, log_finished
@@ -332,10 +332,7 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
 
     with work_until_done(job, plan.sections) as shared:
         stopped_after_last_step = (
-            "threshold" in shared
-            and not gathering.exists()
-            and is_whole(job)
-            and results_at(job.folder) == plan.folders
+            "threshold" in shared and not gathering.exists() and whole_results(job) == plan.folders
         )
         if stopped_after_last_step:
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import flgpr
@@ -25,7 +26,7 @@ def is_done(job: LaneJob) -> bool:
 
     It must be of the same run, recipe, lane, model and rows, and no work on it may be left.
     """
-    return not job.work.exists() and is_whole(job)
+    return not job.work.exists() and bool(whole_results(job))
 
 
 def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = False) -> bool:
@@ -51,7 +52,7 @@ def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = Fa
     check_free(job.folder)
     if overwrite or not any((job.folder / name).is_file() for name in (MANIFEST, SECTIONS)):
         return False
-    manifests = _own_manifests(job)
+    manifests = list(_own_manifests(job).values())
     rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
     versions = {manifest["flgpr"] for manifest in manifests}
     if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
@@ -78,14 +79,19 @@ def _delete_leftovers(job: LaneJob) -> None:
             pass  # all of it is done
 
 
-def is_whole(job: LaneJob) -> bool:
-    """Return whether the output of a job is a whole result of it."""
+def whole_results(job: LaneJob) -> list[Path]:
+    """Return the folder of the whole result of a job, or those of its sections in order.
+
+    There is none if the result is not whole, lacks its report or was made of anything else.
+    """
     manifests = _own_manifests(job)
-    return bool(manifests) and not _lacks_report(job, manifests)
+    if not manifests or _lacks_report(job, list(manifests.values())):
+        return []
+    return list(manifests)
 
 
-def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
-    """Return the manifest of the whole result of a job, or those of its sections in order.
+def _own_manifests(job: LaneJob) -> dict[Path, dict[str, Any]]:
+    """Return the manifests of the whole result of a job, or of its sections in order, by folder.
 
     There is none if the result is not whole or was made of anything else.
     """
@@ -93,13 +99,13 @@ def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
         sections = sections_at(job.folder)
         if sections is None:
             manifest = read_result(job.folder).manifest
-            return [manifest] if _is_result_of(job, manifest) else []
+            return {job.folder: manifest} if _is_result_of(job, manifest) else {}
         if sections.identity != job.lasting_identity:
-            return []
+            return {}
         # One at a time, as a result holds its run-views.
-        return [read_result(folder).manifest for folder in sections.homes]
+        return {folder: read_result(folder).manifest for folder in sections.homes}
     except ResultError:
-        return []
+        return {}
 
 
 def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
