@@ -31,8 +31,8 @@ from flgpr.chain.too_few import TooFewExamplesError
 from flgpr.detect.scorers.checks import Checked
 from flgpr.features.patch_descriptors import hog, lbp_histograms, normalize_by_border
 from flgpr.model import Lane
+from flgpr.proving_ground.entries import packaged_entries
 from flgpr.proving_ground.ground import load_ground
-from flgpr.proving_ground.running import packaged_entries
 from flgpr.store import save_run
 from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 
