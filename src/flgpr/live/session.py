@@ -362,10 +362,14 @@ class LiveRun:
         scan, problem = _admitted(arrival, intake)
         if detector is None:
             if scan is None:
-                events.append([problem_event(arrival.name, problem or _NO_POSE)])
+                reasons = [problem] if problem else [intake.pose_fault, _NO_POSE]
+                problems = [problem_event(arrival.name, reason) for reason in reasons if reason]
+                events.append(problems)
                 return False
             recipe = self._fit_recipe(scan, intake.description, events)
             detector = self._build(recipe, intake, events, None)
+        if intake.pose_fault:
+            lines.append(problem_event(arrival.name, intake.pose_fault))
         update = None
         if scan is not None:
             update, problem = self._judge(scan, detector, intake)
