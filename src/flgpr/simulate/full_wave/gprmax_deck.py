@@ -21,7 +21,7 @@ from flgpr.simulate.full_wave.gprmax_grid import (
     RelaxingMedium,
     fit_relaxation,
 )
-from flgpr.simulate.full_wave.gprmax_scene import scene_text
+from flgpr.simulate.full_wave.gprmax_scene import densest_body, scene_text
 from flgpr.simulate.ground.subsurface import buried_clutter
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.world import World, draw_track, draw_world
@@ -51,6 +51,7 @@ def make_decks(
     seed: int,
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
+    time_window: float | None = None,
 ) -> Decks:
     """Write a scene as gprMax input files.
 
@@ -67,6 +68,9 @@ def make_decks(
     cells_per_wavelength, max_cells : float
         Cells per wavelength at the highest tone in the slowest soil, and those of the largest model
         that is written.
+    time_window : float, optional
+        Recorded time, s. None records until the echo of the model's farthest corner has ended.
+        A shorter one saves as much time; echoes that come later are lost.
 
     Returns
     -------
@@ -81,6 +85,8 @@ def make_decks(
     """
     if not cells_per_wavelength >= 4:
         raise ValueError(f"cells_per_wavelength must be at least 4, got {cells_per_wavelength:g}")
+    if time_window is not None and not 0 < time_window < math.inf:
+        raise ValueError(f"time_window must be positive, got {time_window:g} s")
     world = draw_world(scene, seed)
     poses, times = draw_track(scene, sensor.height, seed)
     tones = sensor.tones.axis()
@@ -96,9 +102,10 @@ def make_decks(
     # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three
     # cells: at 3.76 times its centre.
     band_centre = float(tones[0] + tones[-1]) / 2
-    highest_centre = wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85)
+    index = max(slowest, math.sqrt(densest_body(world)))
+    highest_centre = wavelength / index / cell * float(tones[-1]) / (3 * 3.85)
     centre = min(band_centre, highest_centre)
-    window = _time_window(grid, antennas, slowest, centre)
+    window = time_window or _time_window(grid, antennas, slowest, centre)
     omissions: list[str] = []
     decks.files[SCENE_FILE], surface = scene_text(scene, world, grid, soils, seed, omissions)
     decks.omissions = _left_out(scene, world, sensor) + omissions
