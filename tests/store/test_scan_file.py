@@ -17,12 +17,11 @@ from flgpr.store import (
     encode_frame,
     encode_scan,
     parse_description,
-    pose_fault,
     read_description,
     scan_of,
     write_description,
 )
-from flgpr.store.scan_file import MAGIC, TruncatedFrameError
+from flgpr.store.scan_file import MAGIC, TruncatedFrameError, pose_fault
 
 POSE = [1.0, 2.0, 1.5, 0.1, 0.0, -0.02]
 
