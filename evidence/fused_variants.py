@@ -42,7 +42,8 @@ from sklearn.preprocessing import StandardScaler
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import engine_of
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.chain.stages.likelihood import LikelihoodSettings, contrasts, ratio
+from flgpr.chain.stages.likelihood import LikelihoodSettings, contrasts
+from flgpr.chain.stages.textured_clutter import ratio
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, lane_to_scan, load_sensor
 from flgpr.proving_ground.ground import GroundLane, LaneRow, load_ground

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flgpr.chain.recipe import load_recipe
-from flgpr.chain.stages.likelihood import ratio
+from flgpr.chain.stages.textured_clutter import ratio
 
 SCRIPT = Path(__file__).parents[2] / "evidence" / "fused_variants.py"
 COLUMNS, ROWS = 15, 100

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
+from flgpr.store.scan_file import Frame, pose_fault
 
 NumberedPose = tuple[int, NDArray[np.float64]]
 
@@ -111,6 +112,9 @@ class Intake:
         self._poses: list[NumberedPose] = []
         # the last that came, plausible or not, without those that were filled in
         self._own_poses: list[NumberedPose] = []
+        #: why the pose in the last frame cannot be one, and what became of its scan; "" if it can,
+        #: or if the frame states that it has none
+        self.pose_fault = ""
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
         """Return a frame's scan; None, and a count, if it cannot be used.
@@ -131,10 +135,12 @@ class Intake:
             If the frame is damaged or of another run.
         """
         self.counts["received"] += 1
+        self.pose_fault = ""
         try:
             if fault is not None:
                 raise fault
-            scan = scan_of(decode_frame(data), self.description)
+            frame = decode_frame(data)
+            scan = scan_of(frame, self.description)
         except ScanFileError:
             self.counts["corrupt"] += 1
             raise
@@ -149,11 +155,19 @@ class Intake:
             return scan
         # While scans are held back it is in doubt where the vehicle is.
         pose = None if self.counts["held"] else self._fill(scan.number)
+        self._note_pose_fault(scan.number, frame, filled=pose is not None)
         if pose is None:
             self.counts["pose_missing"] += 1
             return None
         self.counts["pose_filled"] += 1
         return Scan(scan.number, scan.time, pose, scan.signal)
+
+    def _note_pose_fault(self, number: int, frame: Frame, *, filled: bool) -> None:
+        """Note in words what is wrong with the pose in a frame."""
+        fault = pose_fault(frame)
+        if fault:
+            outcome = "it was filled in from its neighbours'" if filled else "the scan was left out"
+            self.pose_fault = f"scan {number}: {fault}; {outcome}"
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
         """Count the outcome of an admitted scan.

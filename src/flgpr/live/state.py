@@ -27,7 +27,7 @@ SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
 # Scalars of the detector, by these names in the file.
-_SCALARS = ("closed", "seen_area", "left_out")
+_SCALARS = ("closed", "left_out")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -66,7 +66,7 @@ def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
             if isinstance(value, np.ndarray):
                 arrays[f"scan{i}.{name}"] = value
     arrays["numbers.passed"] = np.array(detector.alarms.passed)
-    arrays["numbers.magnitudes"] = np.array(detector.magnitudes)
+    arrays["numbers.magnitudes"] = np.array(detector.density.magnitudes)
     for number, held_scan in detector.held.items():
         arrays[f"held{number}.signal"] = held_scan.signal
     return arrays
@@ -79,7 +79,10 @@ def _header(
     newest = None
     if detector.newest is not None:
         newest = [detector.newest[0], detector.newest[1].tolist()]
-    scalars: dict[str, float | None] = {"named": detector.alarms.count}
+    scalars: dict[str, float | None] = {
+        "named": detector.alarms.count,
+        "seen_area": detector.density.final_area,
+    }
     for name in _SCALARS:
         value = getattr(detector, name)
         scalars[name] = value if np.isfinite(value) else None
@@ -187,7 +190,8 @@ def _restore(
     detector.alarms.open = {alarm["alarm_id"]: LiveAlarm(**alarm) for alarm in header["alarms"]}
     detector.alarms.passed = array("d", arrays["numbers.passed"].tobytes())
     detector.alarms.count = header["scalars"]["named"]
-    detector.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
+    detector.density.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
+    detector.density.final_area = float(header["scalars"]["seen_area"])
     detector.previous_pose = _pose_from_json(header["before"])
     detector.first_pose = _pose_from_json(header["first_pose"])
     detector.newest = None

@@ -19,8 +19,9 @@ import pandas as pd
 from flgpr.door import Folder
 from flgpr.proving_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr.proving_ground.citing import is_packaged
+from flgpr.proving_ground.entries import ORACLES
 from flgpr.proving_ground.ground import MINES, Ground
-from flgpr.proving_ground.running import ORACLES, SEALED, read_ground
+from flgpr.proving_ground.running import SEALED, read_ground
 from flgpr.scoring import clopper_pearson
 from flgpr.store.tables import parse_columns
 from flgpr.trials import read_register

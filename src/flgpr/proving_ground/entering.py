@@ -11,16 +11,10 @@ import pandas as pd
 
 from flgpr.door import Folder
 from flgpr.proving_ground.card import CARD, RECORD, entered_card
+from flgpr.proving_ground.entries import Entry
 from flgpr.proving_ground.ground import Ground
 from flgpr.proving_ground.leaderboard import refuse_other_page, write_leaderboard
-from flgpr.proving_ground.running import (
-    ALARMS,
-    Entry,
-    begin_folder,
-    read_ground,
-    seal_tested,
-    write_about,
-)
+from flgpr.proving_ground.running import ALARMS, begin_folder, read_ground, seal_tested, write_about
 from flgpr.proving_ground.submission import (
     Submission,
     check_submission,

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from flgpr.proving_ground.entries import ORACLES
 from flgpr.proving_ground.ground import BODY, MINES, Ground
-from flgpr.proving_ground.running import ORACLES
 
 KINDS = ("metal", "plastic", "ap", "simulant")
 """Kinds of targets in the order of their panels; others come after them."""

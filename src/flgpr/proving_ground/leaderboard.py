@@ -20,9 +20,9 @@ from flgpr.proving_ground.board import (
     scores_at,
 )
 from flgpr.proving_ground.citing import DATA_LICENCE, cite_ground, cite_submission
+from flgpr.proving_ground.entries import ORACLES, packaged_entries
 from flgpr.proving_ground.figures import leaderboard_figure, opening_split
 from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.running import ORACLES, packaged_entries
 from flgpr.proving_ground.table import paired_in_words
 from flgpr.report import render
 from flgpr.store import write_whole

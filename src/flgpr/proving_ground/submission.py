@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from flgpr.door import DoorError, Folder
 from flgpr.model.printable import printable
 from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card
+from flgpr.proving_ground.entries import ORACLES, packaged_entries
 from flgpr.proving_ground.fingerprints import likeness_of
 from flgpr.proving_ground.ground import GROUNDS, Ground, GroundLane, load_ground
-from flgpr.proving_ground.running import ALARMS, ORACLES, PRINTS, packaged_entries
+from flgpr.proving_ground.running import ALARMS, PRINTS
 from flgpr.store.tables import parse_columns
 
 MOST_PRINT_BYTES = 2**20

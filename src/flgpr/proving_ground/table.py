@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
 from flgpr.proving_ground.card import entered_card, parse_card
+from flgpr.proving_ground.entries import ORACLES, packaged_entries
 from flgpr.proving_ground.figures import opening_split, split_figure, tiers_figure
 from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.ground import BODY, MINES, Ground, load_ground
@@ -22,10 +23,8 @@ from flgpr.proving_ground.oracle import oracle_file
 from flgpr.proving_ground.running import (
     ABOUT,
     ALARMS,
-    ORACLES,
     SEALED,
     entry_folder,
-    packaged_entries,
     passphrase,
     read_costs,
     read_ground,

@@ -111,8 +111,33 @@ class Samples(NamedTuple):
     pixel: NDArray[Any]  #: (sample, polarization) pixels of clutter
 
 
+def target_cuts(band: xr.DataArray, mines: FloatArray, settings: SampleSettings) -> NDArray[Any]:
+    """Take the range cuts at mines whose whole cut lies in the image.
+
+    Parameters
+    ----------
+    band : (polarization, y, x) DataArray of complex
+        One sub-band of a cleaned scan image.
+    mines : (mine, 2) ndarray
+        x and y in the scan frame, m.
+    settings : SampleSettings
+        Length, polarizations and search.
+
+    Returns
+    -------
+    (sample, feature) ndarray
+        The cuts; one that is not finite throughout is left out.
+    """
+    shape = settings.length, 1
+    cuts = range_cuts(band, mines, shape, settings.polarizations, settings.search)
+    return cuts[np.isfinite(cuts).all(axis=1)]
+
+
 def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> Samples:
     """Take range cuts at mines, and cuts and pixels of the clutter away from them.
+
+    They are of the whole image; the map by intervals of range, "principal-components", takes its
+    own from each interval.
 
     Parameters
     ----------
@@ -130,9 +155,8 @@ def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> 
     """
     cut = settings.length, 1
     stack, _ = stack_channels(band, settings.polarizations)
-    cuts = range_cuts(band, mines, cut, settings.polarizations, settings.search)
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
-    target = cuts[np.isfinite(cuts).all(axis=1)]
+    target = target_cuts(band, mines, settings)
     clutter = clutter_cuts(stack, clean, cut, settings.clutter_step)
     pixel = clutter_cuts(stack, clean, (1, 1), _PIXELS)
     return Samples(target, clutter, pixel)

@@ -187,11 +187,31 @@ class _StaticPatterns(PatchStage):
 
     prefix: ClassVar[str] = ""
 
+    @classmethod
+    def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:
+        """Return how many columns all polarizations have."""
+        shown = len(settings.polarizations) or polarizations
+        return shown * cls._count_of_one(settings, view)
+
+    @classmethod
+    def _count_of_one(cls, settings: Any, view: Grid) -> int:
+        """Return how many columns a polarization has."""
+        corner = np.array([[view.x_min, view.y_min]])
+        patch = cut_regions(np.zeros((1, 1, 1)), view, corner, settings.size)
+        return int(cls._descriptors(patch, settings, view.dx).shape[1])
+
+    @classmethod
+    def _descriptors(cls, patches: FloatArray, settings: Any, spacing: float) -> FloatArray:
+        """Return the descriptors (patch, column) of patches (patch, polarization, v, u)."""
+        raise NotImplementedError
+
+    def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
+        """Return the descriptors, of each polarization by itself."""
+        return self._descriptors(patches, self.settings, spacing)
+
     def _names(self, channels: _Channels) -> list[str]:
         """Return names such as ``hog_HH_017``."""
-        corner = np.array([[channels.grid.x_min, channels.grid.y_min]])
-        patch = channels.patches(corner, self.settings.size)[:, :1]
-        count = self._describe(patch, channels.grid.dx).shape[1]
+        count = self._count_of_one(self.settings, channels.grid)
         names = []
         for polarization in channels.polarizations:
             names += [f"{self.prefix}_{polarization}_{number:03d}" for number in range(count)]
@@ -204,11 +224,11 @@ class Hog(_StaticPatterns):
     prefix = "hog"
     Settings: ClassVar[type[Table]] = HogSettings
 
-    def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
-        """Return the histograms, of each polarization by itself."""
-        cell = max(round(self.settings.cell / spacing), 1)
-        features = hog(patches, cell, self.settings.block, self.settings.bins)
-        return features.reshape(len(patches), -1)
+    @classmethod
+    def _descriptors(cls, patches: FloatArray, settings: Any, spacing: float) -> FloatArray:
+        """Return the histograms of gradients."""
+        cell = max(round(settings.cell / spacing), 1)
+        return hog(patches, cell, settings.block, settings.bins).reshape(len(patches), -1)
 
 
 class Lbp(_StaticPatterns):
@@ -217,9 +237,15 @@ class Lbp(_StaticPatterns):
     prefix = "lbp"
     Settings: ClassVar[type[Table]] = LbpSettings
 
-    def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:  # noqa: ARG002
-        """Return the histograms, of each polarization by itself."""
-        return lbp_histograms(patches, self.settings.parts).reshape(len(patches), -1)
+    @classmethod
+    def _descriptors(
+        cls,
+        patches: FloatArray,
+        settings: Any,
+        spacing: float,  # noqa: ARG003
+    ) -> FloatArray:
+        """Return the histograms of patterns."""
+        return lbp_histograms(patches, settings.parts).reshape(len(patches), -1)
 
 
 class _LearntPatterns(PatchStage):
@@ -306,6 +332,16 @@ class VisualWords(_LearntPatterns):
     Settings: ClassVar[type[Table]] = WordSettings
 
     @classmethod
+    def column_count(
+        cls,
+        settings: Any,
+        polarizations: int,  # noqa: ARG003
+        view: Grid,  # noqa: ARG003
+    ) -> int:
+        """Return how many words all pools have."""
+        return int(settings.parts**2 * settings.words)
+
+    @classmethod
     def _dictionary(cls, descriptors: FloatArray, settings: Any) -> Arrays:
         """Learn the words."""
         return {"words": learn_words(descriptors, settings.words, settings.seed)}
@@ -335,6 +371,13 @@ class FisherVectors(_LearntPatterns):
 
     size_entry = "gaussians"
     Settings: ClassVar[type[Table]] = FisherSettings
+
+    @classmethod
+    def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:
+        """Return how many components the vectors of all pools have."""
+        shown = len(settings.polarizations) or polarizations
+        directions = min(settings.directions, shown * _components(settings, view.dx))
+        return int(settings.parts**2 * 2 * settings.gaussians * directions)
 
     @classmethod
     def _dictionary(cls, descriptors: FloatArray, settings: Any) -> Arrays:

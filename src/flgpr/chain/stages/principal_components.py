@@ -17,11 +17,17 @@ from pydantic import model_validator
 
 from flgpr.chain.engine import Accumulator, Arrays, append_accumulator
 from flgpr.chain.stages import FloatArray, Positive, Table
-from flgpr.chain.stages.forms import MOST_FORMS, FormMap, SampleSettings, learnt_arrays
+from flgpr.chain.stages.forms import (
+    MOST_FORMS,
+    FormMap,
+    SampleSettings,
+    learnt_arrays,
+    target_cuts,
+)
 from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import LinearQuadraticForm, PrincipalComponentDetector
-from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.features import clean_pixels, clutter_cuts, stack_channels
 from flgpr.model import ground_points, lane_to_scan
 
 
@@ -112,6 +118,11 @@ def interval_samples(
 ) -> dict[str, NDArray[Any]]:
     """Take range cuts at mines, and of the clutter away from them, in each interval of range.
 
+    A mine's cut may reach beyond the interval in which the mine lies, a cut of clutter may not: its
+    moments are those of the interval. So the image cannot be cut into intervals first, and
+    :func:`~flgpr.chain.stages.forms.samples_at`, which takes both from one image, serves the map
+    "deflection" alone.
+
     Parameters
     ----------
     band : (polarization, y, x) DataArray of complex
@@ -131,10 +142,9 @@ def interval_samples(
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
     for number, (near, far) in enumerate(pairwise(settings.edges)):
         of_interval = mines[(mines[:, 1] >= near) & (mines[:, 1] < far)]
-        cuts = range_cuts(band, of_interval, shape, settings.polarizations, settings.search)
         rows = slice(*np.searchsorted(band["y"].values, [near, far]))
         stack, _ = stack_channels(band.isel(y=rows), settings.polarizations)
-        samples[f"target-{number}"] = cuts[np.isfinite(cuts).all(axis=1)]
+        samples[f"target-{number}"] = target_cuts(band, of_interval, settings)
         samples[f"clutter-{number}"] = clutter_cuts(
             stack, clean[rows], shape, settings.clutter_step
         )
