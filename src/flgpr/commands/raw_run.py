@@ -173,10 +173,10 @@ class RawRun:
         rx = self._run["rx_position"].values[query.pair]
         height = float(np.median(self._run["pose"].values[:, 2]))
         ends = []
-        for path, words in _simulated_paths(self._limits, tx, rx, height):
+        for path, reason in _simulated_paths(self._limits, tx, rx, height):
             delay = path / SPEED_OF_LIGHT - shift
             if bins.start < delay < bins.stop:
-                ends.append({"delay_ns": round(delay * 1e9, 2), "words": words})
+                ends.append({"delay_ns": round(delay * 1e9, 2), "words": reason})
         return ends
 
     def spectrum(self, query: _Query) -> dict[str, Any]:

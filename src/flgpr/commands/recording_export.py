@@ -389,8 +389,10 @@ def _result_messages(
     rows, columns = view.shape[2:]
     magnitude = view.values.reshape(-1, rows, columns)[alarm_channel(result, detection)]
     levels = decibels(magnitude)
-    seen = np.isfinite(levels)
-    median_db = float(np.median(levels[seen].astype(np.float32))) if seen.any() else 0.0
+    is_measured = np.isfinite(levels)
+    median_db = (
+        float(np.median(levels[is_measured].astype(np.float32))) if is_measured.any() else 0.0
+    )
     x = view["x"].values
     y = view["y"].values
     spacing = (float(x[1] - x[0]), float(y[1] - y[0]))

@@ -24,7 +24,7 @@ class Mark:
     """What is drawn at some places: a character, and its words in the legend."""
 
     character: str
-    words: str
+    label: str
     places: pd.DataFrame  #: ``x``, ``y``, m
 
 
@@ -63,9 +63,9 @@ def _drawn(lane: Lane, marks: list[Mark]) -> list[str]:
     rows = min(max(rows, _LEAST_ROWS), _MOST_ROWS)
     ground = [[" "] * _COLUMNS for _ in range(rows)]
     for mark in marks:
-        for place in mark.places.to_dict("records"):
-            row = _cell(place["x"] - lane.x_min, width, rows)
-            column = _cell(place["y"] - lane.y_min, length, _COLUMNS)
+        for mark_place in mark.places.to_dict("records"):
+            row = _cell(mark_place["x"] - lane.x_min, width, rows)
+            column = _cell(mark_place["y"] - lane.y_min, length, _COLUMNS)
             ground[row][column] = mark.character
     edge = "─" * _COLUMNS
     lines = [f"┌{edge}┐", *(f"│{''.join(row)}│" for row in ground), f"└{edge}┘"]

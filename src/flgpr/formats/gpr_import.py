@@ -208,10 +208,10 @@ def _antenna_line(section: GprSection) -> str:
 
 def frequency_words(frequencies: Sequence[float | None]) -> str:
     """Return nominal frequencies of antennas, Hz, in words."""
-    words = []
+    labels = []
     for frequency in frequencies:
-        words.append("unknown" if frequency is None else f"{frequency / 1e6:g} MHz")
-    return ", ".join(words)
+        labels.append("unknown" if frequency is None else f"{frequency / 1e6:g} MHz")
+    return ", ".join(labels)
 
 
 def _delay(stated: FloatArray, zero: float | None, window: float | None) -> FloatArray:

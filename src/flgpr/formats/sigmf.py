@@ -468,13 +468,13 @@ def _check_version(content: Mapping[str, Any]) -> None:
 
 def _sample_type(datatype: Any) -> tuple[bool, np.dtype[Any]]:
     """Return whether samples are complex, and the type of their numbers in the file."""
-    parts = _DATATYPE.fullmatch(datatype) if isinstance(datatype, str) else None
-    if parts is None:
+    matched = _DATATYPE.fullmatch(datatype) if isinstance(datatype, str) else None
+    if matched is None:
         raise ValueError(
             "core:datatype must be such as cf32_le, ci16_be, ri16_le or cu8, with the byte order "
             f"of numbers of more than one byte, got {datatype!r:.100}"
         )
-    letter, byte, word, order = parts.groups()
+    letter, byte, word, order = matched.groups()
     kind = byte or word
     size = int(kind[1:]) // 8
     mark = ">" if order == "be" else "<"

@@ -48,7 +48,7 @@ class Followed(NamedTuple):
     """
 
     odds: float
-    seen: float
+    weight_before: float
     total: float
     squares: float  #: sum of the squared weights of the further looks
     later: float
@@ -62,7 +62,9 @@ class Forecast:
     spread: tuple[float, float]
     correlation: float
 
-    def after(self, odds: float, seen: float, looks: Sequence[float]) -> tuple[float, float]:
+    def after(
+        self, odds: float, weight_before: float, looks: Sequence[float]
+    ) -> tuple[float, float]:
         """Return mean and standard deviation of the log odds after further looks.
 
         Parameters
@@ -80,7 +82,7 @@ class Forecast:
         total = sum(looks)
         clipped = min(max(odds, -_LARGEST), _LARGEST)
         p = _probability(odds)
-        share = total / (seen + total)
+        share = total / (weight_before + total)
         squares = sum(weight * weight for weight in looks)
         alike = rho + (1 - rho) * squares / total**2
         mean = odds + share * (a + (b + c * p) * clipped)
@@ -190,14 +192,14 @@ def forecast_event(
     left = sum(in_time)
     event["looks_left"] = left
     if weights:
-        _, seen = detector.mean_of_looks(alarm)
-        mean, deviation = forecast.after(odds, seen, weights[:1])
+        _, weight_before = detector.mean_of_looks(alarm)
+        mean, deviation = forecast.after(odds, weight_before, weights[:1])
         event["next_p"] = _interval(mean, deviation)
         beyond = math.erfc(abs(mean - threshold) / deviation / math.sqrt(2)) / 2
         stays = (mean < threshold) == (odds < threshold)
         event["change"] = round(beyond if stays else 1 - beyond, 4)
         if left:
-            event["last_p"] = _interval(*forecast.after(odds, seen, weights[:left]))
+            event["last_p"] = _interval(*forecast.after(odds, weight_before, weights[:left]))
     if margin is not None:
         event["wait"] = left > 0 and event["change"] >= worth
     return event
@@ -214,17 +216,17 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
         if detector.add(scan).outcome != "taken":
             continue
         remaining = []
-        for alarm, seen, looks in followed:
+        for alarm, weight_before, looks in followed:
             if alarm.y <= detector.closed:
                 continue
             value, weight = detector.mean_of_looks(alarm)
-            new = weight - seen - sum(looks)
+            new = weight - weight_before - sum(looks)
             if new > 1e-9 * weight:
                 looks.append(new)
                 later = _later_odds(detector, alarm, value)
                 squares = sum(look * look for look in looks)
-                yield Followed(alarm.confidence, seen, sum(looks), squares, later)
-            remaining.append((alarm, seen, looks))
+                yield Followed(alarm.confidence, weight_before, sum(looks), squares, later)
+            remaining.append((alarm, weight_before, looks))
         followed = remaining
         for alarm in detector.alarms.open.values():
             followed.append((alarm, detector.mean_of_looks(alarm)[1], []))
@@ -259,9 +261,9 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     notes: dict[str, Any] = {"looks": len(rows)}
     if len(rows) < _LEAST:
         return {}, notes
-    odds, seen, total, squares, later = rows.T
+    odds, weight_before, total, squares, later = rows.T
     alike = squares / total**2
-    share = total / (seen + total)
+    share = total / (weight_before + total)
     p = expit(odds)
     clipped = np.clip(odds, -_LARGEST, _LARGEST)
     error = (later - odds) / share  # e of the looks, from the mean so far

@@ -286,8 +286,8 @@ def _with_pose(
 
     Only the last few, ascending.
     """
-    others = [known for known in poses if known[0] != number]
-    return sorted([*others, (number, pose)], key=lambda known: known[0])[-_KNOWN_POSES:]
+    earlier = [known for known in poses if known[0] != number]
+    return sorted([*earlier, (number, pose)], key=lambda known: known[0])[-_KNOWN_POSES:]
 
 
 def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:

@@ -57,13 +57,13 @@ def parse_tcp(text: str) -> TcpAddress:
         If the text is none of these.
     """
     rule = "tcp must be PORT or ADDRESS:PORT with an IP address, such as 5601 or 0.0.0.0:5601"
-    parts = _ADDRESS.fullmatch(str(text))
-    if parts is None:
+    matched = _ADDRESS.fullmatch(str(text))
+    if matched is None:
         raise ValueError(f"{rule}, got {text!r}")
-    port = int(parts["port"])
+    port = int(matched["port"])
     if port > _LARGEST_PORT:
         raise ValueError(f"tcp must have a port from 0 to {_LARGEST_PORT}, got {port}")
-    host = parts["host"] or parts["long"] or LOOPBACK
+    host = matched["host"] or matched["long"] or LOOPBACK
     if host == "localhost":
         host = LOOPBACK
     try:

@@ -126,10 +126,10 @@ def _add_folder(board: Board, folder: Path) -> None:
     if files.has(SCORES):
         scores = _checked_scores(files.read(SCORES, _MOST_TABLE_BYTES), board.ground, SCORES)
         names = set(scores["entry"])
-        others = {name for name in names if board.sources.get(name, PACKAGED) != PACKAGED}
-        if others - set(ORACLES):
+        claimed = {name for name in names if board.sources.get(name, PACKAGED) != PACKAGED}
+        if claimed - set(ORACLES):
             raise ValueError(
-                f"folders must have entries of different names, got {sorted(others)[0]} twice"
+                f"folders must have entries of different names, got {sorted(claimed)[0]} twice"
             )
         earlier = board.scores[~board.scores["entry"].isin(names)]
         board.scores = scores if earlier.empty else pd.concat([earlier, scores], ignore_index=True)
@@ -214,9 +214,9 @@ def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
     if chosen.duplicated(list(_KEYS)).any():
         raise ValueError(f"{name} must have one row per entry, split, group and FAR, got more")
     points = []
-    for found, targets in zip(chosen["n_detected"], chosen["n_targets"], strict=True):
-        low, high = clopper_pearson(int(found), int(targets))
-        points.append((found / targets, float(low), float(high)))
+    for detected, targets in zip(chosen["n_detected"], chosen["n_targets"], strict=True):
+        low, high = clopper_pearson(int(detected), int(targets))
+        points.append((detected / targets, float(low), float(high)))
     chosen[["pd", "pd_low", "pd_high"]] = np.array(points).reshape(-1, 3)
     return chosen
 

@@ -126,7 +126,7 @@ def describe_ground(
         "isLiveDataset": False,
         "citeAs": bibtex_of_ground(ground) if is_packaged(ground) else cite_ground(ground),
     }
-    addresses = [one.url for one in licences(ground)]
+    addresses = [stated.url for stated in licences(ground)]
     if not addresses and licence:
         addresses = [licence]
     if addresses:

@@ -237,16 +237,18 @@ def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Conta
         panel.axvspan(
             first.score["pd_low"], first.score["pd_high"], color="C0", alpha=0.13, lw=0, zorder=1
         )
-    for place, row in zip(places, rows, strict=True):
+    for row_height, row in zip(places, rows, strict=True):
         colour, marker, filling = "C0", "o", "C0"
         if not row.first:
             colour, marker, filling = "0.45", "o", "white"
         elif row.entry in submitted:
             colour, marker, filling = "C3", "D", "C3"
         score = row.score
-        panel.hlines(place, score["pd_low"], score["pd_high"], color=colour, lw=1.5, zorder=2)
-        panel.plot(score["pd"], place, marker, color=colour, mfc=filling, ms=5, mew=1.2, zorder=3)
-        panel.plot(score["chance"], place, "|", color="0.25", ms=8, mew=1.5, zorder=2)
+        panel.hlines(row_height, score["pd_low"], score["pd_high"], color=colour, lw=1.5, zorder=2)
+        panel.plot(
+            score["pd"], row_height, marker, color=colour, mfc=filling, ms=5, mew=1.2, zorder=3
+        )
+        panel.plot(score["chance"], row_height, "|", color="0.25", ms=8, mew=1.5, zorder=2)
     names = [_short_name(row.entry) for row in rows]
     panel.set_yticks(places, names, fontsize=8)
     for label, row in zip(panel.get_yticklabels(), rows, strict=True):

@@ -95,8 +95,8 @@ def _compared(present: Any, known: Any) -> str:
         return "same bits"
     levels = [column for column in known.index if column != "sha256" and pd.notna(known[column])]
     try:
-        found = [float(present[column]) for column in levels]
+        measured = [float(present[column]) for column in levels]
     except (KeyError, TypeError, ValueError):
         return "other"  # no number for a polarization
-    is_alike = np.allclose(found, known[levels].astype(float), rtol=1e-4, atol=0)
+    is_alike = np.allclose(measured, known[levels].astype(float), rtol=1e-4, atol=0)
     return "alike" if is_alike else "other"

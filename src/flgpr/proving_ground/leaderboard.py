@@ -127,9 +127,9 @@ def _headline(board: Board, split: str) -> list[str]:
         if not unclear:
             sentences.append(f"{where} {best.entry} is first and finds {found}.")
             continue
-        others = "another entry" if unclear == 1 else f"{unclear} other entries"
+        near_entries = "another entry" if unclear == 1 else f"{unclear} other entries"
         sentences.append(
-            f"{where} {best.entry} finds most, {found}; it is not told apart from {others}."
+            f"{where} {best.entry} finds most, {found}; it is not told apart from {near_entries}."
         )
     return sentences
 

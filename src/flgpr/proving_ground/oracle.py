@@ -37,7 +37,7 @@ ComplexArray = NDArray[np.complex64]
 class Looks:
     """Looks at places."""
 
-    place: NDArray[np.int64]  #: (look,) number of the place
+    place_number: NDArray[np.int64]  #: (look,) number of the place
     ahead: FloatArray  #: (look,) distance ahead, m
     chip: ComplexArray  #: (look, value)
 
@@ -50,7 +50,7 @@ def oracle_file(ground: Ground) -> str:
 def run_oracle(
     folder: str | Path,
     recipe: str = "wang2007",
-    how: RunOptions = DEFAULTS,
+    options: RunOptions = DEFAULTS,
     tier: str | None = None,
 ) -> pd.DataFrame:
     r"""Compute at how many false alarms each mine is found by a detector that knows its echo.
@@ -78,7 +78,7 @@ def run_oracle(
         written there, of a ground with tiers ``oracle-TIER.csv`` for each.
     recipe : str
         Recipe whose images it looks at, with their self-signature and gain.
-    how : RunOptions, optional
+    options : RunOptions, optional
         Who does the work.
     tier : str, optional
         The tier to look at; by default, and with "all", every tier of the ground.
@@ -97,23 +97,23 @@ def run_oracle(
         If the folder is no benchmark's, its lanes are not there, no site has a target-free test
         lane, or the ground has no such tier.
     """
-    home = Path(folder)
-    tiers = read_ground(home).chosen_tiers(tier)
+    benchmark = Path(folder)
+    tiers = read_ground(benchmark).chosen_tiers(tier)
     for ground in tiers:
         needed = _needed(ground)
         if not needed:
             raise ValueError(
                 "sites must have test lanes without targets, whose false alarms count, got none "
-                f"in {home}"
+                f"in {benchmark}"
             )
-        missing = [name for name in needed if not (home / "lanes" / f"{name}.zarr").is_dir()]
+        missing = [name for name in needed if not (benchmark / "lanes" / f"{name}.zarr").is_dir()]
         if missing:
             raise ValueError(
                 "lanes must be made by `flgpr benchmark run` first, not there: "
                 f"{', '.join(missing)}"
             )
-    truth = open_truth(home / "lanes" / SEALED, passphrase(tiers[0]))[0]
-    tables = [_look_at_tier(ground, home, recipe, how, truth) for ground in tiers]
+    truth = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))[0]
+    tables = [_look_at_tier(ground, benchmark, recipe, options, truth) for ground in tiers]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -198,7 +198,7 @@ def _look_at_site(
         mines = targets[targets["lane"] == lane.name]
         looks, echoes = looks_at_mines(cleaned_lane(folder, lane, recipe), lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
-            at_mine = looks.place == number
+            at_mine = looks.place_number == number
             row: dict[str, Any] = {"site": site, "lane": lane.name}
             row |= {"target_id": target["target_id"], "kind": target["kind"]}
             row["looks"] = int(at_mine.sum())
@@ -293,9 +293,9 @@ class Clutter:
         They are zero for places never seen.
         """
         # Of the looks at one place the nearest comes last, and so is the one that stays.
-        order = np.lexsort((-np.abs(self.looks.ahead - ahead), self.looks.place))
+        order = np.lexsort((-np.abs(self.looks.ahead - ahead), self.looks.place_number))
         chips = np.zeros((self.grid.nx * self.grid.ny, self.looks.chip.shape[1]), np.complex64)
-        chips[self.looks.place[order]] = self.looks.chip[order]
+        chips[self.looks.place_number[order]] = self.looks.chip[order]
         return chips
 
 
@@ -372,7 +372,7 @@ def looks_at_mines(
 def join_looks(looks: Sequence[Looks]) -> Looks:
     """Join the looks of scans."""
     return Looks(
-        place=np.concatenate([of_scan.place for of_scan in looks]),
+        place_number=np.concatenate([of_scan.place_number for of_scan in looks]),
         ahead=np.concatenate([of_scan.ahead for of_scan in looks]),
         chip=np.concatenate([of_scan.chip for of_scan in looks]),
     )

@@ -387,10 +387,10 @@ def _label_faults(table: pd.DataFrame, lane: GroundLane) -> Iterator[str]:
             value = table["alarm_id"].iloc[int(np.flatnonzero(repeated)[0])]
             yield f"alarm_id must be unique, got {value[:40]!r} again {_where(repeated)}"
     if "lane" in table.columns:
-        named = table["lane"].fillna("").astype(str)
-        strange = (~named.isin(["", lane.name])).to_numpy()
+        lane_name = table["lane"].fillna("").astype(str)
+        strange = (~lane_name.isin(["", lane.name])).to_numpy()
         if strange.any():
-            value = named.iloc[int(np.flatnonzero(strange)[0])]
+            value = lane_name.iloc[int(np.flatnonzero(strange)[0])]
             yield f"lane must be {lane.name} or empty, got {value[:60]!r} {_where(strange)}"
 
 

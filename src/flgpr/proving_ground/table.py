@@ -210,14 +210,14 @@ def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
     return groups
 
 
-def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Yield the score of both oracles in the splits whose targets they know.
 
     Chance is that of strewn alarms.
     """
     for name, split in itertools.product(ORACLES, ground.table.splits):
         tested = {lane.name for lane in ground.tested(split) if not lane.empty}
-        targets = found[found["lane"].isin(tested)]
+        targets = false_alarms[false_alarms["lane"].isin(tested)]
         if set(targets["lane"]) != tested:
             continue
         mines = _mines(ground, split, targets["kind"])

@@ -75,12 +75,12 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
         is_false = (alarms["label"] == "false").to_numpy()
         _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
         _draw_points(axes, alarms[is_raised & is_false], "x", _FALSE, 9, "false alarm")
-        beside = is_raised & ~is_false & (alarms["label"] == "outside").to_numpy()
-        _draw_points(axes, alarms[beside], "+", _WEAK, 9, "alarm beside the lane")
-        found = targets[targets["found"]]
+        is_beside_lane = is_raised & ~is_false & (alarms["label"] == "outside").to_numpy()
+        _draw_points(axes, alarms[is_beside_lane], "+", _WEAK, 9, "alarm beside the lane")
+        detected = targets[targets["found"]]
         missed = targets[~targets["found"]]
-        _draw_points(axes, found, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
-        _draw_points(axes, found, "$✓$", "white", 6, None)
+        _draw_points(axes, detected, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
+        _draw_points(axes, detected, "$✓$", "white", 6, None)
         _draw_points(axes, missed, "o", _MISSED, 11, f"{scored.noun} missed")
     _finish(figure, strips)
     return figure
@@ -118,8 +118,8 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     Returns None where no detection of the result took anything out. Levels are in dB over the
     strongest pixel in the lane of the first, so that both have one scale.
     """
-    main, *others = result.detections
-    cleaned = [other for other in others if other.notes.get("mask_pixels")]
+    main, *variants = result.detections
+    cleaned = [variant for variant in variants if variant.notes.get("mask_pixels")]
     if not cleaned:
         return None
     screen = result.recipe.prescreen

@@ -251,10 +251,10 @@ def _result_values(
     main, *variants = result.detections
     run = result.manifest["run"]
     masked = [variant.name for variant in variants if "mask_pixels" in variant.notes][:1]
-    others = [variant.name for variant in variants if variant.name not in masked]
+    unmasked = [variant.name for variant in variants if variant.name not in masked]
     other_views = None
-    if others:
-        other_views = run_view_figure(result, ["main", *others], truth, objects)
+    if unmasked:
+        other_views = run_view_figure(result, ["main", *unmasked], truth, objects)
     libraries = result.manifest["libraries"]
     return {
         "run": run,

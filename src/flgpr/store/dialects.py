@@ -391,7 +391,9 @@ def _unit_in_brackets(text: str) -> tuple[str, str] | None:
         return None
     inner = text[:-1]
     begin = max(inner.rfind("]"), inner.rfind(")")) + 1
-    opened = [place for place in (inner.find("[", begin), inner.find("(", begin)) if place >= 0]
+    opened = [
+        position for position in (inner.find("[", begin), inner.find("(", begin)) if position >= 0
+    ]
     if not opened:
         return None
     first = min(opened)

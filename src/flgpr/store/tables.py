@@ -31,7 +31,7 @@ from flgpr.store.text import decode_text
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
 _NUMBER = re.compile(r"[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?")
-_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
+_PANDAS = tuple(int(number) for number in pd.__version__.split(".")[:2])
 _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
 """Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
 _MOST_HEAD = 100_000  # bytes of a header
@@ -144,15 +144,15 @@ def _require_confidences(table: pd.DataFrame) -> None:
     """Refuse alarms without confidences, and name the way to score them all the same."""
     if not {"x", "y"} <= set(table.columns):
         return  # the check of all columns names what is missing
-    way = "flgpr score --unranked takes such a list and ranks all its alarms equal"
+    unranked_hint = "flgpr score --unranked takes such a list and ranks all its alarms equal"
     if "confidence" not in table.columns:
         names = ", ".join(map(str, table.columns))
-        raise ValueError(f"alarms must have the columns confidence; got {names}; {way}")
+        raise ValueError(f"alarms must have the columns confidence; got {names}; {unranked_hint}")
     missing = _missing_confidences(table)
     if missing:
         raise ValueError(
             f"alarms.confidence must be a number in every row, got {missing} of {len(table)} rows "
-            f"without one; {way}"
+            f"without one; {unranked_hint}"
         )
 
 
