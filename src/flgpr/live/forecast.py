@@ -44,7 +44,8 @@ _LARGEST = 30.0  # of log odds: beyond it the probability no longer changes
 class Followed(NamedTuple):
     """An alarm's log odds, and those after further looks (``later``).
 
-    ``seen`` is the sum of the weights of the looks before, and ``total`` that of the further looks.
+    ``weight_before`` is the sum of the weights of the looks before, and ``total`` that of the
+    further looks.
     """
 
     odds: float
@@ -71,7 +72,7 @@ class Forecast:
         ----------
         odds : float
             Log odds now.
-        seen : float
+        weight_before : float
             Sum of the weights of the looks so far.
         looks : sequence of float
             Weights of the further looks.

@@ -29,6 +29,9 @@ ORACLE = "oracle.csv"
 """File of what the oracle finds on a ground without tiers."""
 STEP = 0.2  # m between places, and between the nine pixels of a chip
 RADIUS = 0.75  # m; of false alarms nearer than this the largest counts
+_LOAD = 1e-3  # of the mean power, on the diagonal: the inverse exists with few looks, too
+_OFFSETS = np.arange(-1, 2)
+"""Numbers of the pixels of a chip along an axis, from its middle."""
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex64]
 
@@ -37,7 +40,7 @@ ComplexArray = NDArray[np.complex64]
 class Looks:
     """Looks at places."""
 
-    place_number: NDArray[np.int64]  #: (look,) number of the place
+    place: NDArray[np.int64]  #: (look,) number of the place
     ahead: FloatArray  #: (look,) distance ahead, m
     chip: ComplexArray  #: (look, value)
 
@@ -100,21 +103,29 @@ def run_oracle(
     benchmark = Path(folder)
     tiers = read_ground(benchmark).chosen_tiers(tier)
     for ground in tiers:
-        needed = _needed(ground)
-        if not needed:
-            raise ValueError(
-                "sites must have test lanes without targets, whose false alarms count, got none "
-                f"in {benchmark}"
-            )
-        missing = [name for name in needed if not (benchmark / "lanes" / f"{name}.zarr").is_dir()]
-        if missing:
-            raise ValueError(
-                "lanes must be made by `flgpr benchmark run` first, not there: "
-                f"{', '.join(missing)}"
-            )
-    truth = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))[0]
+        _check_lanes(ground, benchmark)
+    # Opening the truth is logged: it comes after all that can be wrong.
+    truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
     tables = [_look_at_tier(ground, benchmark, recipe, options, truth) for ground in tiers]
     return pd.concat(tables, ignore_index=True)
+
+
+def _check_lanes(ground: Ground, benchmark: Path) -> None:
+    """Refuse a ground without target-free test lanes, and lanes that are not there yet."""
+    needed = _needed(ground)
+    if not needed:
+        raise ValueError(
+            "sites must have test lanes without targets, whose false alarms count, got none "
+            f"in {benchmark}"
+        )
+    missing = []
+    for name in needed:
+        run = benchmark / "lanes" / f"{name}.zarr"
+        if not run.is_dir():
+            missing.append(name)
+    if missing:
+        names = ", ".join(missing)
+        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {names}")
 
 
 def _needed(ground: Ground) -> list[str]:
@@ -192,19 +203,26 @@ def _look_at_site(
     ground = load_ground(*description)
     bare, *tested = (ground.lanes[name] for name in names)
     targets = pd.DataFrame(truth)
-    clutter = Clutter(cleaned_lane(folder, bare, recipe), bare.lane)
+    bare_setup = cleaned_lane(folder, bare, recipe)
+    clutter = Clutter(bare_setup, bare.lane)
     rows = []
     for lane in tested:
         mines = targets[targets["lane"] == lane.name]
-        looks, echoes = looks_at_mines(cleaned_lane(folder, lane, recipe), lane, mines)
+        setup = cleaned_lane(folder, lane, recipe)
+        looks, echoes = looks_at_mines(setup, lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
-            at_mine = looks.place_number == number
-            row: dict[str, Any] = {"site": site, "lane": lane.name}
-            row |= {"target_id": target["target_id"], "kind": target["kind"]}
-            row["looks"] = int(at_mine.sum())
+            at_mine = looks.place == number
+            row: dict[str, Any] = {
+                "site": site,
+                "lane": lane.name,
+                "target_id": target["target_id"],
+                "kind": target["kind"],
+                "looks": int(at_mine.sum()),
+            }
             if "body" in target:
                 row["body"] = target["body"]
-            row |= clutter.rates(looks.ahead[at_mine], looks.chip[at_mine], echoes[at_mine])
+            ahead = looks.ahead[at_mine]
+            row |= clutter.rates(ahead, looks.chip[at_mine], echoes[at_mine])
             rows.append(row)
     return {"lane": site, "found": rows}
 
@@ -226,13 +244,15 @@ class Clutter:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
+        # Clutter weakens and resolution falls with distance: a covariance for every metre.
         metre = self.looks.ahead.astype(int)
         self._inverse = {}
-        for number in np.unique(metre):
-            self._inverse[int(number)] = inverse_covariance(self.looks.chip[metre == number])
-        for number, inverse in self._inverse.items():
-            chips = self.looks.chip[metre == number]
-            self.looks.chip[metre == number] = divided_by_rms(chips, inverse)
+        for number in np.unique(metre).tolist():
+            is_at_metre = metre == number
+            chips = self.looks.chip[is_at_metre]
+            inverse = inverse_covariance(chips)
+            self._inverse[number] = inverse
+            self.looks.chip[is_at_metre] = divided_by_rms(chips, inverse)
 
     def inverse(self, ahead: float) -> NDArray[np.complex128]:
         """Return the inverse covariance (value, value) at a distance (m).
@@ -240,10 +260,11 @@ class Clutter:
         At a distance that was not seen it is that of the nearest one.
         """
 
-        def off(metre: int) -> float:
-            return abs(metre + 0.5 - ahead)
+        def distance_to(metre: int) -> float:
+            return abs(metre + 0.5 - ahead)  # of a metre's middle
 
-        return self._inverse[min(self._inverse, key=off)]
+        nearest = min(self._inverse, key=distance_to)
+        return self._inverse[nearest]
 
     def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
         """Compute the false alarms per m² that reach a mine's statistics.
@@ -263,14 +284,14 @@ class Clutter:
             ``far`` and ``far_phase`` (per m²) without and with the phase, and ``area`` (m²).
         """
         filters = []
-        evened = []
+        normalized = []
         for y, look, look_echo in zip(ahead, chip, echo, strict=True):
             inverse = self.inverse(y)
             filters.append(inverse @ look_echo)
-            evened.append(divided_by_rms(look[None], inverse)[0])
+            normalized.append(divided_by_rms(look[None], inverse)[0])
         filter_array = np.array(filters)
-        at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(evened))[None]
-        levels = log_likelihoods(at_mine)
+        at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(normalized))
+        levels = log_likelihoods(at_mine[None])
 
         columns = []
         for y, look_filter in zip(ahead, filter_array, strict=True):
@@ -293,9 +314,12 @@ class Clutter:
         They are zero for places never seen.
         """
         # Of the looks at one place the nearest comes last, and so is the one that stays.
-        order = np.lexsort((-np.abs(self.looks.ahead - ahead), self.looks.place_number))
-        chips = np.zeros((self.grid.nx * self.grid.ny, self.looks.chip.shape[1]), np.complex64)
-        chips[self.looks.place_number[order]] = self.looks.chip[order]
+        distance = np.abs(self.looks.ahead - ahead)
+        order = np.lexsort((-distance, self.looks.place))
+        places = self.grid.nx * self.grid.ny
+        values = self.looks.chip.shape[1]
+        chips = np.zeros((places, values), np.complex64)
+        chips[self.looks.place[order]] = self.looks.chip[order]
         return chips
 
 
@@ -305,14 +329,17 @@ def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
     A thousandth of its mean power is added to its diagonal.
     """
     covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
-    load = 1e-3 * np.trace(covariance).real / len(covariance)
-    return np.asarray(np.linalg.inv(covariance + load * np.eye(len(covariance))))
+    size = len(covariance)
+    load = _LOAD * np.trace(covariance).real / size
+    return np.asarray(np.linalg.inv(covariance + load * np.eye(size)))
 
 
 def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
     """Divide chips (look, value) by their own rms in whitened clutter."""
-    power = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True).real / len(inverse)
-    return np.asarray(chip / np.sqrt(np.maximum(power, 1e-12))[:, None], dtype=np.complex64)
+    whitened = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True)
+    power = whitened.real / len(inverse)
+    rms = np.sqrt(np.maximum(power, 1e-12))
+    return np.asarray(chip / rms[:, None], dtype=np.complex64)
 
 
 def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
@@ -372,7 +399,7 @@ def looks_at_mines(
 def join_looks(looks: Sequence[Looks]) -> Looks:
     """Join the looks of scans."""
     return Looks(
-        place_number=np.concatenate([of_scan.place_number for of_scan in looks]),
+        place=np.concatenate([of_scan.place for of_scan in looks]),
         ahead=np.concatenate([of_scan.ahead for of_scan in looks]),
         chip=np.concatenate([of_scan.chip for of_scan in looks]),
     )
@@ -405,17 +432,20 @@ def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArra
     """
     row = np.round((places[:, 1] - grid.y_min) / grid.dy)
     column = np.round((places[:, 0] - grid.x_min) / grid.dx)
-    down = np.round(STEP * np.arange(-1, 2) / grid.dy)
-    across = np.round(STEP * np.arange(-1, 2) / grid.dx)
+    down = np.round(STEP * _OFFSETS / grid.dy)
+    across = np.round(STEP * _OFFSETS / grid.dx)
     rows = (row[:, None, None] + down[:, None]).astype(int)
     columns = (column[:, None, None] + across).astype(int)
+    # (polarization, sub-band, place, 3, 3) becomes (place, value).
     cut = np.moveaxis(image[:, :, rows, columns], 2, 0)
-    return np.ascontiguousarray(cut.reshape(len(places), math.prod(image.shape[:2]) * 9))
+    values = math.prod(image.shape[:2]) * _OFFSETS.size**2
+    return np.ascontiguousarray(cut.reshape(len(places), values))
 
 
 def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
     """Sum log-likelihood ratios of filtered looks (place, look): phases unknown, and known."""
     z = 2 * np.abs(values)
+    # I_0 itself overflows beyond z of 700; ive is I_0 exp(-z).
     unknown = (np.log(ive(0, z)) + z).sum(axis=1)
     known = 2 * values.real.sum(axis=1)
     return unknown, known
@@ -427,4 +457,5 @@ def count_maxima(values: FloatArray, level: float) -> int:
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
     largest_about = maximum_filter(values, footprint=disc, mode="nearest")
-    return int(np.count_nonzero((values >= level) & (values == largest_about)))
+    is_maximum = values == largest_about
+    return int(np.count_nonzero(is_maximum & (values >= level)))

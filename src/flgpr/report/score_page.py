@@ -217,31 +217,39 @@ def report_html(
         values |= _result_values(result, truth, objects)
         alarms = result.detections[0].alarms
     if scored:
+        main = scored[0]
+        provenance = notes or {}
+        scored_name = title
+        if result is not None and not title:
+            scored_name = str(values["run"].get("title", ""))
         values |= _score_values(scored, worst, alarm_patches or {}, target_patches or {})
-        values["overview"] = score_overview(scored[0], objects)
-        values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
+        values["overview"] = score_overview(main, objects)
+        values["roadside"] = _roadside_shares(main, values.get("notes", {}))
         values["bands"] = bands or {}
-        values["provenance"] = {**scored[0].rules_summary(), **(notes or {})}
-        scored_name = title or str(values["run"].get("title", "")) if result else title
-        values["trial"] = score_block(scored[0], notes or {}, scored_name or "alarm list")
+        values["provenance"] = {**main.rules_summary(), **provenance}
+        values["trial"] = score_block(main, provenance, scored_name or "alarm list")
         values["standards"] = {"rows": checklist_rows(), "sources": source_rows()}
         values["in_words"] = in_words
-        alarms = scored[0].labels
+        alarms = main.labels
     values |= _alarm_values(alarms)
     return render("report.html", **values)
 
 
 def _alarm_values(alarms: pd.DataFrame) -> dict[str, Any]:
     """Return the template's values for the table of alarms."""
-    columns = [name for name in _COLUMNS if name in alarms]
+    formats = {}
+    titles = []
+    for name, (title, number_format) in _COLUMNS.items():
+        if name in alarms:
+            titles.append(title)
+            formats[name] = number_format
     rows = []
     for alarm in alarms[:_MOST_ROWS].to_dict("records"):
-        rows.append([_value_in_words(alarm[name], _COLUMNS[name][1]) for name in columns])
-    return {
-        "n_alarms": len(alarms),
-        "columns": [_COLUMNS[name][0] for name in columns],
-        "alarms": rows,
-    }
+        cells = []
+        for name, number_format in formats.items():
+            cells.append(_value_in_words(alarm[name], number_format))
+        rows.append(cells)
+    return {"n_alarms": len(alarms), "columns": titles, "alarms": rows}
 
 
 def _result_values(
@@ -376,7 +384,9 @@ def _outcome_rows(scored: Score) -> list[list[str]]:
     """Return a row per target: its place, and whether and how it is found."""
     rows = []
     for row in scored.outcomes.to_dict("records"):
-        depth = "depth not known" if np.isnan(row["depth"]) else f"{100 * row['depth']:.1f} cm"
+        depth = f"{100 * row['depth']:.1f} cm"
+        if np.isnan(row["depth"]):
+            depth = "depth not known"
         cells = [
             row["target_id"],
             f"{row['kind']}, {depth}",
