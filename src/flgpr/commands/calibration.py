@@ -18,6 +18,7 @@ from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
+_COLUMNS = ("x_m", "y_m", "z_m")
 
 
 def searched_run(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
@@ -47,12 +48,14 @@ def read_reflectors(path: PathLike) -> FloatArray:
         columns = read_text_table(file)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
+    missing = [name for name in _COLUMNS if name not in columns]
     if missing:
         raise ValueError(
-            f"{file}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}"
+            f"{file}: must have the columns {', '.join(_COLUMNS)}; missing: {', '.join(missing)}"
         )
-    positions = np.stack([np.asarray(columns[name]) for name in ("x_m", "y_m", "z_m")], axis=1)
+    sides = [np.asarray(columns[name]) for name in _COLUMNS]
+    positions = np.stack(sides, axis=1)
+    # A column of text tables may be complex: "2j" is a number, too.
     if np.iscomplexobj(positions) or not np.isfinite(positions).all():
         is_bad = ~np.isfinite(positions).all(axis=1) | (positions.imag != 0).any(axis=1)
         bad = int(np.argmax(is_bad))

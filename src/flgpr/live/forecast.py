@@ -76,6 +76,11 @@ class Forecast:
             Sum of the weights of the looks so far.
         looks : sequence of float
             Weights of the further looks.
+
+        Returns
+        -------
+        mean, deviation : float
+            Of the log odds.
         """
         a, b, c = self.mean
         g, h = self.spread
@@ -131,8 +136,8 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     shapes = {name: array.shape for name, array in learnt.items()}
     expected = {"mean": (3,), "spread": (2,), "correlation": ()}
-    are_numbers = all(array.dtype == np.float64 for array in learnt.values())
-    are_finite = are_numbers and all(np.isfinite(array).all() for array in learnt.values())
+    are_floats = all(array.dtype == np.float64 for array in learnt.values())
+    are_finite = are_floats and all(np.isfinite(array).all() for array in learnt.values())
     if shapes != expected or not are_finite:
         raise ValueError(
             f"model must hold finite {NAME} of shapes {expected}, got {shapes}: train it again"
@@ -189,21 +194,30 @@ def forecast_event(
         return event
     expected = detector.expected_looks(alarm)
     weights = [weight for _, weight in expected]
-    in_time = [margin is None or distance <= margin for distance, _ in expected]
-    left = sum(in_time)
+    left = len(expected)
+    if margin is not None:
+        left = sum(distance <= margin for distance, _ in expected)
     event["looks_left"] = left
     if weights:
         _, weight_before = detector.mean_of_looks(alarm)
         mean, deviation = forecast.after(odds, weight_before, weights[:1])
         event["next_p"] = _interval(mean, deviation)
-        beyond = math.erfc(abs(mean - threshold) / deviation / math.sqrt(2)) / 2
-        stays = (mean < threshold) == (odds < threshold)
-        event["change"] = round(beyond if stays else 1 - beyond, 4)
+        event["change"] = round(_change(odds, mean, deviation, threshold), 4)
         if left:
-            event["last_p"] = _interval(*forecast.after(odds, weight_before, weights[:left]))
+            last_mean, last_deviation = forecast.after(odds, weight_before, weights[:left])
+            event["last_p"] = _interval(last_mean, last_deviation)
     if margin is not None:
         event["wait"] = left > 0 and event["change"] >= worth
     return event
+
+
+def _change(odds: float, mean: float, deviation: float, threshold: float) -> float:
+    """Return the probability that log odds come to lie on the other side of a threshold."""
+    deviations = abs(mean - threshold) / deviation
+    # Gaussian: the tail on the far side of the threshold from the mean.
+    tail = math.erfc(deviations / math.sqrt(2)) / 2
+    stays = (mean < threshold) == (odds < threshold)
+    return tail if stays else 1 - tail
 
 
 def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
@@ -221,16 +235,18 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
             if alarm.y <= detector.closed:
                 continue
             value, weight = detector.mean_of_looks(alarm)
-            new = weight - weight_before - sum(looks)
-            if new > 1e-9 * weight:
-                looks.append(new)
+            added = weight - weight_before - sum(looks)
+            # The difference of sums is not quite zero where the scan did not see the alarm.
+            if added > 1e-9 * weight:
+                looks.append(added)
                 later = _later_odds(detector, alarm, value)
                 squares = sum(look * look for look in looks)
                 yield Followed(alarm.confidence, weight_before, sum(looks), squares, later)
             remaining.append((alarm, weight_before, looks))
         followed = remaining
         for alarm in detector.alarms.open.values():
-            followed.append((alarm, detector.mean_of_looks(alarm)[1], []))
+            _, weight = detector.mean_of_looks(alarm)
+            followed.append((alarm, weight, []))
 
 
 def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float:

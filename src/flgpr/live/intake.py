@@ -11,6 +11,7 @@ import bisect
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -255,8 +256,12 @@ class Intake:
         """
         if not self._poses:
             return True
-        known, known_pose = min(self._poses, key=lambda other: abs(other[0] - number))
-        start = Sighting(known, math.nan, known_pose)
+
+        def scans_from(known: NumberedPose) -> int:
+            return abs(known[0] - number)
+
+        nearest, nearest_pose = min(self._poses, key=scans_from)
+        start = Sighting(nearest, math.nan, nearest_pose)
         end = Sighting(number, math.nan, pose)
         return step_between(self._limits, start, end).strain <= 1
 
@@ -265,14 +270,17 @@ class Intake:
         known = [entry for entry in self._poses if entry[0] != number]
         if len(known) < 2:
             return None
-        index = bisect.bisect([known_number for known_number, _ in known], number)
+        numbers = [known_number for known_number, _ in known]
+        index = bisect.bisect(numbers, number)
         index = min(max(index, 1), len(known) - 1)
         first, first_pose = known[index - 1]
         last, last_pose = known[index]
-        if min(abs(number - first), abs(number - last)) > self._longest:
+        gap = min(abs(number - first), abs(number - last))
+        if gap > self._longest:
             return None
         share = (number - first) / (last - first)
         step = last_pose - first_pose
+        # Angles go the shorter way round, and the heading stays between -π and π.
         step[3:] = np.angle(np.exp(1j * step[3:]))
         pose: NDArray[np.float64] = first_pose + share * step
         pose[3] = np.angle(np.exp(1j * pose[3]))
@@ -286,8 +294,10 @@ def _with_pose(
 
     Only the last few, ascending.
     """
-    earlier = [known for known in poses if known[0] != number]
-    return sorted([*earlier, (number, pose)], key=lambda known: known[0])[-_KNOWN_POSES:]
+    numbered = [known for known in poses if known[0] != number]
+    numbered.append((number, pose))
+    numbered.sort(key=itemgetter(0))
+    return numbered[-_KNOWN_POSES:]
 
 
 def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
@@ -297,4 +307,7 @@ def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
 
 def _poses_from_json(entries: list[list[Any]]) -> list[NumberedPose]:
     """Return numbered poses from JSON values."""
-    return [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in entries]
+    poses = []
+    for number, pose in entries:
+        poses.append((int(number), np.asarray(pose, dtype=np.float64)))
+    return poses
