@@ -61,10 +61,10 @@ def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
         arrays[f"background.{name}"] = value
     for name, value in detector.view.items():
         arrays[f"view.{name}"] = value
-    for i, scan in enumerate(detector.history):
+    for position, scan in enumerate(detector.history):
         for name, value in vars(scan).items():
             if isinstance(value, np.ndarray):
-                arrays[f"scan{i}.{name}"] = value
+                arrays[f"scan{position}.{name}"] = value
     arrays["numbers.passed"] = np.array(detector.alarms.passed)
     arrays["numbers.magnitudes"] = np.array(detector.magnitudes)
     for number, held_scan in detector.held.items():
@@ -133,7 +133,8 @@ def read_snapshot(path: Path) -> Snapshot | None:
         return None
     except BundleError as error:
         raise SnapshotError(f"{error}; --fresh begins anew") from None
-    if (header.get("format"), header.get("version")) != (FORMAT, VERSION):
+    is_known = header.get("format") == FORMAT and header.get("version") == VERSION
+    if not is_known:
         raise SnapshotError(
             f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew"
         )
@@ -182,9 +183,13 @@ def _restore(
     detector.background.restore(_group(arrays, "background."))
     detector.view = _group(arrays, "view.")
     detector.history = []
-    for i, number in enumerate(header["history"]):
-        detector.history.append(CleanedScan(number, **_group(arrays, f"scan{i}.")))
-    detector.alarms.open = {alarm["alarm_id"]: LiveAlarm(**alarm) for alarm in header["alarms"]}
+    for position, number in enumerate(header["history"]):
+        arrays_of_scan = _group(arrays, f"scan{position}.")
+        detector.history.append(CleanedScan(number, **arrays_of_scan))
+    detector.alarms.open = {}
+    for entries in header["alarms"]:
+        alarm = LiveAlarm(**entries)
+        detector.alarms.open[alarm.alarm_id] = alarm
     detector.alarms.passed = array("d", arrays["numbers.passed"].tobytes())
     detector.alarms.count = header["scalars"]["named"]
     detector.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
