@@ -113,6 +113,22 @@ def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -
     """Return what :func:`antenna_frequency` does, and note how it is known.
 
     There is no note where the name states it with a unit.
+
+    Parameters
+    ----------
+    name : str
+        Name of the antenna as the file states it.
+    maker : str
+        Maker of the radar.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+    channel : int
+        Number of the channel, for antennas with a frequency for each.
+
+    Returns
+    -------
+    float or None
+        The nominal frequency, Hz; None if it is not known.
     """
     frequency, source = _look_up(name, maker, channel)
     if not name.strip():

@@ -120,7 +120,22 @@ class Header:
 
 
 def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
-    """Return up to so many bytes of a recording from ``start`` on."""
+    """Return up to so many bytes of a recording from ``start`` on.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    size : int
+        Most bytes.
+    start : int
+        First byte.
+
+    Returns
+    -------
+    bytes
+        Fewer than ``size`` where the file ends.
+    """
     with open_named(path) as file:
         file.seek(start)
         return file.read(size)
@@ -317,7 +332,24 @@ def float64(values: NDArray[Any]) -> FloatArray:
 
 
 def equal_steps(count: int, step: float | None, where: str, notes: list[str]) -> FloatArray | None:
-    """Return distances (trace,) in equal steps, m, as a header states them; None without any."""
+    """Return distances (trace,) in equal steps, m, as a header states them; None without any.
+
+    Parameters
+    ----------
+    count : int
+        Number of traces.
+    step : float or None
+        Step from trace to trace, m; None or 0 where none is stated.
+    where : str
+        What states it, for the notes.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    (trace,) ndarray of float or None
+        The distances, m.
+    """
     if not step or not np.isfinite(step):
         return None
     direction = ", counted towards smaller positions" if step < 0 else ""

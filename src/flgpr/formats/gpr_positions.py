@@ -477,7 +477,17 @@ def _over_midnight(time: FloatArray) -> FloatArray:
 
 
 def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:
-    """Add notes of the files of the same name that lie beside a recording and are not read."""
+    """Add notes of the files of the same name that lie beside a recording and are not read.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    suffixes : sequence of str
+        Endings of the files.
+    notes : list of str
+        Takes a line for each that is there.
+    """
     for suffix in suffixes:
         companion = find_companion(path, suffix)
         if companion is not None:

@@ -96,7 +96,22 @@ def order_and_format(raw: bytes) -> tuple[str, int]:
 
 
 def word_at(raw: bytes, layout: str, position: int) -> Any:
-    """Return the number at a position of the headers."""
+    """Return the number at a position of the headers.
+
+    Parameters
+    ----------
+    raw : bytes
+        The headers.
+    layout : str
+        Byte order and type, as for :mod:`struct`.
+    position : int
+        Byte at which the number begins, from 0.
+
+    Returns
+    -------
+    int or float
+        The number.
+    """
     return struct.unpack_from(layout, raw, position)[0]
 
 
@@ -111,6 +126,20 @@ def revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
     """Return the revision, major and minor number.
 
     One that does not exist is noted, and returned as it is.
+
+    Parameters
+    ----------
+    raw : bytes
+        The beginning of the file: text header, binary header and first trace header.
+    order : str
+        Byte order, "<" or ">".
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    tuple of int
+        Major and minor number.
     """
     major = raw[3500]
     minor = raw[3501]
@@ -133,6 +162,31 @@ def layout_of(
     """Return where the traces lie.
 
     Of all layouts that the headers allow, it is the one that the file bears out best.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    raw : bytes
+        The beginning of the file: text header, binary header and first trace header.
+    order : str
+        Byte order, "<" or ">".
+    code : int
+        Code of the sample format.
+    revision : tuple of int
+        Major and minor number of the revision.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    Layout
+        The layout.
+
+    Raises
+    ------
+    ValueError
+        If no header tells the number of samples.
     """
     size = path.stat().st_size
     width = np.dtype(_FORMATS[code]).itemsize
@@ -264,6 +318,27 @@ def interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[s
     """Return the sample interval, s.
 
     It is that of the binary header, of revision 2's long word, or of the first trace header.
+
+    Parameters
+    ----------
+    raw : bytes
+        The beginning of the file: text header, binary header and first trace header.
+    order : str
+        Byte order, "<" or ">".
+    revision : tuple of int
+        Major and minor number of the revision.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    float
+        The interval, s.
+
+    Raises
+    ------
+    ValueError
+        If no header tells it, or it is not plausible.
     """
     stated = word_at(raw, f"{order}H", 3216)
     long = word_at(raw, f"{order}d", 3272)
@@ -285,7 +360,22 @@ def interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[s
 
 
 def record_type(layout: Layout, order: str, code: int) -> np.dtype[Any]:
-    """Return the type of a trace with the words of its header that are read."""
+    """Return the type of a trace with the words of its header that are read.
+
+    Parameters
+    ----------
+    layout : Layout
+        Where the traces lie.
+    order : str
+        Byte order, "<" or ">".
+    code : int
+        Code of the sample format.
+
+    Returns
+    -------
+    numpy.dtype
+        Of a record with a field for every word, and ``samples``.
+    """
     formats: list[Any] = [order + kind for kind, _ in _WORDS.values()]
     offsets = [offset for _, offset in _WORDS.values()]
     sample = order + _FORMATS[code]

@@ -206,7 +206,20 @@ def outline() -> ElementTree.Element:
 
 
 def shaded(band: int, low: float, high: float) -> ElementTree.Element:
-    """Return a style that draws a band of a raster, from 1, in viridis between two values."""
+    """Return a style that draws a band of a raster in viridis.
+
+    Parameters
+    ----------
+    band : int
+        Number of the band, from 1.
+    low, high : float
+        Values of the first and the last colour.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        The style.
+    """
     least = repr(float(low))
     largest = repr(float(high))
     attributes = {

@@ -129,6 +129,27 @@ def build_stages(
     """Build the recipe's stages before any scan came.
 
     The run in their setup has one scan without an echo, at the lane's origin.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run to come.
+    recipe : Recipe
+        The recipe.
+    lane : Lane or None
+        The lane; None for one along the first course, without an end.
+    model : Model
+        What the recipe has learnt.
+
+    Returns
+    -------
+    dict of str to Stage
+        The stages by name.
+
+    Raises
+    ------
+    ValueError
+        If the recipe ranks alarms by a column that no stage computes.
     """
     silence = np.zeros(description.shape, np.complex64)
     run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))

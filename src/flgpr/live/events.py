@@ -181,6 +181,11 @@ def start_event(
         Confidence from which on alarms are shown.
     vehicle : Vehicle
         Speed, brakes and front.
+
+    Returns
+    -------
+    StartEvent
+        The event.
     """
     screen = detector.recipe.prescreen
     return {
@@ -227,6 +232,11 @@ def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: flo
         When it arrived, s since 1970.
     latency : float
         Time from its arrival to the event, s.
+
+    Returns
+    -------
+    ScanEvent
+        The event.
     """
     pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
     return {
@@ -264,10 +274,22 @@ def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
 
 
 def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> AnewEvent:
-    """Return the event that detection started anew with ``scan`` and those held back before it.
+    """Return the event that detection started anew with a scan and those held back before it.
 
-    ``pose`` is the newest scan's. ``forgotten`` in the event is whether all before was given up,
-    because too few poses agreed on it.
+    Parameters
+    ----------
+    scan : int
+        Number of the scan.
+    update : LiveUpdate
+        What became of it; ``forgotten`` in the event is whether all before was given up, because
+        too few poses agreed on it.
+    pose : (6,) ndarray of float
+        Pose of the newest scan, m and rad.
+
+    Returns
+    -------
+    AnewEvent
+        The event.
     """
     return {
         "event": "anew",

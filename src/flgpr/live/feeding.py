@@ -122,6 +122,11 @@ def feed(
         TCP address that is listened on: port, or address and port, see
         ``parse_tcp``.
 
+    Returns
+    -------
+    int
+        The number of frames.
+
     Raises
     ------
     ValueError

@@ -187,6 +187,11 @@ def forecast_event(
     worth : float
         Waiting is worth it if the next look still leaves room to stop, and the probability that it
         brings the confidence to the other side of ``threshold`` is at least this.
+
+    Returns
+    -------
+    ForecastEntries
+        The members; of an alarm that no look can change, its probability alone.
     """
     odds = alarm.confidence
     event: ForecastEntries = {"p": round(_probability(odds), 4)}

@@ -82,6 +82,11 @@ def play_recording(
     wait : callable, optional
         Waits for so many seconds, and returns whether to stop; by default it sleeps.
 
+    Returns
+    -------
+    int
+        The number of scans.
+
     Raises
     ------
     ValueError

@@ -50,6 +50,11 @@ def take_snapshot(
         Files that were read.
     fingerprint : str
         Digest of the run, recipe, model and settings.
+
+    Returns
+    -------
+    header, arrays
+        The state, as :func:`write_snapshot` takes it.
     """
     return _header(detector, intake, names, fingerprint), _arrays(detector)
 
@@ -156,6 +161,11 @@ def restore_snapshot(
         New, of the same run.
     fingerprint : str
         Digest of the run, recipe, model and settings.
+
+    Returns
+    -------
+    set of str
+        Names of the files that were read.
 
     Raises
     ------

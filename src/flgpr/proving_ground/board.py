@@ -87,7 +87,24 @@ class Board:
 
 
 def read_board(folders: Sequence[Path]) -> Board:
-    """Read the tables, cards and logs of folders; see :func:`write_leaderboard`."""
+    """Read the tables, cards and logs of folders.
+
+    Parameters
+    ----------
+    folders : sequence of path
+        Folders of ``flgpr benchmark enter`` or ``run``, of one ground.
+
+    Returns
+    -------
+    Board
+        The scores of all of them, and of the packaged entries.
+
+    Raises
+    ------
+    ValueError
+        If there is no folder, they are of different grounds, hold no scores, or a table or card
+        breaks a rule.
+    """
     if not folders:
         raise ValueError("folders must be one or more, got none")
     grounds = [read_ground(folder) for folder in folders]
@@ -318,7 +335,26 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
 
 
 def scores_at(board: Board, tier: str, split: str, far: float, group: str = MINES) -> pd.DataFrame:
-    """Return the scores of a group of targets in a tier and a split at an allowed FAR."""
+    """Return the scores of a group of targets in a tier and a split at an allowed FAR.
+
+    Parameters
+    ----------
+    board : Board
+        All scores.
+    tier : str
+        The tier, empty on a ground without tiers.
+    split : str
+        The split.
+    far : float
+        The allowed FAR, per m².
+    group : str
+        The group: all mines by default, a site, a kind or a body.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per entry.
+    """
     scores = board.scores
     is_chosen = (scores["tier"] == tier) & (scores["split"] == split)
     is_chosen &= scores["group"] == group

@@ -343,7 +343,22 @@ def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> Compl
 
 
 def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
-    """Return a lane with its background."""
+    """Return a lane with its background.
+
+    Parameters
+    ----------
+    folder : str
+        Folder of ``flgpr benchmark run``.
+    lane : GroundLane
+        The lane.
+    recipe : str
+        Recipe of the images and of the background.
+
+    Returns
+    -------
+    LaneSetup
+        The lane, whose images are cleaned when they are asked for.
+    """
     run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
     setup = LaneSetup(run, load_recipe(recipe), lane.lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
@@ -377,7 +392,24 @@ def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
 def looks_at_mines(
     setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame
 ) -> tuple[Looks, ComplexArray]:
-    """Cut the chips about the mines of a lane, and what the mines' bodies add to them."""
+    """Cut the chips about the mines of a lane, and what the mines' bodies add to them.
+
+    Parameters
+    ----------
+    setup : LaneSetup
+        The lane with its background.
+    lane : GroundLane
+        The same lane, with its scene.
+    mines : pandas.DataFrame
+        Truth of the mines: ``x`` and ``y``, m.
+
+    Returns
+    -------
+    looks : Looks
+        Scan after scan; places are numbers of mines.
+    echoes : (look, value) ndarray of complex
+        What the bodies add to each look.
+    """
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
     cleaned = setup.cleaned
     points = ground_points(mines)
@@ -411,6 +443,22 @@ def places_in_sight(
     """Return the numbers of the places whose chips the image of a pose shows, and their x and y.
 
     They count as far ahead as the run-view takes looks; x and y are in the scan frame, m.
+
+    Parameters
+    ----------
+    setup : LaneSetup
+        A lane with its background.
+    points : (place, 3) ndarray of float
+        Places in the lane frame, m.
+    pose : (6,) array_like
+        The pose, m and rad.
+
+    Returns
+    -------
+    numbers : (seen,) ndarray of int
+        Numbers of the places.
+    places : (seen, 2) ndarray of float
+        Their x and y, m.
     """
     places = lane_to_scan(points, np.asarray(pose))[:, :2]
     x_min, x_max, y_min, _ = setup.cleaned.grid.extent()
@@ -424,6 +472,15 @@ def places_in_sight(
 
 def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
     """Cut chips out of an image: the pixels nearest to places and those about them.
+
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        The image.
+    grid : Grid
+        Its pixels, in the scan frame.
+    places : (place, 2) ndarray of float
+        x and y of the places in the scan frame, m.
 
     Returns
     -------

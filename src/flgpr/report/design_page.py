@@ -44,6 +44,11 @@ def design_report(
     track : callable
         Shows the progress.
 
+    Returns
+    -------
+    list of Design
+        A design per array.
+
     Raises
     ------
     ValueError
@@ -62,7 +67,20 @@ def design_report(
 
 
 def design_html(designs: Sequence[Design], asked: Question) -> str:
-    """Return the page of one to four arrays, HTML text without references to other files."""
+    """Return the page of one to four arrays.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+    asked : Question
+        Band, window, site and depth of the mines.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
+    """
     worst_lobes = [max(design.lobes, key=itemgetter("level")) for design in designs]
     return render(
         "design.html",
@@ -83,7 +101,18 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
 
 
 def geometry_figure(designs: Sequence[Design]) -> Figure:
-    """Draw the antennas as seen from the ground ahead."""
+    """Draw the antennas as seen from the ground ahead.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per array, side by side.
+    """
     figure = Figure(figsize=(11, 2.4), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(designs)))
     for axes, design in zip(panels, designs, strict=True):
@@ -127,7 +156,15 @@ def geometry_figure(designs: Sequence[Design]) -> Figure:
 def spread_figure(designs: Sequence[Design]) -> Figure:
     """Draw the point spread close to the point, 0 to -40 dB.
 
-    There is a row per array and a column per distance.
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per array and a column per distance.
     """
     figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), 3, squeeze=False)
@@ -155,7 +192,18 @@ def spread_figure(designs: Sequence[Design]) -> Figure:
 
 
 def resolution_figure(designs: Sequence[Design]) -> Figure:
-    """Draw the half-power widths over the ground, an array per row."""
+    """Draw the half-power widths over the ground.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Widths down-range and cross-range, cm, a row per array.
+    """
     figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), 2, squeeze=False)
     for column, (name, title) in enumerate((("down", "down-range"), ("cross", "cross-range"))):
@@ -202,7 +250,15 @@ def _label_ground(axes: Axes, title: str) -> None:
 def lobe_figure(designs: Sequence[Design]) -> Figure:
     """Draw the response over the ground to a point at the middle distance, 0 to -60 dB.
 
-    A ring marks its highest lobe.
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per array; a ring marks the highest lobe.
     """
     figure = Figure(figsize=(11, 3.8 * len(designs)), layout="constrained")
     panels = figure.subplots(len(designs), 1, squeeze=False)[:, 0]
@@ -236,7 +292,17 @@ def lobe_figure(designs: Sequence[Design]) -> Figure:
 def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
     """Draw the signal-to-clutter map of a kind of mine.
 
-    There is a row per array and a column per polarization.
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+    kind : str
+        Kind of mine: "metal" or "plastic".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Signal to clutter, dB, a row per array and a column per polarization.
     """
     ratios = [_ratios_of(design, kind) for design in designs]
     most = max(len(by_polarization) for by_polarization in ratios)
@@ -302,7 +368,18 @@ def _ratios_of(design: Design, kind: str) -> dict[str, NDArray[np.float64]]:
 
 
 def range_figure(designs: Sequence[Design]) -> Figure:
-    """Draw signal to clutter straight ahead against distance, a panel per kind of mine."""
+    """Draw signal to clutter straight ahead against distance.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per kind of mine.
+    """
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     colours = [_BLUE, _RED, "#3a7d44", "#6b4c9a"]
     panels = figure.subplots(1, 2, sharey=True)

@@ -60,6 +60,11 @@ def run_view_figure(
         Targets, which are drawn with their halos.
     objects : pandas.DataFrame, optional
         Other objects on the lane.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per detection, side by side.
     """
     screen = result.recipe.prescreen
     chosen = [detection for detection in result.detections if detection.name in names]
@@ -95,7 +100,15 @@ def _title_of(detection: Detection | Score) -> str:
 def channel_figure(result: Result) -> Figure:
     """Draw the main run-view, each channel in dB re its strongest pixel in the lane.
 
-    There is a row per polarization and a column per sub-band.
+    Parameters
+    ----------
+    result : Result
+        The result.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per polarization and a column per sub-band.
     """
     view = result.detections[0].view
     rows = view.sizes["polarization"]
@@ -117,6 +130,16 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
     """Draw every detection's Pd up to its last alarm.
 
     The main curve also has its exact intervals and chance.
+
+    Parameters
+    ----------
+    scored : sequence of Score
+        Scores of the detections, the main one first.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A curve per detection.
     """
     figure = Figure(figsize=(5.2, 4.0), layout="constrained")
     axes = figure.subplots()
@@ -176,6 +199,11 @@ def geometry_figure(
         Number of scans (y, x) that see each pixel.
     beyond : float
         Ground that is drawn before the first pose and after the lane's end, m.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The plan on the left, the side view on the right.
     """
     pose = plausible_poses(run)
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")

@@ -109,6 +109,11 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
         Alarms with ``x``, ``y`` (m), the most confident first.
     most : int
         Alarms that are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A strip of road.
     """
     figure, strips = _strips({"": lane})
     axes = strips[0]

@@ -152,6 +152,11 @@ def score_files(
         Provenance to print.
     **page
         As for :func:`report_html`.
+
+    Returns
+    -------
+    dict of str to str or bytes
+        Content of each file.
     """
     curves: dict[str, bytes] = {}
     figures: dict[str, str | bytes] = {}
@@ -201,6 +206,11 @@ def report_html(
         Addresses of the pages of a lane's sections; "" for none.
     worst, alarm_patches, target_patches
         As for :func:`write_score_report`.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files but the pages of sections.
     """
     values: dict[str, Any] = {
         "result": result,

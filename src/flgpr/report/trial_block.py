@@ -43,6 +43,11 @@ def score_block(main: Score, notes: Mapping[str, Any], title: str) -> TrialBlock
         and ``ranking``; what is missing is said to be not stated.
     title : str
         What was scored, where no file is stated.
+
+    Returns
+    -------
+    TrialBlock
+        The head.
     """
     matched = main.matched
     rows = [
@@ -86,7 +91,21 @@ def comparison_block(
 ) -> TrialBlock:
     """Return the head of a comparison: a table of the lists, and what they have in common.
 
-    ``lanes`` are empty where they are sealed.
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the lists.
+    lanes : mapping of str to Lane
+        The lanes by name; empty where they are sealed.
+    rules : mapping
+        Rules of the scores: ``halo_radius``, ``area_rule`` and ``level``.
+    notes : mapping of str to mapping
+        Provenance of every list, as for :func:`score_block`.
+
+    Returns
+    -------
+    TrialBlock
+        The head.
     """
     lists = []
     for name in names:

@@ -84,6 +84,11 @@ def sheet_html(
         SHA-256 of the plan's file.
     anchor : Anchor, optional
         Ties the lanes to the Earth.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
     """
     columns = ("x_m", "y_m", "depth_m", "easting_m", "northing_m")
     numbers = [column for column in columns if column in sheet]
@@ -227,6 +232,11 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         The score.
     notes : mapping
         Provenance to print.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
     """
     groups = {}
     points_by_group = {}
@@ -289,6 +299,11 @@ def comparison_html(
         Provenance to print, by detector.
     lanes : mapping of str to Lane, optional
         Lanes by name; none where they are sealed.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
     """
     points_by_detector = {}
     for name, table in comparison.points.groupby("detector", sort=False):
@@ -361,6 +376,17 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
     """Draw operating points with their intervals of Pd, side by side at each allowed FAR.
 
     A dash marks chance.
+
+    Parameters
+    ----------
+    groups : mapping of str to pandas.DataFrame
+        Operating points by name of the group: ``far_allowed`` (per m²), ``pd``, ``pd_low``,
+        ``pd_high``, ``chance`` and ``n_targets``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
     """
     figure = Figure(figsize=(8.2, 3.6), layout="constrained")
     axes = figure.add_subplot()

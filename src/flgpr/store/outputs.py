@@ -193,7 +193,21 @@ def write_new(path: Path, data: bytes | str) -> None:
 def same_content(first: Path, second: Path, more: bool = False) -> bool:
     """Return whether two files, or all files of two folders, have the same bytes.
 
-    Links are never the same. With ``more`` the second folder may hold other files as well.
+    Links are never the same.
+
+    Parameters
+    ----------
+    first : Path
+        A file or folder.
+    second : Path
+        Another one.
+    more : bool
+        Whether the second folder may hold other files as well.
+
+    Returns
+    -------
+    bool
+        Whether they are the same.
     """
     if first.is_symlink() or second.is_symlink():
         return False

@@ -79,6 +79,11 @@ def check_declared(
     max_memory : int
         Memory that the small arrays and a few scans may take, bytes.
 
+    Returns
+    -------
+    dict of str to Layout
+        The layout of each array, by name.
+
     Raises
     ------
     ValueError

@@ -80,7 +80,27 @@ def read_table(path: str | Path, kind: str, reading: TableReading | None = None)
 
 
 def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.DataFrame:
-    """Read a table as :func:`read_table` does, from an untrusted folder (:mod:`flgpr.door`)."""
+    """Read a table as :func:`read_table` does, from an untrusted folder (:mod:`flgpr.door`).
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    name : str or path
+        Name of the file in it.
+    kind : str
+        What the table holds, as for :func:`read_table`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the file is not valid, or against a rule of untrusted folders.
+    """
     untrusted = Folder(folder)
     return parse_table(untrusted.read(str(name)), kind, untrusted.root / name)
 
@@ -88,7 +108,29 @@ def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.Dat
 def parse_table(
     data: bytes, kind: str, path: str | Path, reading: TableReading | None = None
 ) -> pd.DataFrame:
-    """Read a table as :func:`read_table` does from the bytes of a file, which errors name."""
+    """Read a table as :func:`read_table` does from the bytes of a file, which errors name.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    kind : str
+        What the table holds, as for :func:`read_table`.
+    path : str or path
+        The file, for errors.
+    reading : TableReading, optional
+        Columns of other names, and the anchor of geographic positions.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the table is not valid.
+    """
     with faults_of(path):
         if reading is None and _is_own_dialect(data, kind):
             table = parse_columns(data, *_ID_COLUMNS)
@@ -172,7 +214,27 @@ def _with_equal_ranks(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
 
 
 def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
-    """Read a table as flgpr itself writes it, in UTF-8; any other dialect is a ValueError."""
+    """Read a table as flgpr itself writes it, in UTF-8 and in no other dialect.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    kind : str
+        What the table holds, as for :func:`read_table`.
+    path : str or path
+        The file, for errors.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the table is of another dialect, or not valid.
+    """
     with faults_of(path):
         return _CHECKS[kind](parse_columns(data, *_ID_COLUMNS))
 
@@ -403,7 +465,19 @@ def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
 def write_features(
     path: str | Path, points: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]
 ) -> None:
-    """Write GeoJSON points with the properties ``rest``, and the entries ``head`` of them all."""
+    """Write GeoJSON points with properties of each, and entries of them all.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write.
+    points : list of list of float
+        Coordinates of each point, as GeoJSON has them.
+    rest : pandas.DataFrame
+        Properties, a row for each point.
+    head : dict
+        Entries of the collection.
+    """
     features = []
     for point, row in zip(points, rest.to_dict("records"), strict=True):
         feature = {

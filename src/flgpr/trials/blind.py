@@ -473,7 +473,34 @@ def match_blind(
     """Match an alarm list to a sealed truth, and enter the look before anything is returned.
 
     The result holds positions, and is for callers that summarise it as :func:`score_blind` does.
-    With ``some`` lanes the others and their targets are left out.
+
+    Parameters
+    ----------
+    alarms : pandas.DataFrame
+        Alarms with ``x``, ``y`` (m) and ``confidence``.
+    sealed : path
+        The sealed file.
+    passphrase : str or callable
+        The passphrase, or a function that asks for it.
+    log : path, optional
+        Log of all looks, by default beside the sealed file.
+    some : sequence of str
+        Names of lanes; all others and their targets are left out. By default none is.
+    registered : Registration, optional
+        Register and recipe, which a truth that was sealed with a register demands.
+    witness : path, optional
+        File elsewhere that must know the lines of the log.
+
+    Returns
+    -------
+    BlindLook
+        The match, the rules and the looks so far.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, the passphrase is not the right one, the log was changed, or the
+        register lacks what the truth demands.
     """
     opened = _decrypted(sealed, passphrase)
     log_file = _log_of(sealed, log, opened.identity)

@@ -135,6 +135,11 @@ def compared_roc_figure(
         Operating points: ``detector``, ``far_allowed`` (per m²), ``pd``, ``pd_low``, ``pd_high``.
     far_max : float
         End of the axis, per m²; it lies farther out where a list of a single operating point does.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
     """
     end = _end_of_axis(curves, far_max)
     figure = _new_figure(figsize=(8.2, 4.6), dpi=150)
