@@ -282,6 +282,15 @@ def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any
     One plan per pair, all channels in one call of it; the carrier and the sum over the pairs are a
     kernel of ours. Of both methods and some sizes of bins the fastest counts.
 
+    Parameters
+    ----------
+    scan : Scan
+        The scan that is imaged.
+    exact : DirectSums
+        What images are checked against.
+    rounds : int
+        Rounds, whose medians count.
+
     Returns
     -------
     list of tuple

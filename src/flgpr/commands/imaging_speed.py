@@ -123,7 +123,22 @@ def _require_device(device: str) -> None:
 
 
 def own_cases(scan: Scan, exact: DirectSums, device: str) -> list[Case]:
-    """Return the cases of this package."""
+    """Return the cases of this package.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan that is imaged.
+    exact : DirectSums
+        What images are checked against.
+    device : str
+        "cpu" or "cuda".
+
+    Returns
+    -------
+    list of Case
+        The cases.
+    """
 
     def operator(
         tolerance: float, pixels: NDArray[np.float64] = scan.pixels, **options: Any

@@ -68,7 +68,22 @@ def targets_in_reach(
 
 
 def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> NDArray[np.bool_]:
-    """Return which rows lie in their lane or at most a margin (m) outside, (row,)."""
+    """Return which rows of a table lie in their lane or a little outside.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Positions ``x`` and ``y``, m, and ``lane`` where there are several.
+    lanes : Lane or mapping of str to Lane
+        The lane, or lanes by name.
+    margin : float
+        How far outside a row may lie, m.
+
+    Returns
+    -------
+    (row,) ndarray of bool
+        Which rows do.
+    """
     lanes_by_name = as_lanes(lanes)
     x = table["x"].to_numpy(np.float64)
     y = table["y"].to_numpy(np.float64)

@@ -71,6 +71,11 @@ def export_recording(
     anchor, detection, time
         As for :func:`record_result`; a live run has its own.
 
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
     Raises
     ------
     ValueError

@@ -512,7 +512,27 @@ def _lane_and_halo(folder: Path) -> tuple[Lane, float]:
 def find_entrants(
     alarms: Sequence[PathLike], recipes: Sequence[PathLike], reading: TableReading | None = None
 ) -> list[Entrant]:
-    """Find the alarm lists that are compared; there is a recipe for each of them or none."""
+    """Find the alarm lists that are compared.
+
+    Parameters
+    ----------
+    alarms : sequence of path
+        Alarm lists (CSV) or result folders.
+    recipes : sequence of path
+        A recipe for each list, or none.
+    reading : TableReading, optional
+        Columns of the lists.
+
+    Returns
+    -------
+    list of Entrant
+        List, recipe and model of each.
+
+    Raises
+    ------
+    ValueError
+        If there are recipes, but not one for each list, or one does not fit its list.
+    """
     if recipes and len(recipes) != len(alarms):
         raise ValueError(
             f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists"
@@ -550,7 +570,30 @@ def write_comparison(
     overwrite: bool = True,
     lanes: Mapping[str, Lane] | None = None,
 ) -> None:
-    """Write the page and the JSON of a comparison; lanes that are secret are not given."""
+    """Write the page and the JSON of a comparison.
+
+    Parameters
+    ----------
+    output : path
+        The folder.
+    comparison : SideBySide
+        Points, pairs and means.
+    curves : mapping of str to pandas.DataFrame
+        ROC curves by list; empty where they are secret.
+    rules : mapping
+        Rules of the scores.
+    provenance : mapping
+        Provenance of every list.
+    overwrite : bool
+        Whether another comparison may be replaced.
+    lanes : mapping of str to Lane, optional
+        The lanes; none where they are secret.
+
+    Raises
+    ------
+    FileExistsError
+        If another comparison is there and is not to be replaced.
+    """
     files = {
         "comparison.html": comparison_html(comparison, curves, rules, provenance, lanes),
         "comparison.json": comparison_json(comparison, rules, provenance),

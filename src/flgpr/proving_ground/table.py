@@ -157,7 +157,8 @@ def _stored_score(
     score_name = f"{split}/score-{score_key}.json"
     if not Folder(entry).has(score_name):
         lanes = [lane.name for lane in ground.tested(split)]
-        matched = match_blind(alarms, sealed, passphrase(ground), some=lanes).matched
+        look = match_blind(alarms, sealed, passphrase(ground), only_lanes=lanes)
+        matched = look.matched
         paired = None
         if other is not None:
             # The reference's own score was logged when it was scored; here it is only paired.
