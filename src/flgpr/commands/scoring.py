@@ -262,8 +262,8 @@ def score_alarms(
 ) -> list[Score]:
     """Score an alarm list of any detector and write the report.
 
-    A list whose alarms rank equal has a single operating point, at its own false alarm rate: targets
-    count as found there, unless ``far`` is given.
+    A list whose alarms rank equal has a single operating point, at its own false alarm rate:
+    targets count as found there, unless ``far`` is given.
 
     Parameters
     ----------

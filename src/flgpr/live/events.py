@@ -84,7 +84,7 @@ class EventFile:
         write_all(self._file, text.encode())
 
     def beat(self) -> None:
-        """Set a new time stamp on the file, which shows that detection runs though nothing comes."""
+        """Set a new time stamp on the file: it shows that detection runs though nothing comes."""
         self._write(self._rate.due())
         with contextlib.suppress(OSError):  # whoever moved the file away does not stop detection
             os.utime(self.path)
@@ -147,7 +147,8 @@ def add_places_on_earth(events: Sequence[AnyAlarm], anchor: Anchor) -> None:
     Parameters
     ----------
     events : sequence of dict
-        Events of :func:`alarm_event`, or alarms of a result, with x and y on the ground of their lane.
+        Events of :func:`alarm_event`, or alarms of a result, with x and y on the ground of their
+        lane, m.
     anchor : Anchor
         Where the lane lies. All places are found at once, which takes as long as one.
     """

@@ -1,8 +1,8 @@
 """Decides which frames become scans, and fills in missing poses.
 
 Whether a pose that is there is believed is judged by the gate (``model/plausible.py``) of the
-detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans late, repeated,
-out of order, damaged, without a pose or with a bad one are all counted.
+detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans that are late,
+repeated, out of order, damaged, without a pose or with a bad one are all counted.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ class Numbers:
 class Intake:
     """Decides which frames become scans, and counts the others.
 
-    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose is
-    filled in from known ones at most ``longest_gap`` scans away. A number counts as used when its
-    scan went on and was not refused: a bad frame uses up no number.
+    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose
+    is filled in from known ones at most ``longest_gap`` scans away. A number counts as used when
+    its scan went on and was not refused: a bad frame uses up no number.
     """
 
     def __init__(

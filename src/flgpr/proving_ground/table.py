@@ -476,7 +476,7 @@ def _write_page(path: Path, page: str) -> None:
     """Write the page, and report if it was there."""
     if path.is_file() and read_named(path).decode("utf-8", "replace") == page:
         log_finished(path)
-    write_whole(path, page)
+    write_whole(path, page)  # leaves a file of the same bytes as it is
 
 
 def _titles_and_faults(ground: Ground, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:

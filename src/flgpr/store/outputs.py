@@ -100,6 +100,7 @@ def _hold(folder: Path, wait: bool, output: Path) -> int:
             raise
         except OSError:  # a file system without locks
             return handle
+        # The folder may have been removed before it was locked; then another one has its name.
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(handle), folder.stat()):
                 return handle
@@ -166,7 +167,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
     """
     partial = _partial_of(path)
     with writing(path), locked_folder(partial, output=path):
-        _empty(partial)
+        _empty(partial)  # of what a killed process left
         temporary = partial / path.name
         try:
             yield temporary

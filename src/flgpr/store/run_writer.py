@@ -201,6 +201,7 @@ class RunWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
+        # A full disk is reported by the library of arrays without the name of a file.
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
             error.filename = str(self.path)
         try:
@@ -573,9 +574,10 @@ def _write_manifest(root: Path, scans: int) -> str:
     """Write the manifest of all files in a folder, and return its digest."""
     files = {}
     for file in sorted(root.rglob("*")):
+        # The journal is removed at the end; what the store was made of is no part of the run.
         if file.is_file() and file.name not in (JOURNAL, MADE_OF):
             data = file.read_bytes()
-            sync_file(file)
+            sync_file(file)  # before the manifest vouches for it
             name = file.relative_to(root).as_posix()
             files[name] = {"sha256": sha256(data), "bytes": len(data)}
     manifest: dict[str, Any] = {

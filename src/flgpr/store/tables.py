@@ -251,6 +251,7 @@ def _is_own_dialect(data: bytes, kind: str) -> bool:
         data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return False
+    # A line that begins with # may be a comment: then the reader of dialects decides.
     return b"\n#" not in data
 
 
@@ -334,6 +335,7 @@ def parse_csv(source: Any, **options: Any) -> pd.DataFrame:
 
 def _decimal_mark(text: str, mark: str, text_columns: Sequence[str]) -> str:
     """Return the decimal mark of a table whose columns are separated by semicolons or tabs."""
+    # All cells as text: a comma is decimal only where the whole column is of numbers.
     cells = pd.read_csv(io.StringIO(text), sep=mark, dtype=str, keep_default_na=False)
     has_commas = False
     has_points = False
@@ -360,15 +362,15 @@ def _check_table_size(data: bytes) -> None:
     mark = separator_of(head)
     columns = head.count(mark) + 1
     marks = data.count(mark.encode())
-    rows = max(data.count(b"\n"), data.count(b"\r"))
+    rows = max(data.count(b"\n"), data.count(b"\r"))  # lines end with \n, \r\n or \r alone
     counts = {
         "rows": (rows, _MOST_ROWS),
         "columns": (columns, _MOST_COLUMNS),
         "cells": (rows + marks, _MOST_CELLS),
     }
-    for what, (count, most) in counts.items():
+    for noun, (count, most) in counts.items():
         if count > most:
-            raise ValueError(f"a table must have at most {most} {what}, got {count}")
+            raise ValueError(f"a table must have at most {most} {noun}, got {count}")
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:

@@ -265,6 +265,7 @@ class Viewer:
             query = dict(pairs)
             if len(query) < len(pairs):
                 raise ValueError("query must give every name once")
+            # Pages ask for a picture and its spectrum at once: the run is opened for the first.
             with self._opening:
                 if number not in self._raw:
                     self._raw[number] = self._open_raw(source.folder)
@@ -314,6 +315,7 @@ class Viewer:
             try:
                 if request.method != "PUT":
                     return _json_answer(await run_in_threadpool(file.read))
+                # Counted while it arrives: what a header states of its length proves nothing.
                 body = bytearray()
                 async for chunk in request.stream():
                     body += chunk
