@@ -185,8 +185,9 @@ class Anchor:
         dx = np.asarray(x, dtype=np.float64) - self.center[0]
         dy = np.asarray(y) - self.center[1]
         r2 = dx**2 + dy**2
-        variance = self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2
-        return np.asarray(np.sqrt(variance))
+        by_points = self.sigma**2 * (1 / self.count + r2 / self.spread)
+        by_azimuth = r2 * self.sigma_azimuth**2  # of a direction that was given, not fitted
+        return np.asarray(np.sqrt(by_points + by_azimuth))
 
     def georeference(self) -> dict[str, float]:
         """Return the attribute ``georeference`` of a run: ``latitude``, ``longitude``, ``azimuth``.
@@ -401,13 +402,7 @@ def fit_anchor(
     system = _system(crs, geographic)
     local = np.asarray(lane, dtype=np.float64)
     surveyed = np.asarray(position, dtype=np.float64)
-    is_table = local.ndim == 2 and local.shape[1] == 3 and len(local) > 0
-    if not is_table or surveyed.shape != (len(local), 2):
-        raise ValueError(
-            f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}"
-        )
-    if not (np.isfinite(local).all() and np.isfinite(surveyed).all() and accuracy > 0):
-        raise ValueError("anchor points must be finite and the accuracy positive")
+    _check_points(local, surveyed, accuracy)
     heights_known = _all_known(height)
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
     lonlat, crs_accuracy = _to_wgs84(system, surveyed)
@@ -421,11 +416,15 @@ def fit_anchor(
         spread = math.inf
     turned = local @ heading_matrix(azimuth).T
     shift = (enu - turned).mean(axis=0)
-    misfit = np.linalg.norm((enu - turned - shift)[:, :2], axis=1)
+    residual = enu - turned - shift
+    misfit = np.linalg.norm(residual[:, :2], axis=1)
     _check_misfit(misfit, accuracy)
+    # Two numbers of the shift, and the direction if it was fitted.
     parameters = 3 if math.isfinite(spread) else 2
     freedom = 2 * len(local) - parameters
-    sigma_by_misfit = math.sqrt(float((misfit**2).sum()) / freedom) if freedom > 0 else 0.0
+    sigma_by_misfit = 0.0
+    if freedom > 0:
+        sigma_by_misfit = math.sqrt(float((misfit**2).sum()) / freedom)
     return Anchor(
         origin=origin,
         azimuth=azimuth,
@@ -440,6 +439,17 @@ def fit_anchor(
         crs_accuracy=crs_accuracy,
         heights_known=heights_known,
     )
+
+
+def _check_points(local: FloatArray, surveyed: FloatArray, accuracy: float) -> None:
+    """Refuse points of other shapes or numbers, values that are not finite, and no accuracy."""
+    is_table = local.ndim == 2 and local.shape[1] == 3 and len(local) > 0
+    if not is_table or surveyed.shape != (len(local), 2):
+        raise ValueError(
+            f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}"
+        )
+    if not (np.isfinite(local).all() and np.isfinite(surveyed).all() and accuracy > 0):
+        raise ValueError("anchor points must be finite and the accuracy positive")
 
 
 def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
