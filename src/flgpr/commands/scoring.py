@@ -197,8 +197,13 @@ def score_result(
             files |= score_files(of_frames, provenance, title=of_frames[0].title)
         else:
             files |= score_files(
-                of_lane, provenance, result=result, objects=other_objects, sections=pages
+                of_lane,
+                provenance,
+                result=result,
+                objects=other_objects,
+                sections=pages,
             )
+    # The viewer shows a lane in one piece, and its alarms, whatever the report is of.
     if is_one_piece:
         files[VIEW_SCORE] = view_score(result, of_lane, other_objects)
 

@@ -303,9 +303,17 @@ def compare_sealed(
 
     matches = {}
     provenance = {}
-    for name, entrant, table, notes in zip(names, entrants, tables, stated, strict=True):
+    lists = zip(names, entrants, tables, stated, strict=True)
+    for name, entrant, table, notes in lists:
         registration = registration_of(entrant, register)
-        blind_look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
+        blind_look = match_blind(
+            table,
+            path,
+            phrase,
+            log,
+            registered=registration,
+            witness=witness,
+        )
         matches[name] = blind_look.matched
         provenance[name] = {
             **entrant.provenance(blind_look.line),
@@ -367,7 +375,8 @@ def holds_sealed_score(
     """
     folder = Path(output)
     is_comparison = len(alarms) > 1
-    file = folder / ("comparison.json" if is_comparison else "roc.json")
+    name = "comparison.json" if is_comparison else "roc.json"
+    file = folder / name
     if not os.path.lexists(file):
         return False
 

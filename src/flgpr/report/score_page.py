@@ -301,6 +301,7 @@ def _score_values(
     main = scored[0]
     missed = _missed_table(main)
     false = main.worst_false_alarms(worst)
+    # Lists without names of alarms have their patches by row number.
     false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
     groups = main.breakdown()
     by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
@@ -362,7 +363,9 @@ def _rows(
         is_of_targets = "{pd" in cell or "{chance" in cell
         formats.append("none" if has_no_targets and is_of_targets else cell)
     if "chance" in table:
-        table = table.assign(chance=[_value_in_words(level, ".3f") for level in table["chance"]])
+        # As text: an unknown chance, NaN, is written as such.
+        levels = [_value_in_words(level, ".3f") for level in table["chance"]]
+        table = table.assign(chance=levels)
     rows = []
     for row in table.to_dict("records"):
         rows.append([cell.format_map(row) for cell in formats])
