@@ -281,7 +281,23 @@ def geojson_message(alarms: Sequence[Mapping[str, Any]], statement: str) -> Mess
 
 
 def compact_json(value: Any) -> str:
-    """Return JSON without spaces; a number that is not finite is a ValueError."""
+    """Return a value as JSON without spaces.
+
+    Parameters
+    ----------
+    value : JSON value
+        The value.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
     return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 

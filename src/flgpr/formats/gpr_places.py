@@ -119,7 +119,20 @@ def _poses_by_fixes(
 
 
 def options_that_place(section: GprSection, dashes: str = "") -> str:
-    """Return the options that place the traces of a line whose headers do not, in words."""
+    """Return the options that place the traces of a line whose headers do not, in words.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    dashes : str
+        What stands before the name of an option.
+
+    Returns
+    -------
+    str
+        The options, such as "step or mark-spacing".
+    """
     names = ["step"]
     if len(section.marks) > 1:
         names.append("mark-spacing")
@@ -244,7 +257,15 @@ def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
 def doubts_of_fixes(section: GprSection) -> list[str]:
     """Return in lines what of the receiver's positions is in doubt.
 
-    That are those that no vehicle reaches, and a path that contradicts the traces' distances.
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+
+    Returns
+    -------
+    list of str
+        On positions that no vehicle reaches, and on a path that contradicts the traces' distances.
     """
     if len(section.fixes) < 2:
         return []

@@ -79,7 +79,25 @@ class Layout:
 
 
 def order_and_format(raw: bytes) -> tuple[str, int]:
-    """Return the byte order and the code of the sample format."""
+    """Return the byte order and the code of the sample format.
+
+    Parameters
+    ----------
+    raw : bytes
+        The beginning of the file: text header and binary header.
+
+    Returns
+    -------
+    order : str
+        "<" or ">".
+    code : int
+        One of the codes that are read.
+
+    Raises
+    ------
+    ValueError
+        If the code is none of these.
+    """
     stated = _ORDERS.get(raw[3296:3300])
     orders = (stated,) if stated else (">", "<")
     for order in orders:

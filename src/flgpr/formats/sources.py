@@ -333,14 +333,45 @@ def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArra
 
 
 def real(values: NDArray[Any], where: str) -> FloatArray:
-    """Return numbers as float64; complex ones are a ValueError."""
+    """Return numbers as float64.
+
+    Parameters
+    ----------
+    values : (...) ndarray
+        The numbers.
+    where : str
+        Name of the entry, for the error.
+
+    Returns
+    -------
+    (...) ndarray of float
+        The numbers.
+
+    Raises
+    ------
+    ValueError
+        If they are complex.
+    """
     if np.iscomplexobj(values):
         raise ValueError(f"{where} must be real numbers, got {values.dtype}")
     return np.asarray(values, dtype=np.float64)
 
 
 def plausible(values: NDArray[Any], where: str) -> None:
-    """Refuse magnitudes that no instrument records but a wrong byte order makes."""
+    """Refuse magnitudes that no instrument records but a wrong byte order makes.
+
+    Parameters
+    ----------
+    values : (...) ndarray
+        The numbers; those that are not finite are passed over.
+    where : str
+        Name of the entry, for the error.
+
+    Raises
+    ------
+    ValueError
+        If the largest magnitude is beyond 1e30, or not 0 and below 1e-30.
+    """
     size = np.abs(values[np.isfinite(values)])
     largest = float(size.max(initial=0.0))
     if largest > _LARGEST or 0 < largest < _SMALLEST:

@@ -471,14 +471,33 @@ def _all_known(height: Sequence[float | None] | None) -> bool:
 
 
 def geocentric(origin: tuple[float, float, float]) -> FloatArray:
-    """Return geocentric coordinates, m, of longitude, latitude (degrees) and height (m)."""
+    """Return geocentric coordinates of a geodetic position.
+
+    Parameters
+    ----------
+    origin : (3,) tuple of float
+        Longitude and latitude, degrees, and ellipsoidal height, m (WGS 84).
+
+    Returns
+    -------
+    (3,) ndarray of float
+        Coordinates, m.
+    """
     return np.array(_geodesy(GEODETIC, GEOCENTRIC).transform(*origin), dtype=np.float64)
 
 
 def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
-    """Return the unit vectors to east, north and up (3, 3) in geocentric axes.
+    """Return the unit vectors to east, north and up in geocentric axes.
 
-    The origin is longitude, latitude (degrees) and height.
+    Parameters
+    ----------
+    origin : (3,) tuple of float
+        Longitude and latitude, degrees, and height, m, at which they point so.
+
+    Returns
+    -------
+    (3, 3) ndarray of float
+        A vector per row.
     """
     lon = math.radians(origin[0])
     lat = math.radians(origin[1])
@@ -493,20 +512,48 @@ def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
 
 
 def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
-    """Return easting and northing (..., 2), m, of WGS 84 longitude and latitude, degrees.
+    """Return easting and northing of WGS 84 longitude and latitude.
 
-    They are those of a projected system. A system that is none, or that names a file to be read, is
-    a ValueError.
+    Parameters
+    ----------
+    lonlat : (..., 2) array_like of float
+        Longitude and latitude, degrees.
+    crs : str
+        A projected reference system.
+
+    Returns
+    -------
+    (..., 2) ndarray of float
+        Easting and northing, m.
+
+    Raises
+    ------
+    ValueError
+        If there is no such system, or it names a file to be read.
     """
     points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
     return np.stack(_geodesy("EPSG:4326", reference_system(crs)).transform(*points), axis=-1)
 
 
 def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
-    """Return WGS 84 longitude and latitude (..., 2), degrees, of easting and northing, m.
+    """Return WGS 84 longitude and latitude of easting and northing.
 
-    These are of a projected system. Points that do not lie where the system holds, or a system that
-    is not projected, are a ValueError.
+    Parameters
+    ----------
+    points : (..., 2) array_like of float
+        Easting and northing, m.
+    crs : str
+        Their reference system, a projected one.
+
+    Returns
+    -------
+    (..., 2) ndarray of float
+        Longitude and latitude, degrees.
+
+    Raises
+    ------
+    ValueError
+        If the system is not projected, or the points do not lie where it holds.
     """
     system = _system(crs, geographic=False)
     projected = np.asarray(points, dtype=np.float64)
@@ -522,11 +569,25 @@ def _geodesy(source: Any, target: Any) -> Transformer:
 
 
 def reference_system(crs: str) -> CRS:
-    """Return the reference system of a registry's name, such as EPSG:32633, WKT or a PROJ string.
+    """Return the reference system of a registry's name, of WKT or of a PROJ string.
 
-    One that names a file, such as a grid of shifts, is a ValueError: it could be any file, and it
-    would be read, or waited for, when the first point is transformed. Grids that PROJ itself knows
-    for a system of a registry are used.
+    Grids that PROJ itself knows for a system of a registry are used.
+
+    Parameters
+    ----------
+    crs : str
+        The name, such as EPSG:32633, or the text.
+
+    Returns
+    -------
+    pyproj.CRS
+        The system.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or it names a file, such as a grid of shifts: it could be any file, and it
+        would be read, or waited for, when the first point is transformed.
     """
     from pyproj import CRS
     from pyproj.exceptions import CRSError

@@ -319,7 +319,18 @@ def _disk_errors() -> Iterator[None]:
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
-    """Return the corners of a lane at its mean ground, in order around it (4, 3), m."""
+    """Return the corners of a lane at its mean ground, in order around it.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+
+    Returns
+    -------
+    (4, 3) ndarray of float
+        Corners in the lane frame, m.
+    """
     return np.array(
         [
             [lane.x_min, lane.y_min, 0.0],

@@ -179,7 +179,20 @@ def _class_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
-    """Return a style that draws targets or objects by their ``kind``, with the viewer's shapes."""
+    """Return a style that draws targets or objects by their ``kind``, with the viewer's shapes.
+
+    Parameters
+    ----------
+    kinds : iterable of str
+        The kinds that are there.
+    colour : str
+        Colour of the outlines, ``#rrggbb``.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        The style.
+    """
     renderer = _renderer("categorizedSymbol", attr="kind")
     categories = _put(renderer, "categories")
     symbols = _put(renderer, "symbols")

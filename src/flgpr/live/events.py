@@ -251,14 +251,37 @@ def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: flo
 
 
 def problem_event(name: str, words: str) -> ProblemEvent:
-    """Return the event that something is wrong with ``name``, a file or the socket."""
+    """Return the event that something is wrong with a file or the socket.
+
+    Parameters
+    ----------
+    name : str
+        The file, or the socket.
+    words : str
+        What is wrong, a sentence.
+
+    Returns
+    -------
+    ProblemEvent
+        The event.
+    """
     return {"event": "problem", "name": name, "words": words}
 
 
 def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
     """Return the events of a frame whose pose ("pose") or time ("clock") is not plausible.
 
-    ``name`` is the frame's file, or the socket.
+    Parameters
+    ----------
+    name : str
+        The frame's file, or the socket.
+    update : LiveUpdate
+        What became of its scan.
+
+    Returns
+    -------
+    list of PositionEvent
+        The events; none where both are plausible.
     """
     faults: list[tuple[Literal["pose", "clock"], Step]] = []
     # A strain up to 1 is plausible by itself: the pose only agrees better with those held back.
@@ -302,10 +325,22 @@ def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> Anew
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> ViewEvent:
-    """Return the event of rows of the run-view (y, x).
+    """Return the event of rows of the run-view.
 
     ``halves`` holds dB over the background as little-endian half floats in base64. Rows before the
     lane's first are left out.
+
+    Parameters
+    ----------
+    row : int
+        Number of the first row, from the lane's first.
+    view : (y, x) ndarray of float
+        The rows, magnitude over background.
+
+    Returns
+    -------
+    ViewEvent
+        The event.
     """
     skip = max(-row, 0)
     values = decibels(view[skip:])

@@ -107,7 +107,19 @@ class Forecast:
 def foresees(recipe: Recipe, model: Model) -> bool:
     """Return whether further looks can be forecast.
 
-    The map is a mean of looks, and the confidence its log odds.
+    The map must be a mean of looks, and the confidence its log odds.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    model : Model
+        Its model.
+
+    Returns
+    -------
+    bool
+        Whether they can.
     """
     detector = model.detector
     if not isinstance(detector, TrainedEstimator) or not detector.linear_in_magnitude:
@@ -116,9 +128,21 @@ def foresees(recipe: Recipe, model: Model) -> bool:
 
 
 def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
-    """Return what a model has learnt of further looks; None where the recipe allows no forecast.
+    """Return what a model has learnt of further looks.
 
     A model that could have learnt it and has not gives a UserWarning and None.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    model : Model
+        Its model.
+
+    Returns
+    -------
+    Forecast or None
+        What it has learnt; None where the recipe allows no forecast.
 
     Raises
     ------
@@ -267,6 +291,11 @@ def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float
 
 def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     """Fit the forecast's numbers by maximum likelihood.
+
+    Parameters
+    ----------
+    followed : iterable of Followed
+        Log odds of alarms on training lanes after further looks.
 
     Returns
     -------

@@ -36,6 +36,11 @@ def read_recording(path: str | Path) -> tuple[list[Event], list[RecordedScan], l
     path : path
         Lines of JSON, compressed by gzip.
 
+    Returns
+    -------
+    before, scans, end
+        Events before the first scan, those of each scan with its latency, and those of the end.
+
     Raises
     ------
     ValueError

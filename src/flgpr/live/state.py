@@ -117,13 +117,31 @@ def _pose_from_json(values: list[float] | None) -> NDArray[np.float64] | None:
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
-    """Write a snapshot to a temporary file and rename it when it is complete."""
+    """Write a snapshot to a temporary file and rename it when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        The file; one that exists is replaced.
+    snapshot : tuple
+        As :func:`take_snapshot` returns it.
+    """
     header, arrays = snapshot
     write_bundle(path, arrays, header, lasting=True)
 
 
 def read_snapshot(path: Path) -> Snapshot | None:
-    """Read a snapshot; None if there is none.
+    """Read a snapshot.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    tuple or None
+        The snapshot; None if there is no file.
 
     Raises
     ------

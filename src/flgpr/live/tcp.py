@@ -76,7 +76,19 @@ def parse_tcp(text: str) -> TcpAddress:
 
 
 def listening_tcp(address: TcpAddress, backlog: int) -> socket.socket:
-    """Return a socket that listens on an address of this machine; port 0 takes a free one.
+    """Return a socket that listens on an address of this machine.
+
+    Parameters
+    ----------
+    address : TcpAddress
+        The address; port 0 takes a free one.
+    backlog : int
+        Connections that may wait.
+
+    Returns
+    -------
+    socket.socket
+        The socket.
 
     Raises
     ------
@@ -99,6 +111,16 @@ def listening_tcp(address: TcpAddress, backlog: int) -> socket.socket:
 
 def connected_tcp(address: TcpAddress) -> socket.socket:
     """Return a socket that is connected to an address on which ``flgpr live`` listens.
+
+    Parameters
+    ----------
+    address : TcpAddress
+        The address.
+
+    Returns
+    -------
+    socket.socket
+        The socket.
 
     Raises
     ------

@@ -127,7 +127,17 @@ def read_board(folders: Sequence[Path]) -> Board:
 def packaged_board(ground: Ground) -> Board:
     """Return the scores of the packaged entries that come with the package.
 
-    They are those of the authors' full run. For another ground, or the quick form, there are none.
+    They are those of the authors' full run.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground.
+
+    Returns
+    -------
+    Board
+        The scores; empty for another ground, or the quick form.
     """
     package = resources.files("flgpr.proving_ground")
     scores_file = package / f"scores-{ground.title}.csv"

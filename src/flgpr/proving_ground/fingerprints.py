@@ -77,10 +77,18 @@ def likeness_of(ground: Ground, prints: bytes) -> dict[str, str]:
 
 
 def packaged_fingerprints(ground: Ground) -> pd.DataFrame:
-    """Return the authors' fingerprints of the lanes of a ground, by the name of the lane.
+    """Return the authors' fingerprints of the lanes of a ground.
 
-    Columns are ``sha256`` and the rms of the echoes of every polarization. There are no rows for a
-    ground of somebody else.
+    Parameters
+    ----------
+    ground : Ground
+        The ground.
+
+    Returns
+    -------
+    pandas.DataFrame
+        By the name of the lane: ``sha256`` and the rms of the echoes of every polarization. There
+        are no rows for a ground of somebody else.
     """
     packaged = resources.files("flgpr.proving_ground") / "fingerprints.csv"
     table = parse_csv(io.StringIO(packaged.read_text("utf-8")))

@@ -68,7 +68,18 @@ def write_leaderboard(folders: Sequence[str | Path], output: str | Path) -> Path
 
 
 def refuse_other_page(path: Path) -> None:
-    """Refuse an output that is there and is no leaderboard with a FileExistsError."""
+    """Refuse an output that is there and is no leaderboard.
+
+    Parameters
+    ----------
+    path : Path
+        The output.
+
+    Raises
+    ------
+    FileExistsError
+        If another file is there.
+    """
     if path.exists() and _MARK not in read_named(path)[:_HEAD]:
         raise FileExistsError(
             f"output must not exist yet or be an older leaderboard, got {path}, which holds "

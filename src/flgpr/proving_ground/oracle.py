@@ -171,7 +171,19 @@ def _look_at_tier(
 def lanes_of_site(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
     """Return a site's test lane without targets, and those with some that are like it.
 
-    Their ground, and the array that sees them, are like those of the lane without targets.
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one of its tiers.
+    site : str
+        Name of the site.
+
+    Returns
+    -------
+    bare : GroundLane or None
+        The lane without targets; None if the site has none.
+    with_targets : list of GroundLane
+        Lanes of the same ground, seen by the same array.
     """
     simulated = []
     for lane in ground.lanes.values():
@@ -324,9 +336,19 @@ class Clutter:
 
 
 def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
-    """Invert the covariance of chips (look, value).
+    """Invert the covariance of chips.
 
     A thousandth of its mean power is added to its diagonal.
+
+    Parameters
+    ----------
+    chip : (look, value) ndarray of complex
+        The looks.
+
+    Returns
+    -------
+    (value, value) ndarray of complex
+        The inverse.
     """
     covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
     size = len(covariance)
@@ -335,7 +357,20 @@ def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
 
 
 def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
-    """Divide chips (look, value) by their own rms in whitened clutter."""
+    """Divide chips by their own rms in whitened clutter.
+
+    Parameters
+    ----------
+    chip : (look, value) ndarray of complex
+        The looks.
+    inverse : (value, value) ndarray of complex
+        Inverse covariance of the clutter.
+
+    Returns
+    -------
+    (look, value) ndarray of complex
+        The divided looks.
+    """
     whitened = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True)
     power = whitened.real / len(inverse)
     rms = np.sqrt(np.maximum(power, 1e-12))
@@ -500,7 +535,20 @@ def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArra
 
 
 def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
-    """Sum log-likelihood ratios of filtered looks (place, look): phases unknown, and known."""
+    """Sum log-likelihood ratios of filtered looks (Van Trees 1968, Sec. 4.2 and 4.4).
+
+    Parameters
+    ----------
+    values : (place, look) ndarray of complex
+        Looks, each filtered by the mine's own echo.
+
+    Returns
+    -------
+    unknown : (place,) ndarray of float
+        Sums with a phase of its own in every look.
+    known : (place,) ndarray of float
+        Sums with the phases known.
+    """
     z = 2 * np.abs(values)
     # I_0 itself overflows beyond z of 700; ive is I_0 exp(-z).
     unknown = (np.log(ive(0, z)) + z).sum(axis=1)
@@ -509,7 +557,20 @@ def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
 
 
 def count_maxima(values: FloatArray, level: float) -> int:
-    """Count the local maxima of a map (y, x) that reach a level."""
+    """Count the local maxima of a map that reach a level.
+
+    Parameters
+    ----------
+    values : (y, x) ndarray of float
+        The map, in steps of ``STEP``.
+    level : float
+        The level.
+
+    Returns
+    -------
+    int
+        Maxima that none within ``RADIUS`` exceeds.
+    """
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2

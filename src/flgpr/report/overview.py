@@ -137,8 +137,17 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
 def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     """Draw the run-view as it is and with the roadside taken out, alike to the pixel.
 
-    Returns None where no detection of the result took anything out. Levels are in dB over the
-    strongest pixel in the lane of the first, so that both have one scale.
+    Levels are in dB over the strongest pixel in the lane of the first, so that both have one scale.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+
+    Returns
+    -------
+    tuple of Figure, or None
+        Before and after; None where no detection of the result took anything out.
     """
     main, *variants = result.detections
     cleaned = [variant for variant in variants if variant.notes.get("mask_pixels")]

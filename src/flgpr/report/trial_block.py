@@ -64,7 +64,20 @@ def score_block(main: Score, notes: Mapping[str, Any], title: str) -> TrialBlock
 
 
 def blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
-    """Return the head of the page of a blind score, whose lane and places stay secret."""
+    """Return the head of the page of a blind score, whose lane and places stay secret.
+
+    Parameters
+    ----------
+    blind : BlindScore
+        The score.
+    notes : mapping
+        Provenance, as for :func:`score_block`.
+
+    Returns
+    -------
+    TrialBlock
+        The head.
+    """
     counts = blind.counts
     rules = (
         f"halo radius {counts['halo_radius']:g} m, FAR over {counts['area']:.2f} m² "

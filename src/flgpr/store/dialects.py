@@ -107,7 +107,23 @@ class TableReading:
 
 
 def parse_columns_option(text: str) -> dict[str, str]:
-    """Return ``x=Rechts,y=Hoch`` as a mapping; anything else is a ValueError."""
+    """Return ``x=Rechts,y=Hoch`` as a mapping.
+
+    Parameters
+    ----------
+    text : str
+        The text of the option.
+
+    Returns
+    -------
+    dict of str to str
+        The file's name of every column that flgpr knows.
+
+    Raises
+    ------
+    ValueError
+        If the text is anything else, or names a column twice.
+    """
     columns: dict[str, str] = {}
     for pair in text.split(","):
         name, equals, column = pair.partition("=")
@@ -129,6 +145,20 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     as many cells as the first line of numbers, and stands right before it, is the header. A row
     whose first cell is a name that begins with ``#`` stays: it has as many cells as the header,
     which begins with a column of names.
+
+    Parameters
+    ----------
+    text : str
+        The text of the table.
+    kind : str
+        "alarms", "truth" or "objects".
+
+    Returns
+    -------
+    text : str
+        The header and the rows.
+    notes : list of str
+        What was left out.
     """
     lines = text.splitlines()
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):

@@ -397,7 +397,25 @@ def parse_with_digest(data: bytes) -> dict[str, Any]:
 
 
 def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:
-    """Read a file of an untrusted folder by :func:`parse_with_digest`."""
+    """Read a file of an untrusted folder by :func:`parse_with_digest`.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    name : str
+        Name of the file in it.
+
+    Returns
+    -------
+    dict
+        The object, with its entry ``sha256``.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged.
+    """
     return parse_with_digest(Folder(folder).read(name, MOST_JSON))
 
 
@@ -407,6 +425,23 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     ``files`` of the manifest holds one digest per file. ``added`` holds several, of which one must
     match; a None among them says that the file may be absent. ``sizes`` and ``added_sizes`` hold
     bytes likewise, unless the manifest is of an older version.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    manifest : mapping
+        Its manifest.
+
+    Returns
+    -------
+    Folder
+        The folder, of which only listed files are read.
+
+    Raises
+    ------
+    ValueError
+        If the list cannot be read.
     """
     try:
         sizes = manifest.get("sizes", {})

@@ -185,7 +185,20 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
 
 
 def write_new(path: Path, data: bytes | str) -> None:
-    """Write a new file, text as UTF-8; one that exists with other bytes is a FileExistsError."""
+    """Write a new file, text as UTF-8.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    data : bytes or str
+        The content.
+
+    Raises
+    ------
+    FileExistsError
+        If a file with other bytes is there.
+    """
     content = data.encode() if isinstance(data, str) else data
     with atomic_output(path) as temporary:
         temporary.write_bytes(content)

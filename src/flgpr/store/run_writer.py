@@ -472,7 +472,22 @@ def is_finished(path: str | Path) -> bool:
 def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     """Return whether a path holds a complete store of exactly this run.
 
-    Anything else that lies there is a RunExistsError.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    path : str or path
+        The store.
+
+    Returns
+    -------
+    bool
+        Whether it does; False where nothing is there.
+
+    Raises
+    ------
+    RunExistsError
+        If anything else is there.
     """
     root = Path(path)
     if not os.path.lexists(root):
@@ -533,7 +548,16 @@ def _made_of(root: Path, manifest: Mapping[str, Any]) -> Any:
 def read_limits(root: str | Path) -> dict[str, Any]:
     """Return what ends in a store's scans because of how they were made.
 
-    It is empty where the store does not record it, or records it for other scans.
+    Parameters
+    ----------
+    root : str or path
+        The store.
+
+    Returns
+    -------
+    dict
+        As given to :class:`RunWriter`; empty where the store does not record it, or records it for
+        other scans.
     """
     try:
         stored = _made_of(Path(root), read_manifest(root))

@@ -268,7 +268,25 @@ def _header_of(head: str) -> list[str]:
 
 
 def read_columns(path: Path, *texts: str) -> pd.DataFrame:
-    """Read a CSV file of any columns (:func:`parse_columns`)."""
+    """Read a CSV file of any columns.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    *texts : str
+        Columns of text even where they look like numbers.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table (:func:`parse_columns`).
+
+    Raises
+    ------
+    ValueError
+        If the table could be read in two ways, or is too large.
+    """
     return parse_columns(read_named(path), *texts)
 
 
@@ -401,6 +419,16 @@ def table_text(table: pd.DataFrame) -> str:
     a line end. An apostrophe in front of a cell marks it as text. It is put in front of a column's
     name and of text that begins so and is no number, and in front of text that begins with
     apostrophes before such a character. Reading removes one apostrophe.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        The table; its index is not written.
+
+    Returns
+    -------
+    str
+        The text.
     """
     quoted = table.rename(columns=_quoted)
     has_returns = False

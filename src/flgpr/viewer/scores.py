@@ -30,9 +30,17 @@ _TARGET = ("target_id", "kind", "depth", "far", "confidence")
 
 
 def score_file(path: Path) -> Path | None:
-    """Return the file of a score at a path; None if there is none.
+    """Return the file of a score.
 
-    The path is the file itself or a folder of ``flgpr score``.
+    Parameters
+    ----------
+    path : Path
+        The file itself, or a folder of ``flgpr score``.
+
+    Returns
+    -------
+    Path or None
+        The file; None if there is none.
     """
     if path.is_dir():
         for name in _FILES:
