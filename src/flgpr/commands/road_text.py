@@ -71,8 +71,8 @@ def _drawn(lane: Lane, marks: list[Mark]) -> list[str]:
             ground[row][column] = mark.character
     edge = "─" * _COLUMNS
     lines = [f"┌{edge}┐"]
-    for row in ground:
-        cells = "".join(row)
+    for cells_of_row in ground:
+        cells = "".join(cells_of_row)
         lines.append(f"│{cells}│")
     lines.append(f"└{edge}┘")
 

@@ -348,8 +348,8 @@ def _write_values(axes: Axes, design: Design, ratio: NDArray[np.float64], middle
     for i, j in np.ndindex(*ratio.shape):
         value = ratio[i, j]
         axes.text(
-            design.ratio_y[i],
-            design.ratio_x[j],
+            float(design.ratio_y[i]),
+            float(design.ratio_x[j]),
             f"{value:.0f}",
             color="black" if value > middle else "white",
             fontsize=8,
