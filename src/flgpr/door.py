@@ -273,6 +273,23 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     ``files`` of the manifest holds one digest per file. ``added`` holds several, of which one must
     match; a None among them says that the file may be absent. ``sizes`` and ``added_sizes`` hold
     bytes likewise, unless the manifest is of an older version.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    manifest : mapping
+        Its manifest.
+
+    Returns
+    -------
+    Folder
+        The folder, of which only listed files are read.
+
+    Raises
+    ------
+    ValueError
+        If the list cannot be read.
     """
     try:
         sizes = manifest.get("sizes", {})

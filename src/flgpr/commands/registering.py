@@ -95,6 +95,11 @@ def find_entrant(
     reading : TableReading, optional
         Columns of a list that is not of a result.
 
+    Returns
+    -------
+    Entrant
+        List, recipe and model.
+
     Raises
     ------
     ValueError
@@ -244,8 +249,24 @@ def heads_of_reports(
 ) -> dict[PathLike, dict[str, Any]]:
     """Return how many lines of a register each report of a score knows, and the last one's hash.
 
-    ``reports`` are ``roc.json`` or ``comparison.json`` of scores, or their folders. A line that a
-    report knows and the register lacks is a ValueError.
+    Parameters
+    ----------
+    lines : sequence of dict
+        The register's lines.
+    register : path or WitnessedRegister
+        The register, for errors.
+    reports : sequence of path
+        ``roc.json`` or ``comparison.json`` of scores, or their folders.
+
+    Returns
+    -------
+    dict of path to dict
+        ``lines`` and ``head`` by report.
+
+    Raises
+    ------
+    ValueError
+        If a report knows a line that the register lacks.
     """
     path, _ = register_paths(register)
     kinds = _kinds_of(lines)

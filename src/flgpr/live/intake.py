@@ -1,8 +1,8 @@
 """Decides which frames become scans, and fills in missing poses.
 
 Whether a pose that is there is believed is judged by the gate (``model/plausible.py``) of the
-detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans late, repeated,
-out of order, damaged, without a pose or with a bad one are all counted.
+detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans that are late,
+repeated, out of order, damaged, without a pose or with a bad one are all counted.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import bisect
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -94,9 +95,9 @@ class Numbers:
 class Intake:
     """Decides which frames become scans, and counts the others.
 
-    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose is
-    filled in from known ones at most ``longest_gap`` scans away. A number counts as used when its
-    scan went on and was not refused: a bad frame uses up no number.
+    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose
+    is filled in from known ones at most ``longest_gap`` scans away. A number counts as used when
+    its scan went on and was not refused: a bad frame uses up no number.
     """
 
     def __init__(
@@ -269,8 +270,12 @@ class Intake:
         """
         if not self._poses:
             return True
-        known, known_pose = min(self._poses, key=lambda other: abs(other[0] - number))
-        start = Sighting(known, math.nan, known_pose)
+
+        def scans_from(known: NumberedPose) -> int:
+            return abs(known[0] - number)
+
+        nearest, nearest_pose = min(self._poses, key=scans_from)
+        start = Sighting(nearest, math.nan, nearest_pose)
         end = Sighting(number, math.nan, pose)
         return step_between(self._limits, start, end).strain <= 1
 
@@ -279,14 +284,17 @@ class Intake:
         known = [entry for entry in self._poses if entry[0] != number]
         if len(known) < 2:
             return None
-        index = bisect.bisect([known_number for known_number, _ in known], number)
+        numbers = [known_number for known_number, _ in known]
+        index = bisect.bisect(numbers, number)
         index = min(max(index, 1), len(known) - 1)
         first, first_pose = known[index - 1]
         last, last_pose = known[index]
-        if min(abs(number - first), abs(number - last)) > self._longest:
+        gap = min(abs(number - first), abs(number - last))
+        if gap > self._longest:
             return None
         share = (number - first) / (last - first)
         step = last_pose - first_pose
+        # Angles go the shorter way round, and the heading stays between -π and π.
         step[3:] = np.angle(np.exp(1j * step[3:]))
         pose: NDArray[np.float64] = first_pose + share * step
         pose[3] = np.angle(np.exp(1j * pose[3]))
@@ -300,8 +308,10 @@ def _with_pose(
 
     Only the last few, ascending.
     """
-    others = [known for known in poses if known[0] != number]
-    return sorted([*others, (number, pose)], key=lambda known: known[0])[-_KNOWN_POSES:]
+    numbered = [known for known in poses if known[0] != number]
+    numbered.append((number, pose))
+    numbered.sort(key=itemgetter(0))
+    return numbered[-_KNOWN_POSES:]
 
 
 def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
@@ -311,4 +321,7 @@ def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
 
 def _poses_from_json(entries: list[list[Any]]) -> list[NumberedPose]:
     """Return numbered poses from JSON values."""
-    return [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in entries]
+    poses = []
+    for number, pose in entries:
+        poses.append((int(number), np.asarray(pose, dtype=np.float64)))
+    return poses

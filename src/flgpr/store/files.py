@@ -75,6 +75,11 @@ def existing(path: str | Path, what: str = "file") -> Path:
     what : str
         What the file is, for the messages.
 
+    Returns
+    -------
+    Path
+        The file.
+
     Raises
     ------
     FileNotFoundError
@@ -238,6 +243,7 @@ def _open_alone(temporary: Path) -> BinaryIO:
         file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
         with suppress(OSError):  # a file system without locks
             system.lock(file, wait=True)
+        # Another process may have renamed or removed the file before this one had the lock.
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file.fileno()), temporary.lstat()):
                 file.truncate(0)
@@ -262,6 +268,7 @@ def replace_folder(new: Path, folder: Path) -> None:
     """
     old = replaced_by(folder)
     shutil.rmtree(old, ignore_errors=True)
+    # No system renames a folder over one that holds files: for a moment neither has the name.
     if folder.exists():
         folder.rename(old)
     new.rename(folder)
@@ -390,5 +397,23 @@ def parse_with_digest(data: bytes) -> dict[str, Any]:
 
 
 def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:
-    """Read a file of an untrusted folder by :func:`parse_with_digest`."""
+    """Read a file of an untrusted folder by :func:`parse_with_digest`.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    name : str
+        Name of the file in it.
+
+    Returns
+    -------
+    dict
+        The object, with its entry ``sha256``.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged.
+    """
     return parse_with_digest(Folder(folder).read(name, MOST_JSON))

@@ -301,9 +301,24 @@ def encode_scan(
 
 
 def frame_size(head: bytes) -> int:
-    """Return the number of bytes of a frame from its first :func:`head_size` bytes or more.
+    """Return the number of bytes of a frame from its first bytes.
 
-    Fewer bytes are a TruncatedFrameError, an impossible size a ScanFileError.
+    Parameters
+    ----------
+    head : bytes
+        The first :func:`head_size` bytes or more.
+
+    Returns
+    -------
+    int
+        The number.
+
+    Raises
+    ------
+    TruncatedFrameError
+        If there are fewer bytes.
+    ScanFileError
+        If the size is impossible.
     """
     if len(head) < _HEAD.size:
         raise TruncatedFrameError(f"frame must have at least {_HEAD.size} bytes, got {len(head)}")

@@ -371,6 +371,11 @@ def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -
     score : path, optional
         Folder of the first one's score if that is not in it.
 
+    Returns
+    -------
+    list of Source
+        What is shown, in the order of the paths.
+
     Raises
     ------
     ViewError
@@ -406,6 +411,11 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         What is opened.
     score : path, optional
         Folder of a result's score if that is not in the result.
+
+    Returns
+    -------
+    Source
+        What is shown.
 
     Raises
     ------
