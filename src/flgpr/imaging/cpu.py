@@ -168,9 +168,10 @@ class PreciseBackend(Backend):
         for sweeps, image in zip(data, out, strict=True):
             if self._phase is not None:
                 sweeps = sweeps * self._phase
-            tones = sweeps[:, None, :] * self._weight
-            slots = (tones.reshape(-1, tones.shape[2]) @ self._slots).reshape(*tones.shape[:2], -1)
-            profile = fft.ifft(slots, axis=2, norm="forward")[..., self._bin]
+            tones = sweeps[:, None, :] * self._weight  # (pair, subband, tone)
+            slots = tones.reshape(-1, tones.shape[2]) @ self._slots
+            spectra = slots.reshape(*tones.shape[:2], -1)
+            profile = fft.ifft(spectra, axis=2, norm="forward")[..., self._bin]
             profile = profile * self._spectrum.factor
             table = np.ascontiguousarray(profile.transpose(0, 2, 1))
             adjoint_precise(table, self._geometry, image)
@@ -183,10 +184,13 @@ class PreciseBackend(Backend):
         table = np.empty((pairs, bins, bands), np.complex128)
         for scene, rows in zip(image, out, strict=True):
             forward_precise(scene, self._geometry, table)
+            profile = (table * self._spectrum.factor[:, None]).transpose(1, 0, 2)
             slots = np.zeros((self._spectrum.size, pairs, bands), np.complex128)
-            np.add.at(slots, self._bin, (table * self._spectrum.factor[:, None]).transpose(1, 0, 2))
-            slots = fft.fft(slots, axis=0)
-            tones = (self._slots @ slots.reshape(slots.shape[0], -1)).reshape(-1, pairs, bands)
+            # A table longer than the transform wraps: bins that fall together are added.
+            np.add.at(slots, self._bin, profile)
+            spectra = fft.fft(slots, axis=0)
+            flat = self._slots @ spectra.reshape(spectra.shape[0], -1)
+            tones = flat.reshape(-1, pairs, bands)
             rows[...] = np.einsum("kqs,sk->qk", tones, self._weight)
             if self._phase is not None:
                 rows *= self._phase.conj()

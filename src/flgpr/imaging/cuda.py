@@ -1,4 +1,8 @@
-"""The imaging sums on a CUDA device, from range profiles: passes of a few scans in several streams."""
+"""The imaging sums on a CUDA device, from range profiles: a few scans a pass, in several streams.
+
+A pass is copied to the device, summed there and copied back in one stream, so that the transfers of
+one pass overlap with the sums of another.
+"""
 
 from __future__ import annotations
 
@@ -104,12 +108,15 @@ class CudaBackend(Backend):
     def _run(self, source: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
         """Send the rows of ``source`` through ``step``, a few at a time, in turn by stream."""
         row_bytes = 8 * bands * self._geometry.tx.size * (self._row() + self._spare())
-        rows = max(1, min(PASS_BYTES // row_bytes, -(-source.shape[0] // STREAMS)))
+        fits = PASS_BYTES // row_bytes
+        for_all_streams = -(-source.shape[0] // STREAMS)
+        rows = max(1, min(fits, for_all_streams))
         with self._lock:
             lanes = self._lanes(rows, source.shape[1:], out.shape[1:], bands)
             for number, start in enumerate(range(0, source.shape[0], rows)):
                 lane = lanes[number % STREAMS]
                 count = min(rows, source.shape[0] - start)
+                # The lane's memory is free once its last pass has come out.
                 lane.stream.synchronize()
                 lane.staging[:count] = source[start : start + count]
                 lane.source[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
@@ -272,7 +279,8 @@ class CudaBackend(Backend):
             order = np.empty((g.tx.size, g.pixel_count), np.int32)
             begin = np.empty((g.tx.size, reach + 1), np.int32)
             for q in range(g.tx.size):
-                bins = ((delay[g.tx[q]] + delay[g.rx[q]] - g.origin) % 2**32) >> g.shift
+                pair_delay = (delay[g.tx[q]] + delay[g.rx[q]] - g.origin) % 2**32
+                bins = pair_delay >> g.shift
                 order[q] = np.argsort(bins, kind="stable")
                 begin[q] = np.searchsorted(bins[order[q]], np.arange(reach + 1))
             self._order = cuda.to_device(begin), cuda.to_device(order)
@@ -281,9 +289,9 @@ class CudaBackend(Backend):
 
 def _groups(channels: int) -> tuple[int, int]:
     """Return the channels of each thread and of all together: ``channels`` or a few more."""
-    number = -(-channels // GROUP)
-    group = -(-channels // number)
-    return group, number * group
+    groups = -(-channels // GROUP)
+    group = -(-channels // groups)
+    return group, groups * group
 
 
 def _block(size: int) -> int:

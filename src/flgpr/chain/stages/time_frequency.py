@@ -68,7 +68,8 @@ class TimeFrequency(FeatureStage):
         missing = [name for name in settings.polarizations if name not in imaged]
         if missing:
             raise ValueError(
-                f"time-frequency.polarizations must be among {', '.join(imaged)}, got {missing[0]!r}"
+                f"time-frequency.polarizations must be among {', '.join(imaged)}, "
+                f"got {missing[0]!r}"
             )
         subbands = setup.imager.subbands
         widths = {name: high - low for name, (low, high) in subbands.items()}
