@@ -38,7 +38,7 @@ MOST_ALARMS = 1000
 MOST_GATHERED = 4000
 """Alarms that looks are gathered for, the strongest; which are confident is known only later."""
 Maps = Mapping[str, NDArray[Any]]
-Parts = Callable[[xr.DataArray], tuple[Maps, Maps]]
+MapsOf = Callable[[xr.DataArray], tuple[Maps, Maps]]
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,9 @@ class EvidenceSums:
     poses : mapping of int to (6,) ndarray, optional
         Poses of all scans that see the same alarms, by scan number, whether they are added here or
         by others. With them only the nearest scans of every alarm are sampled.
-    parts : callable, optional
-        Returns the maps of a cleaned image that add up to what alarms are raised on, and others.
+    maps_of : callable, optional
+        Returns the maps of a cleaned image that add up to what alarms are raised on, and those that
+        explain it without adding up.
     falloff : float
         The run-view weighs looks by their distance to the power -``falloff``.
     """
@@ -172,7 +173,7 @@ class EvidenceSums:
         run: xr.Dataset | None = None,
         subband: str | None = None,
         poses: Mapping[int, FloatArray] | None = None,
-        parts: Parts | None = None,
+        maps_of: MapsOf | None = None,
         falloff: float = 0.0,
     ) -> None:
         self._points = ground_points(alarms)
@@ -181,7 +182,7 @@ class EvidenceSums:
         self._run = run
         self._subband = subband
         self._poses = poses
-        self._parts = parts
+        self._maps_of = maps_of
         self._falloff = falloff
         self._looks: list[list[_Look]] = [[] for _ in self._points]
         self._seen = np.zeros(len(self._points), bool)
@@ -217,8 +218,8 @@ class EvidenceSums:
         visible = in_sight(image, points, self._y_max)
         self._sample(image, signal, visible, points)
         self._seen[visible] = True
-        if visible.size and self._parts is not None:
-            adding, alone = self._parts(image)
+        if visible.size and self._maps_of is not None:
+            adding, alone = self._maps_of(image)
             self._add_causes(image, visible, points[visible], adding, alone)
         if visible.size:
             one_band = image.sel(subband=self._subband or subband[0])

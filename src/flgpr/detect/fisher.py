@@ -196,10 +196,14 @@ def hit_weights(
         return weights
     if not (np.isfinite(d[hit]).all() and (d[hit] >= 0).all()):
         raise ValueError("distance must be finite and not negative for every hit")
+
+    # w of Eq. 19: a hit's share of its target's weight.
     _, group = np.unique(hit_of[hit], return_inverse=True)
     proximity = np.exp(-((d[hit] / label_radius) ** 2))
-    share = proximity / np.bincount(group, proximity)[group]
-    weights[hit] = np.maximum(1, np.floor(w0 * factor[hit] * share + 0.5).astype(np.int64))
+    of_target = np.bincount(group, proximity)
+    share = proximity / of_target[group]
+    rounded = np.floor(w0 * factor[hit] * share + 0.5)
+    weights[hit] = np.maximum(1, rounded.astype(np.int64))  # Eq. 18
     return weights
 
 

@@ -65,19 +65,40 @@ def fit_sparse(
 ) -> SparseFit:
     """Fit p(t = 1) = σ(Σ w_i φ_i + offset) with w_i ~ N(0, 1/α_i) and α maximising the evidence.
 
-    ``design`` is (sample, basis), ``target`` 0 or 1. "fast" adds and removes basis functions one by
-    one (Tipping & Faul 2003). The evidence has many local maxima, so it starts ``n_starts`` times,
-    once by the best single action at a time and else from different first functions, and exchanges
-    members of the best models; a ``start`` takes the place of all but the first. "ard" begins with
-    all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the
-    last digits of the precisions come from the fast ascent, no function entering.
+    The evidence has many local maxima. The model may be empty: then nothing is to be gained over
+    the offset alone.
 
-    ``rate`` is that of the exponential prior exp(-rate/(2α)) on the variances, which makes the
-    weights' priors Laplacian with scale 1/sqrt(rate); 0 is ARD, and "auto" takes the rate that
-    makes the variances of the ARD fit most likely. ``tol`` is the largest gain of log evidence by a
-    function's entering, and the largest change of log α, that is left; the change does not count
-    once 50 rounds of it gain less than a hundredth of ``tol``. The model may be empty: then nothing
-    is to be gained over the offset alone.
+    Parameters
+    ----------
+    design : (sample, basis) array_like
+        Basis functions φ at the samples.
+    target : (sample,) array_like
+        Labels t, 0 or 1.
+    offset : float
+        Log odds where all weights are zero.
+    algorithm : {"fast", "ard"}
+        "fast" adds and removes basis functions one by one (Tipping & Faul 2003). "ard" begins with
+        all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the
+        last digits of the precisions come from the fast ascent, no function entering.
+    rate : float or "auto"
+        Rate of the exponential prior exp(-rate/(2α)) on the variances, which makes the weights'
+        priors Laplacian with scale 1/sqrt(rate). 0 is ARD; "auto" takes the rate that makes the
+        variances of the ARD fit most likely.
+    n_starts : int
+        Number of starts of "fast": one by the best single action at a time, the others from
+        different first functions; members of the best models are exchanged.
+    start : SparseFit, optional
+        Model to begin with, in place of all starts but the first.
+    tol : float
+        Largest gain of log evidence by a function's entering, and largest change of log α, that is
+        left. The change does not count once 50 rounds of it gain less than a hundredth of ``tol``.
+    max_iter : int
+        Most iterations of a start.
+
+    Returns
+    -------
+    SparseFit
+        The model.
     """
     # Rows of basis functions, contiguous, because every sum over samples runs along them.
     rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
@@ -199,10 +220,10 @@ def _exchange(
     best = fit
     while tried < len(best.active):
         number %= len(best.active)
-        others = np.arange(len(best.active)) != number
+        remaining = np.arange(len(best.active)) != number
         first = allowed.copy()
         first[best.active[number]] = False
-        start = (best.active[others], best.alpha[others], best.mean[others])
+        start = (best.active[remaining], best.alpha[remaining], best.mean[remaining])
         trial = relevance.ascend(*fixed, *start, first, tol, max_iter)
         iterations += trial.iterations
         rise = relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE

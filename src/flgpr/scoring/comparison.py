@@ -367,14 +367,19 @@ def side_by_side(
         for row in _paired_points(first, second, fars, rules):
             pairs.append(names | row)
         if means:
-            compared = compare(first, second, **_mean_options(rules))
-            row = {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
+            row = _compared_means(first, second, rules)
             row["low_a"], row["high_a"] = intervals[name]
             row["low_b"], row["high_b"] = intervals[other]
             pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
     table.attrs = {}
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
+
+
+def _compared_means(first: Match, second: Match, rules: Rules) -> dict[str, Any]:
+    """Return the entries of a row that compares the PD_mean of two detectors."""
+    compared = compare(first, second, **_mean_options(rules))
+    return {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
 
 
 def _mean_options(rules: Rules) -> dict[str, Any]:
@@ -523,9 +528,10 @@ def agreement(
             f"verdicts must be of the same alarms, at least one, got {len(first)} and {len(second)}"
         )
     verdicts = {*first, *second}
-    strange = sorted(str(verdict) for verdict in verdicts if verdict not in categories)
-    if strange:
-        raise ValueError(f"verdicts must be {', '.join(categories)}, got {', '.join(strange)}")
+    unknown = sorted(str(verdict) for verdict in verdicts if verdict not in categories)
+    if unknown:
+        raise ValueError(f"verdicts must be {', '.join(categories)}, got {', '.join(unknown)}")
+
     names = pd.Index(categories)
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     row = names.get_indexer(pd.Index(first))
@@ -533,6 +539,7 @@ def agreement(
     np.add.at(counts, (row, column), 1)
     n = int(counts.sum())
     agreed = int(np.trace(counts))
+    # Two analysts who judge independently agree by the product of their shares of each verdict.
     expected = float((counts.sum(axis=0) * counts.sum(axis=1)).sum() / n**2)
     low, high = clopper_pearson(agreed, n, level)
     shares = (agreed / n, float(low), float(high))

@@ -257,7 +257,7 @@ def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArraySta
             continue
         edge = np.array([[rim.h], [rim.v]])
         size = bodies.rim_amplitude(rim, k, sine) * top * edge
-        reach = rim.radius if rim.near else -rim.radius
+        reach = rim.radius if rim.is_near else -rim.radius
         z = height - rim.drop
         _add_ring_point(echoes, target, reach, towards, z, _without_cross(size), array)
 

@@ -355,7 +355,7 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
     for rim in bodies.visible_rims(target.outline, min(sine / index, 0.999)):
         if target.dielectric is not None and rim.drop > 0:
             continue  # the layers' sum already holds the body's bottom
-        side = 1.0 if rim.near else -1.0
+        side = 1.0 if rim.is_near else -1.0
         # The axis leans towards the radar: the near rim sinks, the far one rises.
         depth = max(target.depth + rim.drop + side * rim.radius * along, 0.0)
         point = np.empty((array.tx.size, 3))
@@ -367,7 +367,7 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
         size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index)
         size = size * ground.dispersion(sine, depth)
         copolar = size * entry * _strength(rim, target, sine, ground, layer)
-        if cover is not None and rim.drop == 0 and not rim.near:
+        if cover is not None and rim.drop == 0 and not rim.is_near:
             copolar = copolar * cover
         position = np.array([target.x, target.y, -depth])
         echoes.add(sent.path + taken.path, position, rotated(copolar, across))
@@ -385,7 +385,7 @@ def _strength(
     gap = min(target.air_gap, 0.9 * target.height)
     layers = [(gap, 1.0), (target.height - gap, target.dielectric)]
     near_rim = bodies.layers_strength(sine, ground.wavenumber, ground.media[layer], layers)
-    return near_rim if rim.near else -near_rim
+    return near_rim if rim.is_near else -near_rim
 
 
 def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
