@@ -172,6 +172,7 @@ def estimate_joint(
         bias_sigma, offset_sigma = _sigma(
             run_at_best, track, middle, trials.step / 2, lines, (biases, peak), noise
         )
+
     top = _summit(curve, bias, peak)
     table = _at_reflectors(run_at_best, positions, operator, top, tolerance)
     single = table["bias"].to_numpy()
@@ -179,6 +180,7 @@ def estimate_joint(
         # The reflectors' disagreement counts too: errors of their positions are in it.
         standard_error = single.std(ddof=1) / np.sqrt(single.size)
         bias_sigma = float(np.hypot(bias_sigma, standard_error))
+
     fit = BiasFit(
         bias=float(single.mean()),
         bias_sigma=bias_sigma,

@@ -204,6 +204,8 @@ class CudaBackend(Backend):
         table = lane.table[: pairs * channels * size].reshape(pairs, channels, size)
         begin, order = self._sorted_pixels()
         group, _ = _groups(lane.source.shape[0] * bands)
+        # A thread for every slot of a profile, a block along y for every pair, along z for every
+        # group of channels.
         blocks = (-(-size // gpu.THREADS), pairs, -(-channels // group))
         spread = gpu.forward_kernel(self.width, group)[blocks, (gpu.THREADS, 1, 1), stream]
         image = (
@@ -251,20 +253,23 @@ class CudaBackend(Backend):
         shape = (g.antenna.shape[0], g.pixels.shape[1])
         delay = cuda.device_array(shape, np.uint32)
         phasor = cuda.device_array(shape, np.complex64)
-        pixels = cuda.to_device(np.ascontiguousarray(g.pixels))
-        antennas = cuda.to_device(np.ascontiguousarray(g.antenna))
-        medium = cuda.to_device(np.ascontiguousarray(g.medium))
-        gain = cuda.to_device(g.gain if g.gain.size else np.zeros((1, 1), np.float32)[:, :0])
+        pixels = _to_device(g.pixels)
+        antennas = _to_device(g.antenna)
+        medium = _to_device(g.medium)
+        no_gain = np.zeros((1, 1), np.float32)[:, :0]
+        gain = cuda.to_device(g.gain if g.gain.size else no_gain)
         stream = cuda.default_stream()
         locate = self._launch(gpu.locate, (shape[1], shape[0]), stream)
         locate(pixels, antennas, medium, g.per_turn, g.carrier, gain, delay, phasor)
         stream.synchronize()
+
+        # Flat: the kernels add a pixel's number to where its antenna begins.
         self._delay = delay.reshape(-1)
         self._phasor = phasor.reshape(-1).view(np.uint64)
         self._on_device.tx = cuda.to_device((g.tx * shape[1]).astype(np.uint64))
         self._on_device.rx = cuda.to_device((g.rx * shape[1]).astype(np.uint64))
-        weight = g.weight.reshape(-1, padded(self.width))[:, : self.width].T
-        self._on_device.taps = cuda.to_device(np.ascontiguousarray(weight))
+        padded_taps = g.weight.reshape(-1, padded(self.width))
+        self._on_device.taps = _to_device(padded_taps[:, : self.width].T)
 
     def _sorted_pixels(self) -> tuple[Any, Any]:
         """Return where each bin of every pair begins, and its pixels in the order of their bins.
@@ -287,6 +292,11 @@ class CudaBackend(Backend):
         return self._order
 
 
+def _to_device(array: NDArray[Any]) -> Any:
+    """Copy an array to the device, row by row."""
+    return cuda.to_device(np.ascontiguousarray(array))
+
+
 def _groups(channels: int) -> tuple[int, int]:
     """Return the channels of each thread and of all together: ``channels`` or a few more."""
     groups = -(-channels // GROUP)
@@ -307,12 +317,17 @@ class _Constants:
     taps: Any
 
     def __init__(self, spectrum: Spectrum, weight: FloatArray, phase: ComplexArray | None) -> None:
+        # The entries of the tones by slot: a thread of the compression fills one slot.
         tone = np.repeat(np.arange(spectrum.entries.size - 1), np.diff(spectrum.entries))
         order = np.argsort(spectrum.slot, kind="stable")
         begin = np.searchsorted(spectrum.slot[order], np.arange(spectrum.size + 1))
+
+        # The correction by slot of the transform, not by bin of the table.
         factor = np.ones(spectrum.size, np.float32)
         bins = min(spectrum.factor.size, spectrum.size)
-        factor[(spectrum.first + np.arange(bins)) % spectrum.size] = spectrum.factor[:bins]
+        slots = (spectrum.first + np.arange(bins)) % spectrum.size
+        factor[slots] = spectrum.factor[:bins]
+
         none = np.zeros((1, 1), np.complex64)[:0]
         self.weight = cuda.to_device(weight.astype(np.float32))
         self.begin = cuda.to_device(begin.astype(np.uint64))

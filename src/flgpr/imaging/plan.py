@@ -292,8 +292,8 @@ def make_plan(
     size = window.size
     per_turn = tones.step / SPEED_OF_LIGHT
 
-    # Bins from the shortest to the longest path, one more on either side for rounding, and those
-    # that only the window reaches.
+    # Bins from the shortest to the longest path, at least one more on either side for rounding, and
+    # those that only the window reaches.
     start = math.floor(swath[0] * per_turn * size) - 1
     reach = min(math.floor(swath[1] * per_turn * size) + 3 - start, size)
     first = start - (window.width - 1) // 2

@@ -153,13 +153,9 @@ def compare(
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
 
-    # Looks at one mine are no independent trials: a mine counts once, for the detector that finds
-    # it more often.
     found_a = _is_found(scores_a, far, design.area)
     found_b = _is_found(scores_b, far, design.area)
-    lead = np.bincount(design.target_cluster, weights=found_a.astype(float) - found_b.astype(float))
-    only_a = int((lead > 0).sum())
-    only_b = int((lead < 0).sum())
+    only_a, only_b = _found_by_one(found_a, found_b, design)
 
     by_chance = []
     for matched in (first, second):
@@ -197,6 +193,19 @@ def _resampled_differences(
         gain = scores_a.shares(far_max, block, area) - scores_b.shares(far_max, block, area)
         differences[number] = (target * gain).sum() / target.sum()
     return differences
+
+
+def _found_by_one(
+    found_a: NDArray[np.bool_], found_b: NDArray[np.bool_], design: Design
+) -> tuple[int, int]:
+    """Return how many mines detector A alone finds, and how many detector B alone.
+
+    Looks at one mine are no independent trials: a mine counts once, for the detector that finds it
+    more often.
+    """
+    difference = found_a.astype(float) - found_b.astype(float)
+    lead = np.bincount(design.target_cluster, weights=difference)
+    return int((lead > 0).sum()), int((lead < 0).sum())
 
 
 def _is_found(scores: Scores, far: float, area: float) -> NDArray[np.bool_]:

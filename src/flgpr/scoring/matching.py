@@ -304,11 +304,8 @@ def match(
     0         a     1      0.36
     1         b     3      0.14
     """
-    if not (isinstance(halo, int | float | np.number) and math.isfinite(halo) and halo > 0):
-        raise ValueError(f"halo must be a positive number of metres, got {halo!r}")
-    one_of("halo_as", halo_as, ("radius", "diameter"))
+    radius = _halo_radius(halo, halo_as)
     one_of("assignment", assignment, ("halo", "nearest"))
-    radius = float(halo) / (2 if halo_as == "diameter" else 1)
     alarms = check_alarms(alarms).reset_index(drop=True)
     truth = check_truth(truth).reset_index(drop=True)
     lanes = as_lanes(lane)
@@ -356,6 +353,14 @@ def match(
         false=inside & ~in_halo,
         refraction=refraction,
     )
+
+
+def _halo_radius(halo: float, halo_as: str) -> float:
+    """Return the radius of a halo, m, that is given as a radius or a diameter."""
+    if not (isinstance(halo, int | float | np.number) and math.isfinite(halo) and halo > 0):
+        raise ValueError(f"halo must be a positive number of metres, got {halo!r}")
+    one_of("halo_as", halo_as, ("radius", "diameter"))
+    return float(halo) / (2 if halo_as == "diameter" else 1)
 
 
 def _nearest_pairs(alarm: IntArray, target: IntArray, distance: FloatArray) -> IntArray:
