@@ -271,7 +271,12 @@ class LiveDetector:
         if background is None:
             return LiveUpdate("warm-up", [])
         cleaned = self.steps.clean(
-            scan.number, pose, image, gain, background, own=self.mapper is not None
+            scan.number,
+            pose,
+            image,
+            gain,
+            background,
+            needs_own_phase=self.mapper is not None,
         )
         earlier_sums = self._extend_history(cleaned)
         left_behind = self._jump(newest_pose)

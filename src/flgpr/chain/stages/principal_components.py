@@ -74,8 +74,8 @@ class ComponentMap(FormMap):
         y = image["y"].values
         before = self.settings.length // 2
         after = self.settings.length - before - 1
-        for form, (near, far) in zip(self.forms, pairwise(self.settings.edges), strict=True):
-            first, end = np.searchsorted(y, [near, far])
+        for form, interval in zip(self.forms, pairwise(self.settings.edges), strict=True):
+            first, end = np.searchsorted(y, interval)
             # The chips of the interval's pixels reach beyond it.
             begin = max(first - before, 0)
             of_interval = form.likelihood(stack[:, begin : end + after], self._chip)
@@ -140,14 +140,14 @@ def interval_samples(
     shape = settings.length, 1
     samples = {}
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
-    for number, (near, far) in enumerate(pairwise(settings.edges)):
-        of_interval = mines[(mines[:, 1] >= near) & (mines[:, 1] < far)]
-        rows = slice(*np.searchsorted(band["y"].values, [near, far]))
-        stack, _ = stack_channels(band.isel(y=rows), settings.polarizations)
+    for number, (nearest, farthest) in enumerate(pairwise(settings.edges)):
+        of_interval = mines[(mines[:, 1] >= nearest) & (mines[:, 1] < farthest)]
         samples[f"target-{number}"] = target_cuts(band, of_interval, settings)
-        samples[f"clutter-{number}"] = clutter_cuts(
-            stack, clean[rows], shape, settings.clutter_step
-        )
+
+        rows = slice(*np.searchsorted(band["y"].values, [nearest, farthest]))
+        stack, _ = stack_channels(band.isel(y=rows), settings.polarizations)
+        of_clutter = clutter_cuts(stack, clean[rows], shape, settings.clutter_step)
+        samples[f"clutter-{number}"] = of_clutter
     return samples
 
 
@@ -158,17 +158,21 @@ def _trained(
     clutter: NDArray[Any],
 ) -> LinearQuadraticForm:
     """Return the log-likelihood ratio of an interval, or refuse too few looks or samples."""
-    near, far = interval
+    nearest, farthest = interval
+    span = f"from {nearest:g} to {farthest:g} m"
     counts = [
-        Tally(len(target), f"looks at targets from {near:g} to {far:g} m"),
+        Tally(len(target), f"looks at targets {span}"),
         Tally(len(clutter), "cuts of clutter there"),
     ]
     if len(target) < 2:
-        ends = Change("edges", [settings.edges[0], settings.edges[-1]], list(settings.edges))
-        needed = f"2 looks at targets or more from {near:g} to {far:g} m, got {len(target)}"
-        raise TooFewExamplesError(needed, counts, [ends] if len(settings.edges) > 2 else [])
+        needed = f"2 looks at targets or more {span}, got {len(target)}"
+        changes = []
+        if len(settings.edges) > 2:
+            ends = [settings.edges[0], settings.edges[-1]]
+            changes.append(Change("edges", ends, list(settings.edges)))
+        raise TooFewExamplesError(needed, counts, changes)
     if len(clutter) < 2:
-        needed = f"2 cuts of clutter or more from {near:g} to {far:g} m, got {len(clutter)}"
+        needed = f"2 cuts of clutter or more {span}, got {len(clutter)}"
         raise TooFewExamplesError(needed, counts, [clear_change(settings)])
     try:
         whitener = ClutterWhitener(settings.moments).fit(clutter)
