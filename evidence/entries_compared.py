@@ -2,7 +2,8 @@
 
 ``python evidence/entries_compared.py fused3 fused --folder GROUND [--folder OTHER] [--tier T]`` opens the sealed truth
 of the first folder, which is logged, and prints Markdown tables of the first entry against the second and against the
-best of all other entries of the folders, in the standard split and at sites not seen in training:
+best of all other entries of the folders, in the standard split and at sites not seen in training (mines in the other
+splits, too):
 
 - mines found at 0.02 false alarms per m² with exact 95 % intervals and chance, mines that one of the two alone finds,
   and p of McNemar's exact test. At a site the false alarms are those of its own lanes. The best entry is chosen after
@@ -19,6 +20,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,7 +47,8 @@ from proving_ground import matched
 
 FAR = 0.02  # per m²
 LEVELS = (0.5, 0.7, 0.9)  # of Pd
-SPLITS = ("standard", "new-site")
+SPLITS = ("standard", "new-site")  # with every site by itself
+OTHER_SPLITS = ("new-kind", "new-height", "variant")
 BINS = 10
 STRETCH = 10.0  # m of lane that are drawn together
 DRAWS = 2000
@@ -80,22 +83,24 @@ def found_in(of_entry: Match, lanes: list[str]) -> Found:
     return Found(one.truth, far, 1 / area)
 
 
-def chance_at(one: Match) -> float:
+def chance_at(one: Match, scored: Sequence[str] = ()) -> float:
     """Return the Pd of mines that alarms which know nothing of them reach at 0.02 per m²."""
-    mines = (one.truth["kind"] != "simulant").to_numpy()
+    mines = kinds_of(Found(one.truth, np.empty(0), 0.0), "mines", scored)
     curve = chance(one).add_chance_column(roc_of(one, mines), mines)
     return float(curve["chance"].iloc[int(operating_row(curve, np.array([FAR]))[0])])
 
 
-def kinds_of(found: Found, group: str) -> np.ndarray:
-    """Return which targets are mines, or of a kind."""
+def kinds_of(found: Found, group: str, scored: Sequence[str] = ()) -> np.ndarray:
+    """Return which targets are mines, or of a kind; with some ``scored`` kinds mines of those alone."""
     kind = found.target["kind"].astype(str)
-    return (kind != "simulant" if group == "mines" else kind == group).to_numpy()
+    if group != "mines":
+        return (kind == group).to_numpy()
+    return (kind.isin(scored) if scored else kind != "simulant").to_numpy()
 
 
-def paired_cells(first: Found, second: Found, group: str) -> list[str]:
+def paired_cells(first: Found, second: Found, group: str, scored: Sequence[str] = ()) -> list[str]:
     """Return the cells of a row: what both find, what one alone finds, and p."""
-    chosen = kinds_of(first, group)
+    chosen = kinds_of(first, group, scored)
     mine = first.far[chosen] <= FAR
     other = second.far[chosen] <= FAR
     cells = []
@@ -116,30 +121,31 @@ def far_at(far: np.ndarray, level: float) -> float:
 def ratio_cell(first: Found, second: Found, group: str, level: float) -> str:
     """Return false alarms at a Pd of both, and their ratio with its interval over resampled targets.
 
-    No false alarm counts as one, so that there is always a ratio where both reach the Pd.
+    No false alarm counts as one, so that there is a ratio wherever both reach the Pd.
     """
     chosen = kinds_of(first, group)
     far = np.maximum(first.far[chosen], first.least)
     other = np.maximum(second.far[chosen], second.least)
+    own = far_at(far, level)
+    its = far_at(other, level)
+    cell = f"{_rate(own)}, {_rate(its)}"
+    if math.isinf(own) or math.isinf(its):
+        return cell
     rng = np.random.default_rng(51)
     ratios = []
     for _ in range(DRAWS):
         drawn = rng.integers(0, len(far), len(far))
-        ratios.append(_ratio(far_at(far[drawn], level), far_at(other[drawn], level)))
-    reached = np.isfinite(ratios)
-    cell = f"{far_at(far, level):.4f}, {far_at(other, level):.4f}"
-    if not reached.any():
-        return f"{cell}: never"
-    low, high = np.percentile(np.array(ratios)[reached], [2.5, 97.5])
-    ratio = _ratio(far_at(far, level), far_at(other, level))
-    return f"{cell}: {ratio:.2f} ({low:.2f} to {high:.2f})"
+        drawn_own = far_at(far[drawn], level)
+        drawn_its = far_at(other[drawn], level)
+        if math.isfinite(drawn_own) and math.isfinite(drawn_its):
+            ratios.append(drawn_own / drawn_its)
+    low, high = np.percentile(ratios, [2.5, 97.5])
+    return f"{cell}: {own / its:.2f} ({low:.2f} to {high:.2f})"
 
 
-def _ratio(first: float, second: float) -> float:
-    """Return a ratio of false alarms; NaN where one of the two never reaches the Pd."""
-    if not (math.isfinite(first) and math.isfinite(second)):
-        return math.nan
-    return first / second
+def _rate(far: float) -> str:
+    """Return false alarms per m² in words."""
+    return f"{far:.4f}" if math.isfinite(far) else "never"
 
 
 class Stated(NamedTuple):
@@ -237,15 +243,40 @@ class Compared:
         """Return what an entry finds at a site, or at all."""
         return found_in(self.match(entry, split), self.lanes(split, site))
 
+    def scored(self, split: str) -> tuple[str, ...]:
+        """Return the kinds of mines that a split is scored on; none for all."""
+        return tuple(self.ground.table.splits[split].kinds or ())
+
     def best(self, split: str, site: str, without: str) -> list[str]:
         """Return the entries that find most mines at a site, one entry aside."""
         counts = {}
         for entry in self.entries(split):
             if entry != without:
                 found = self.found(entry, split, site)
-                counts[entry] = int((found.far[kinds_of(found, "mines")] <= FAR).sum())
+                mines = kinds_of(found, "mines", self.scored(split))
+                counts[entry] = int((found.far[mines] <= FAR).sum())
         most = max(counts.values())
         return [entry for entry, count in counts.items() if count == most]
+
+
+def report_pairs(compared: Compared, first: str, second: str, split: str, site: str) -> None:
+    """Print the rows of a split and a site: mines beside the others, and kinds beside the second."""
+    scored = compared.scored(split)
+    mine = compared.found(first, split, site)
+    of_site = in_lanes(compared.match(first, split), compared.lanes(split, site))
+    by_chance = f"{chance_at(of_site, scored):.2f}"
+    best = compared.best(split, site, first)
+    for other in dict.fromkeys([second, *best]):
+        theirs = compared.found(other, split, site)
+        title = f"{other}, best" if other in best else other
+        kinds = ["mines"]
+        if other == second and split in SPLITS:
+            kinds += ["metal", "plastic", "ap"]
+        for kind in kinds:
+            own, its, alone, p = paired_cells(mine, theirs, kind, scored)
+            chance_cell = by_chance if kind == "mines" else ""
+            cells = [split, site, kind, own, title, its, alone, p, chance_cell]
+            print(f"| {' | '.join(cells)} |")
 
 
 def report(compared: Compared, first: str, second: str) -> None:
@@ -258,21 +289,9 @@ def report(compared: Compared, first: str, second: str) -> None:
     )
     for split in SPLITS:
         for site in sites:
-            mine = compared.found(first, split, site)
-            best = compared.best(split, site, first)
-            of_site = in_lanes(compared.match(first, split), compared.lanes(split, site))
-            chance_at_site = f"{chance_at(of_site):.2f}"
-            for other in dict.fromkeys([second, *best]):
-                theirs = compared.found(other, split, site)
-                kinds = ["mines"]
-                if other == second:
-                    kinds += ["metal", "plastic", "ap"]
-                for kind in kinds:
-                    title = f"{other}, best" if other in best else other
-                    own, its, alone, p = paired_cells(mine, theirs, kind)
-                    by_chance = chance_at_site if kind == "mines" else ""
-                    cells = [split, site, kind, own, title, its, alone, p, by_chance]
-                    print(f"| {' | '.join(cells)} |")
+            report_pairs(compared, first, second, split, site)
+    for split in OTHER_SPLITS:
+        report_pairs(compared, first, second, split, "all")
     print(f"\n{tier}: false alarms per m² of {first} and of {second}, and their ratio\n")
     heads = " | ".join(f"Pd {level:g} of metal" for level in LEVELS)
     print(f"| split | site | {heads} |\n|{'---|' * (2 + len(LEVELS))}")

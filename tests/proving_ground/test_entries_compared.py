@@ -62,6 +62,8 @@ def test_pairs_are_counted_at_the_rate(compared):
     assert cells[1].startswith("2 of 4 (")
     assert cells[2:] == ["+2 -1", "1"]
     assert compared.paired_cells(first, second, "plastic")[2] == "+0 -0"
+    assert compared.paired_cells(first, second, "mines", ("plastic",))[0].startswith("0 of 0")
+    assert compared.paired_cells(first, second, "mines", ("metal",)) == cells
 
 
 def test_no_false_alarm_counts_as_one_in_a_ratio(compared):
@@ -69,7 +71,7 @@ def test_no_false_alarm_counts_as_one_in_a_ratio(compared):
     second = found(compared, [0.002] * 10)
     assert compared.ratio_cell(first, second, "metal", 0.7) == "0.0010, 0.0020: 0.50 (0.50 to 0.50)"
     never = found(compared, [np.inf] * 10)
-    assert compared.ratio_cell(first, never, "metal", 0.7) == "0.0010, inf: never"
+    assert compared.ratio_cell(first, never, "metal", 0.7) == "0.0010, never"
 
 
 def test_a_calibration_error_is_that_of_the_bins(compared):
@@ -107,6 +109,9 @@ def test_the_best_of_the_others_is_chosen_by_its_mines(compared):
 
         def entries(self, _split):
             return ["own", "good", "as good", "bad"]
+
+        def scored(self, _split):
+            return ()
 
         def found(self, entry, _split, _site):
             far = {"own": [0.0] * 4, "bad": [0.5] * 4}.get(entry, [0.0, 0.0, 0.5, 0.5])
