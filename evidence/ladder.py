@@ -221,6 +221,8 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
             mines = of_tier[of_tier["kind"] != "simulant"]
             if group != "mines":
                 mines = mines[mines["kind"] == group]
+            if not len(mines):
+                continue
             by_oracle = mines["oracle"] <= FAR
             for column in columns:
                 by_rung = mines[column] <= FAR
@@ -236,17 +238,42 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def report_paired(losses: pd.DataFrame) -> None:
-    """Print what every rung loses against the oracle at 0.02 false alarms per m²."""
-    for (tier, group), rows in losses.groupby(["tier", "group"], sort=False):
-        found = f"{rows['oracle'].iloc[0]} of {rows['mines'].iloc[0]}"
-        print(f"\n{tier}, {group}: of the oracle's {found}\n")
-        print("| knows | lost | gained | p (McNemar) | share lost |\n|---|---|---|---|---|")
-        for row in rows.to_dict("records"):
-            share = f"{row['lost'] / max(row['oracle'], 1):.2f}"
-            share += f" ({row['share_low']:.2f} to {row['share_high']:.2f})"
-            cells = [RUNGS[row["rung"]], row["lost"], row["gained"], f"{row['p']:.2g}", share]
-            print(f"| {' | '.join(str(cell) for cell in cells)} |")
+def page_tables(rows: pd.DataFrame, losses: pd.DataFrame) -> str:
+    """Return the two tables of docs/evidence/ladder.md: mines found, and what is lost against the oracle."""
+    names = {**RUNGS, **ENTRIES}
+    titles = []
+    for (tier, group), some in rows.groupby(["tier", "group"], sort=False):
+        titles.append(f"{tier}, {group} of {some['mines'].iloc[0]}")
+    lines = _table_head(["knows", *titles])
+    for rung in names:
+        some = rows[rows["rung"] == rung]
+        cells = [names[rung]]
+        for row in some.to_dict("records"):
+            spread = f" ({row['pd_low']:.2f} to {row['pd_high']:.2f})"
+            cells.append(f"{row['found']}{spread if row['group'] == 'mines' else ''}")
+        if len(some):
+            lines.append(f"| {' | '.join(cells)} |")
+    titles = []
+    for (tier, group), some in losses.groupby(["tier", "group"], sort=False):
+        titles.append(f"{tier}, {group}: lost of {some['oracle'].iloc[0]}")
+    lines += ["", *_table_head(["oracle", *titles])]
+    for rung in RUNGS:
+        some = losses[losses["rung"] == rung]
+        cells = [RUNGS[rung]]
+        for row in some.to_dict("records"):
+            spread = f" ({row['share_low']:.2f} to {row['share_high']:.2f})"
+            gained = f", +{row['gained']}" if row["gained"] else ""
+            p = f" (p = {row['p']:.2g})"
+            cell = f"{row['lost']}{spread if row['group'] == 'mines' else ''}{gained}"
+            cells.append(f"{cell}{p if row['group'] == 'mines' else ''}")
+        if len(some):
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _table_head(titles: list[str]) -> list[str]:
+    """Return the first two lines of a Markdown table."""
+    return [f"| {' | '.join(titles)} |", f"|{'---|' * len(titles)}"]
 
 
 def report(rows: pd.DataFrame, least: float) -> None:
@@ -274,7 +301,7 @@ def report(rows: pd.DataFrame, least: float) -> None:
 
 def draw(rows: pd.DataFrame, least: float, path: Path) -> None:
     """Draw false alarms at Pd 0.5, and mines found at 0.02 per m², by rung, on both tiers."""
-    figure = Figure(figsize=(13, 5.2), layout="constrained")
+    figure = Figure(figsize=(13, 6.2), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
     names = {**RUNGS, **ENTRIES}
     order = [name for name in names if (rows["rung"] == name).any()]
@@ -360,7 +387,7 @@ def main(arguments: list[str] | None = None) -> None:
     bare = [lane for ground in tiers for lane in ground.lanes.values() if lane.empty]
     least = 1 / min((lane.lane.area for lane in bare), default=math.inf)
     report(rows, least)
-    report_paired(losses)
+    print(f"\n{page_tables(rows, losses)}")
     if given.figure is not None:
         draw(rows, least, given.figure)
 
