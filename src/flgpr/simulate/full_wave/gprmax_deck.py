@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +17,8 @@ from numpy.typing import NDArray
 from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.bodies.rims import Profile
+from flgpr.simulate.bodies.signature.table import find_body
+from flgpr.simulate.full_wave.gprmax_bodies import Materials, body_lines, rod
 from flgpr.simulate.full_wave.gprmax_grid import (
     Grid,
     GridPoint,
@@ -56,6 +57,7 @@ def make_decks(
     seed: int,
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
+    time_window: float | None = None,
 ) -> Decks:
     """Write a scene as gprMax input files.
 
@@ -72,6 +74,9 @@ def make_decks(
     cells_per_wavelength, max_cells : float
         Cells per wavelength at the highest tone in the slowest soil, and those of the largest model
         that is written.
+    time_window : float, optional
+        Recorded time, s. None records until the echo of the model's farthest corner has ended.
+        A shorter one saves as much time; echoes that come later are lost.
 
     Returns
     -------
@@ -86,6 +91,8 @@ def make_decks(
     """
     if not cells_per_wavelength >= 4:
         raise ValueError(f"cells_per_wavelength must be at least 4, got {cells_per_wavelength:g}")
+    if time_window is not None and not 0 < time_window < math.inf:
+        raise ValueError(f"time_window must be positive, got {time_window:g} s")
     world = draw_world(scene, seed)
     poses, times = draw_track(scene, sensor.height, seed)
     tones = sensor.tones.axis()
@@ -101,9 +108,10 @@ def make_decks(
     # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three
     # cells: at 3.76 times its centre.
     band_centre = float(tones[0] + tones[-1]) / 2
-    highest_centre = wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85)
+    index = max(slowest, math.sqrt(_densest_body(world)))
+    highest_centre = wavelength / index / cell * float(tones[-1]) / (3 * 3.85)
     centre = min(band_centre, highest_centre)
-    window = _time_window(grid, antennas, slowest, centre)
+    window = time_window or _time_window(grid, antennas, slowest, centre)
     omissions: list[str] = []
     decks.files[SCENE_FILE], surface = _scene_text(scene, world, grid, soils, seed, omissions)
     decks.omissions = _left_out(scene, world, sensor) + omissions
@@ -126,6 +134,19 @@ def make_decks(
     }
     decks.summary = _summarise(grid, window, runs, soils)
     return decks
+
+
+def _densest_body(world: World) -> float:
+    """Return the greatest permittivity of the dielectric bodies in a world, 1 without any."""
+    greatest = 1.0
+    for target in world.targets:
+        if target.body is not None:
+            greatest = max(greatest, find_body(target.body).densest())
+        elif target.dielectric is not None:
+            greatest = max(greatest, target.dielectric)
+    if any(scene_object.kind == "rock" for scene_object in world.objects):
+        greatest = max(greatest, _ROCK)
+    return greatest
 
 
 def _round_down(cell: float) -> float:
@@ -258,11 +279,13 @@ def _scene_text(
                 f"y = {target.y:g} m"
             )
     lines += _objects(world.objects, grid, rough["rms_height"], omissions)
-    bodies: dict[float, str] = {}
+    materials = Materials()
     for target in world.targets:
-        lines += _target(target, grid, bodies, omissions)
-    materials = [f"#material: {eps:g} 0 1 0 {name}" for eps, name in bodies.items()]
-    return "\n".join([*materials, *lines]) + "\n", rough
+        if target.body is None:
+            lines += _generic_mine(target, grid, materials, omissions)
+        else:
+            lines += body_lines(find_body(target.body), target, grid, materials, omissions)
+    return "\n".join([*materials.lines(), *lines]) + "\n", rough
 
 
 def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str], dict[str, float]]:
@@ -330,9 +353,9 @@ def _objects(
         elif scene_object.kind == "post" and scene_object.height >= grid.cell:
             # Deep enough to reach the ground in the deepest trough.
             foot = -grid.cell * math.ceil(3 * rms_height / grid.cell)
-            top = (scene_object.x, scene_object.y, scene_object.height)
-            bottom = (scene_object.x, scene_object.y, foot)
-            lines.append(_rod(top, bottom, scene_object.radius, grid, "pec"))
+            top = np.array([scene_object.x, scene_object.y, scene_object.height])
+            bottom = np.array([scene_object.x, scene_object.y, foot])
+            lines.append(rod(top, bottom, scene_object.radius, grid, "pec"))
         else:
             without_body[scene_object.kind] = without_body.get(scene_object.kind, 0) + 1
     if any(line.startswith("#sphere") for line in lines):
@@ -344,27 +367,18 @@ def _objects(
     return lines
 
 
-def _rod(
-    top: Iterable[float], bottom: Iterable[float], radius: float, grid: Grid, material: str
-) -> str:
-    """Return the line of a cylinder between two places of the lane, m."""
-    ends = " ".join(f"{v:.9g}" for v in (*grid.local(list(top)), *grid.local(list(bottom))))
-    return f"#cylinder: {ends} {radius:.9g} {material}"
-
-
-def _target(
-    target: Target, grid: Grid, bodies: dict[float, str], omissions: list[str]
+def _generic_mine(
+    target: Target, grid: Grid, materials: Materials, omissions: list[str]
 ) -> list[str]:
-    """Return the lines of a body of revolution about its leaning axis.
+    """Return the lines of a generic mine, a body of revolution about its leaning axis.
 
     These are discs of its profile, the air gap under its top last.
     """
     lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     axis = np.array([*lean, math.cos(target.tilt)])
     top = np.array([target.x, target.y, -target.depth])
-    material = "pec"
-    if target.dielectric is not None:
-        material = bodies.setdefault(target.dielectric, f"body{len(bodies) + 1}")
+    medium = "metal" if target.dielectric is None else target.dielectric
+    material = materials.name_of(medium)
     # gprMax wants the ends of a disc on different nodes.
     thinnest = grid.cell / math.cos(target.tilt)
     name = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
@@ -376,7 +390,7 @@ def _target(
     discs = _discs(target.outline, max(thinnest, 1e-9))
     lines = []
     for radius, upper, lower in discs:
-        lines.append(_rod(top - upper * axis, top - lower * axis, radius, grid, material))
+        lines.append(rod(top - upper * axis, top - lower * axis, radius, grid, material))
     gap = 0.0
     if target.dielectric is not None:
         gap = min(target.air_gap, 0.9 * target.height)
@@ -386,7 +400,7 @@ def _target(
         )
         gap = thinnest
     if gap > 0:
-        lines.append(_rod(top, top - gap * axis, discs[0][0], grid, "free_space"))
+        lines.append(rod(top, top - gap * axis, discs[0][0], grid, "free_space"))
     return lines
 
 

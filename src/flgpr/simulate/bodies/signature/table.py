@@ -220,10 +220,16 @@ def find_table(name: str) -> SignatureTable:
     return load_table(Path(name))
 
 
+def find_body(name: str) -> Body:
+    """Return a body by name; names are those of :func:`find_table`."""
+    # The packaged tables are large: their bodies stand in small files of their own.
+    return load_body(name) if name in packaged_bodies() else find_table(name).body
+
+
 def body_size(name: str) -> dict[str, float]:
     """Return a body's radius (of a box half its long side) and height, m, by name.
 
     Names are those of :func:`find_table`.
     """
-    body = load_body(name) if name in packaged_bodies() else find_table(name).body
+    body = find_body(name)
     return {"radius": body.radius * body.elongation, "height": body.height}
