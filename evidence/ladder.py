@@ -16,7 +16,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -193,7 +193,9 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
                 continue
             samples = rng.integers(0, len(mines), (2000, len(mines)))
             for column in columns:
-                far = mines[column].fillna(math.inf).to_numpy()
+                if mines[column].isna().any():
+                    continue  # not computed at all sites of the tier
+                far = mines[column].to_numpy()
                 row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
                 for level in LEVELS:
                     drawn = np.sort([far_at(far[sample], level) for sample in samples])
@@ -225,6 +227,8 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
                 continue
             by_oracle = mines["oracle"] <= FAR
             for column in columns:
+                if mines[column].isna().any():
+                    continue  # not computed at all sites of the tier
                 by_rung = mines[column] <= FAR
                 lost = int((by_oracle & ~by_rung).sum())
                 gained = int((by_rung & ~by_oracle).sum())
@@ -239,41 +243,48 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def page_tables(rows: pd.DataFrame, losses: pd.DataFrame) -> str:
-    """Return the two tables of docs/evidence/ladder.md: mines found, and what is lost against the oracle."""
+    """Return the two tables of docs/evidence/ladder.md: mines found, and what is lost against the oracle.
+
+    What was not computed at all sites of a tier has an empty cell.
+    """
+    found = _page_table(rows, "knows", "mines", "{tier}, {group} of {total}", _found_cell)
+    title = "{tier}, {group}: lost of {total}"
+    return f"{found}\n\n{_page_table(losses, 'oracle', 'oracle', title, _lost_cell)}"
+
+
+def _page_table(
+    rows: pd.DataFrame, corner: str, total: str, title: str, cell: Callable[[dict], str]
+) -> str:
+    """Return a Markdown table with a row for each rung, and a column for each tier and kind."""
     names = {**RUNGS, **ENTRIES}
-    titles = []
-    for (tier, group), some in rows.groupby(["tier", "group"], sort=False):
-        titles.append(f"{tier}, {group} of {some['mines'].iloc[0]}")
-    lines = _table_head(["knows", *titles])
+    cells = {}
+    titles = {}
+    for row in rows.to_dict("records"):
+        column = (row["tier"], row["group"])
+        titles[column] = title.format(tier=row["tier"], group=row["group"], total=row[total])
+        cells[row["rung"], column] = cell(row)
+    lines = [f"| {' | '.join([corner, *titles.values()])} |", f"|{'---|' * (1 + len(titles))}"]
+    present = set(rows["rung"])
     for rung in names:
-        some = rows[rows["rung"] == rung]
-        cells = [names[rung]]
-        for row in some.to_dict("records"):
-            spread = f" ({row['pd_low']:.2f} to {row['pd_high']:.2f})"
-            cells.append(f"{row['found']}{spread if row['group'] == 'mines' else ''}")
-        if len(some):
-            lines.append(f"| {' | '.join(cells)} |")
-    titles = []
-    for (tier, group), some in losses.groupby(["tier", "group"], sort=False):
-        titles.append(f"{tier}, {group}: lost of {some['oracle'].iloc[0]}")
-    lines += ["", *_table_head(["oracle", *titles])]
-    for rung in RUNGS:
-        some = losses[losses["rung"] == rung]
-        cells = [RUNGS[rung]]
-        for row in some.to_dict("records"):
-            spread = f" ({row['share_low']:.2f} to {row['share_high']:.2f})"
-            gained = f", +{row['gained']}" if row["gained"] else ""
-            p = f" (p = {row['p']:.2g})"
-            cell = f"{row['lost']}{spread if row['group'] == 'mines' else ''}{gained}"
-            cells.append(f"{cell}{p if row['group'] == 'mines' else ''}")
-        if len(some):
-            lines.append(f"| {' | '.join(cells)} |")
+        if rung in present:
+            of_rung = [cells.get((rung, column), "") for column in titles]
+            lines.append(f"| {' | '.join([names[rung], *of_rung])} |")
     return "\n".join(lines)
 
 
-def _table_head(titles: list[str]) -> list[str]:
-    """Return the first two lines of a Markdown table."""
-    return [f"| {' | '.join(titles)} |", f"|{'---|' * len(titles)}"]
+def _found_cell(row: dict) -> str:
+    """Return how many mines a rung finds, for all mines with the interval."""
+    spread = f" ({row['pd_low']:.2f} to {row['pd_high']:.2f})" if row["group"] == "mines" else ""
+    return f"{row['found']}{spread}"
+
+
+def _lost_cell(row: dict) -> str:
+    """Return how many mines a rung loses and gains, for all mines with interval and p."""
+    gained = f", +{row['gained']}" if row["gained"] else ""
+    if row["group"] != "mines":
+        return f"{row['lost']}{gained}"
+    share = f"{row['share_low']:.2f} to {row['share_high']:.2f}"
+    return f"{row['lost']} ({share}){gained}; p = {row['p']:.2g}"
 
 
 def report(rows: pd.DataFrame, least: float) -> None:

@@ -193,7 +193,11 @@ def test_mines_that_a_rung_loses_are_counted_against_the_oracle(ladder):
     assert found.splitlines()[0] == "| knows | rough, mines of 5 | rough, metal of 5 |"
     assert found.splitlines()[2].startswith("| all but the phases | 3 (0.15 to 0.95) | 3 |")
     assert lost.splitlines()[0] == "| oracle | rough, mines: lost of 3 | rough, metal: lost of 3 |"
-    assert lost.splitlines()[2].endswith(", +1 (p = 1) | 2, +1 |")
+    assert lost.splitlines()[2].endswith(", +1; p = 1 | 2, +1 |")
+    half = pd.concat([table, table.assign(tier="smooth", **{"tilt unknown": np.nan})])
+    found, lost = ladder.page_tables(ladder.summary(half), ladder.paired(half)).split("\n\n")
+    assert found.splitlines()[3].endswith(" |  |  |")  # not computed on the second tier
+    assert "smooth" not in lost
 
 
 def test_parts_of_a_site_are_read_together_if_they_are_of_the_same_lanes(ladder, tmp_path):
