@@ -135,7 +135,7 @@ def edge_levels(permittivity, incidence):
             size = np.abs(rim_amplitude(rim, k, sine))
             for letter, coefficient in (("H", rim.h), ("V", rim.v)):
                 sigma = 4 * np.pi * (size * coefficient) ** 2
-                levels[f"{'near' if rim.near else 'far'} {letter}"] = float(
+                levels[f"{'near' if rim.is_near else 'far'} {letter}"] = float(
                     10 * np.log10(sigma / optics)
                 )
     return levels
