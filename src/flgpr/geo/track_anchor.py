@@ -52,7 +52,7 @@ def anchor_from_fixes(
             f"got {len(finite)} of {len(points)}"
         )
     if number is None:
-        numbers = np.arange(len(points))
+        numbers = np.arange(len(points), dtype=np.float64)
     else:
         numbers = np.round(np.asarray(number, dtype=np.float64))
     # The median, unlike the first fix, is not moved by a fix that is far off.
