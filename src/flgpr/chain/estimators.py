@@ -100,7 +100,7 @@ class TrainedEstimator:
     def linear_in_magnitude(self) -> bool:
         """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
         # Where examples were weighted, the scores are the odds of other frequencies than theirs.
-        unweighted = bool(getattr(self.scorer, "plain", False))
+        unweighted = bool(getattr(self.scorer, "unweighted", False))
         return self.name == "logistic" and self.features == ("magnitude",) and unweighted
 
     @property
