@@ -51,10 +51,9 @@ def anchor_from_fixes(
             "an anchor from the track needs two finite fixes or more, "
             f"got {len(finite)} of {len(points)}"
         )
-    if number is None:
-        numbers = np.arange(len(points), dtype=np.float64)
-    else:
-        numbers = np.round(np.asarray(number, dtype=np.float64))
+    numbers: FloatArray = np.arange(len(points), dtype=np.float64)
+    if number is not None:
+        numbers = np.asarray(number, dtype=np.float64).round()
     # The median, unlike the first fix, is not moved by a fix that is far off.
     plane = _anchor_at(_median_position(finite), 0.0)
     local = plane.from_geodetic(finite)
