@@ -151,7 +151,7 @@ def _run_view_bytes(
     pixels = view.nx * (view.ny if rows is None else rows)
     screen = recipe.prescreen
     alarms = screen.density * pixels * view.dx * view.dy / (3.14 * screen.radius**2)
-    per_alarm = _PER_ALARM * bands + _PER_VALUE * _column_count(channels // bands, recipe, view)
+    per_alarm = _PER_ALARM * bands + _PER_VALUE * column_count(channels // bands, recipe, view)
 
     # Beside the recipe's look there is one of the images before their background is removed.
     view_channels = 1
@@ -162,8 +162,18 @@ def _run_view_bytes(
     return views + per_alarm * alarms
 
 
-def _column_count(polarizations: int, recipe: Recipe, view: Grid) -> int:
-    """Return how many columns the stages of a recipe have that have many."""
+def column_count(polarizations: int, recipe: Recipe, view: Grid) -> int:
+    """Return how many columns the stages of a recipe have that have many.
+
+    Parameters
+    ----------
+    polarizations : int
+        Polarizations of the images.
+    recipe : Recipe
+        The recipe.
+    view : Grid
+        Pixels of the run-view.
+    """
     count = 0
     for stage in recipe.named().values():
         if issubclass(stage.stage_class, FeatureStage):
