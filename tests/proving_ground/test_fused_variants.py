@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flgpr.chain.recipe import load_recipe
-from flgpr.chain.stages.likelihood import ratio
+from flgpr.chain.stages.textured_clutter import ratio
 
 sys.path.append(str(Path(__file__).parents[2] / "evidence"))
 import fused_variants

@@ -102,10 +102,10 @@ class LaneSetup:
         self.section = Section(0, self.grid.ny) if section is None else section
         self.view_rows = kept_rows(recipe, lane, self.section)
 
-    def _background_rows(self, whole: bool) -> int:
+    def _background_rows(self, all_rows: bool) -> int:
         """Return how many rows of the images the background is estimated on."""
         rows = self.imager.grid.ny
-        if whole:
+        if all_rows:
             return rows
         # The filters of the gain background read so many rows beyond the last that counts.
         (median, _), (mean, _), _ = self.recipe.smoothing
