@@ -131,6 +131,8 @@ def add_clipped(images, limit, own_scale, shared, own_total, shared_total, begin
 def blend_clipped(images, limit, scale, weight, means, out, signature, begin, end):  # type: ignore[no-untyped-def]
     """Move running means towards images, clipped in magnitude and scaled.
 
+    It is Eq. 2 of Wang et al. 2007 for live detection, see ``clutter/causal.py``.
+
     Parameters
     ----------
     images : (channel, pixel) ndarray of complex64

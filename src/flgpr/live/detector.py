@@ -167,7 +167,10 @@ class LiveDetector:
         return None if self.newest is None else self.newest[1]
 
     def add(self, scan: Scan) -> LiveUpdate:
-        """Take in a scan, and those held back that it releases.
+        """Judge a scan's pose, and take the scan in, hold it back or leave it out.
+
+        Scans held back that it releases are taken in, too. The judge is
+        :class:`flgpr.model.plausible.PoseGate`.
 
         Parameters
         ----------

@@ -96,7 +96,8 @@ class Intake:
     """Decides which frames become scans, and counts the others.
 
     A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose
-    is filled in from known ones at most ``longest_gap`` scans away. A number counts as used when
+    is filled in on the line through two known ones, or beyond the last two, where the nearer is at
+    most ``longest_gap`` scans away. A number counts as used when
     its scan went on and was not refused: a bad frame uses up no number.
     """
 

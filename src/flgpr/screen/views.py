@@ -188,6 +188,10 @@ class RunViewSums(LaneSums):
     compared with both, and only so is the second largest known after any number of scans. The
     run-view is ``second`` where two scans or more see the pixel, and ``first``, the only value,
     where a single one does.
+
+    The n-th largest takes n arrays in descending order: a new value passes down through them
+    (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a
+    pixel the smallest is shown (``_view``).
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:

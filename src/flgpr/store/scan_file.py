@@ -106,7 +106,8 @@ class Scan:
 
     number: int  #: its number in the run, from 0
     time: float  #: time of the scan, s; NaN where unknown
-    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown
+    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown or
+    #: cannot be a pose
     pose: NDArray[np.float64] | None
     #: (polarization, pair, frequency): received field over transmitted field
     signal: NDArray[np.complex64]

@@ -39,8 +39,8 @@ class Tracking(FeatureStage):
         imager = setup.imager
         labels = imager.run["polarization"].values
         imaged = [str(labels[number]) for number in setup.imaged]
-        polarization = _index_of("polarization", settings.polarization, imaged)
-        subband = _index_of("subband", settings.subband, list(imager.subbands))
+        polarization = _index_of("tracking.polarization", settings.polarization, imaged)
+        subband = _index_of("tracking.subband", settings.subband, list(imager.subbands))
         self._channel = (polarization, subband)
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -62,12 +62,12 @@ class Tracking(FeatureStage):
         return {"tracked": tracked}
 
 
-def _index_of(name: str, label: str | None, known: list[str]) -> int:
+def _index_of(entry: str, label: str | None, known: list[str]) -> int:
     """Return the index of a label, by default the first; refuse an unknown one."""
     if label is None:
         return 0
     if label not in known:
-        raise ValueError(f"tracking.{name} must be one of {', '.join(known)}, got {label!r}")
+        raise ValueError(f"{entry} must be one of {', '.join(known)}, got {label!r}")
     return known.index(label)
 
 
