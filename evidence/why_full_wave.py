@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -56,7 +57,7 @@ def main(arguments: list[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     if not given.summary:
-        for name, rows in measure(given.twins, given.known).items():
+        for name, rows in measure(given.twins, given.known):
             table = pd.DataFrame(rows)
             table.to_csv(given.out / f"{name}.csv", index=False, float_format="%.6g")
     tables = {}
@@ -68,16 +69,18 @@ def main(arguments: list[str] | None = None) -> None:
         draw(tables["found"], tables["in-the-lane"], tables["ground"], given.figure)
 
 
-def measure(twins: int, known_count: int) -> dict[str, list[dict]]:
-    """Run the experiments and return the rows of their tables."""
+def measure(twins: int, known_count: int) -> Iterator[tuple[str, list[dict]]]:
+    """Run the experiments and yield the rows of each table as soon as they are complete."""
+    yield "by-difference", by_difference()
+    lane, ground, (scale, spread) = in_the_lane(max(twins // 2, 2))
+    print(f"scale {scale:.4g} of the data by the direct wave, {spread:.3f} dB rms over pairs")
+    yield "in-the-lane", lane
+    yield "ground", ground
     known = known_lanes(known_count)
     found: list[dict] = []
     experiment_lanes(twins, known, found)
     experiment_covariance(twins, known, found)
-    alone = by_difference()
-    lane, ground, (scale, spread) = in_the_lane(max(twins // 2, 2))
-    print(f"scale {scale:.4g} of the data by the direct wave, {spread:.3f} dB rms over pairs")
-    return {"found": found, "by-difference": alone, "in-the-lane": lane, "ground": ground}
+    yield "found", found
 
 
 if __name__ == "__main__":

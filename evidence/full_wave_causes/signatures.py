@@ -82,6 +82,7 @@ def by_difference() -> list[dict]:
 def directions(case) -> np.ndarray:
     """Return the directions (12, value) of the metal mines' signatures, for a case's array."""
     settings = fused_recipe().map.settings
+    sensor = difference.sensor(case)
     bodies = Bodies(settings.kinds, settings.depths, settings.soils, settings.copies, settings.step)
     imaging = Imaging(
         grid=Grid.spanning((-0.6, 0.6), (1.2, 2.6), 0.025),
@@ -91,8 +92,9 @@ def directions(case) -> np.ndarray:
         tolerance=1e-4,
         pixels=tuple(map(tuple, CHIP[:, :2])),
         limits=(-0.5, 0.5),
+        tones=tuple(sensor.tones.axis().tolist()),
     )
-    chips, _ = signatures(bodies, difference.sensor(case), imaging)
+    chips, _ = signatures(bodies, sensor, imaging)
     flat = chips.reshape(len(chips), -1)
     flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
     return np.linalg.svd(flat, full_matrices=False)[2][:RANK]

@@ -86,3 +86,11 @@ def test_the_figure_has_a_mark_for_every_count_and_a_legend_below_each_panel():
     assert len(left.collections) == len(worlds) * len(figure.DETECTORS)
     for axes in (left, middle, right):
         assert axes.get_legend().get_window_extent().y1 < axes.get_window_extent().y0
+
+
+def test_echoes_alone_lie_in_the_directions_in_which_fused_looks():
+    case = signatures.difference.load(next(iter(signatures.difference.names())))
+    vectors = signatures.directions(case)
+    assert vectors.shape == (signatures.RANK, vectors.shape[1])
+    np.testing.assert_allclose(vectors @ vectors.conj().T, np.eye(signatures.RANK), atol=1e-4)
+    assert signatures.share(vectors[0].conj(), vectors.conj()) == pytest.approx(1, abs=1e-4)
