@@ -9,7 +9,8 @@ import sys
 
 import numpy as np
 
-from flgpr.calibrate import BiasFit, estimate_joint, estimate_range_bias, remove_standing
+from flgpr.calibrate import BiasFit, estimate_joint, estimate_range_bias
+from flgpr.clutter import remove_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run
 from flgpr.model.phase import path_phase

@@ -27,8 +27,9 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.memory import memory_needed, plan_sections
+from flgpr.chain.memory import memory_needed
 from flgpr.chain.recipe import load_recipe
+from flgpr.chain.sections import plan_sections
 from flgpr.model import Lane
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at

@@ -267,6 +267,64 @@ class Folder:
         return digests
 
 
+def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
+    """Return the files of a folder as its manifest lists them, by name.
+
+    ``files`` of the manifest holds one digest per file. ``added`` holds several, of which one must
+    match; a None among them says that the file may be absent. ``sizes`` and ``added_sizes`` hold
+    bytes likewise, unless the manifest is of an older version.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    manifest : mapping
+        Its manifest.
+
+    Returns
+    -------
+    Folder
+        The folder, of which only listed files are read.
+
+    Raises
+    ------
+    ValueError
+        If the list cannot be read.
+    """
+    try:
+        sizes = manifest.get("sizes", {})
+        added_sizes = manifest.get("added_sizes", {})
+        listed: dict[str, Listed] = {}
+        for name, digest in manifest["files"].items():
+            listed[name] = _listed([digest], [sizes.get(name)])
+        for name, digests in manifest.get("added", {}).items():
+            unknown_sizes = [None] * len(digests)
+            listed[name] = _listed(digests, added_sizes.get(name, unknown_sizes))
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
+    return Folder(folder, listed)
+
+
+def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
+    """Return what a manifest says of a file: digest and size of each version that it may have."""
+    version_digests = []
+    version_sizes = []
+    for digest, size in zip(digests, sizes, strict=True):
+        if digest is None:
+            continue
+        if not isinstance(digest, str):
+            raise ValueError(f"every file must have a digest, got {digests}")
+        version_digests.append(digest)
+        if size is not None:
+            version_sizes.append(size)
+    if not version_digests:
+        raise ValueError(f"every file must have a digest, got {digests}")
+    # Where the size of one version is not known, that of another must not keep it out.
+    if len(version_sizes) < len(version_digests):
+        version_sizes = []
+    return Listed(tuple(version_digests), tuple(version_sizes), None in digests)
+
+
 def _check_size(label: str, size: int, most: int) -> None:
     """Refuse a file of more than ``most`` bytes."""
     if size > most:

@@ -1,4 +1,4 @@
-"""The map of likelihoods: its closed form, what it learns of clutter and of simulated bodies, and what it finds."""
+"""The map of likelihoods: what it learns of clutter and of simulated bodies, and what it finds."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,8 @@ import pytest
 import xarray as xr
 from pydantic import ValidationError
 
-from flgpr.chain.stages.likelihood import LikelihoodMap, LikelihoodSettings, contrasts, ratio
+from flgpr.chain.stages.likelihood import LikelihoodMap, LikelihoodSettings, contrasts
+from flgpr.chain.stages.textured_clutter import ratio
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Lane, load_sensor
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
@@ -67,32 +68,6 @@ def gathered(stage, truth=None, scans=6, seed=5):
     for k in range(scans):
         accumulator.add(k)
     return accumulator.result()
-
-
-def test_the_ratio_is_that_of_two_compound_gaussian_densities():
-    rng = np.random.default_rng(1)
-    x = noise(rng, 5, 12)
-    size = 12
-    vectors = np.linalg.qr(noise(rng, size, 3))[0].T
-    share = np.array([0.6, 0.3, 0.1])
-    ratios = (2.0, 50.0)
-    subspace = np.einsum("k,ki,kj->ij", share, vectors, vectors.conj())
-
-    def density(
-        y, covariance
-    ):  # the likeliest texture put in; constants alike on both sides are left out
-        quadratic = np.einsum("ni,ij,nj->n", y.conj(), np.linalg.inv(covariance), y).real
-        return -np.linalg.slogdet(covariance)[1] - size * np.log(quadratic)
-
-    both = [
-        density(x, np.eye(size) + power * subspace) - density(x, np.eye(size)) for power in ratios
-    ]
-    np.testing.assert_allclose(
-        ratio(x, vectors.conj(), share, ratios), np.log(np.mean(np.exp(both), axis=0))
-    )
-    np.testing.assert_allclose(
-        ratio(30 * x, vectors.conj(), share, ratios), ratio(x, vectors.conj(), share, ratios)
-    )
 
 
 def test_clutter_is_learnt_of_target_free_ground_and_every_chip_counts_alike(run):

@@ -1,5 +1,6 @@
 """Memory that a detection takes, estimated before it begins."""
 
+import numpy as np
 import pytest
 
 from flgpr.chain.memory import (
@@ -8,7 +9,7 @@ from flgpr.chain.memory import (
     parse_size,
     sizes_of,
 )
-from flgpr.chain.recipe import load_recipe
+from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_text
 from flgpr.model import Lane
 from small_lane import small_run
 
@@ -60,6 +61,21 @@ def test_a_self_signature_by_the_median_holds_all_images(recipe):
     images = 8 * SIZES["scan"] * channels * grid.nx * grid.ny
     more = memory_needed(SIZES, median, LANE) - memory_needed(SIZES, recipe, LANE)
     assert more >= images
+
+
+def test_thousands_of_columns_count(recipe):
+    """Fisher vectors of a long lane take more than all else."""
+    stage = '\n[[columns]]\nstage = "fisher-vectors"\n'
+    many = parse_recipe(recipe_text("wang2007") + stage)
+    columns = 4 * 2 * 30 * 16
+    screen = recipe.prescreen
+    view = recipe.run_view.grid(LANE)
+    alarms = screen.density * view.nx * view.ny * view.dx * view.dy / (np.pi * screen.radius**2)
+    more = memory_needed(SIZES, many, LANE) - memory_needed(SIZES, recipe, LANE)
+    assert more > columns * alarms * 8
+    few = parse_recipe(recipe_text("wang2007") + stage + "parts = 1\ngaussians = 15\n")
+    less = memory_needed(SIZES, few, LANE) - memory_needed(SIZES, recipe, LANE)
+    assert less == pytest.approx(more / 8)
 
 
 def test_scans_that_take_too_much_memory_are_refused(recipe):

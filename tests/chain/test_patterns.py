@@ -31,8 +31,9 @@ from flgpr.chain.too_few import TooFewExamplesError
 from flgpr.detect.scorers.checks import Checked
 from flgpr.features.patch_descriptors import hog, lbp_histograms, normalize_by_border
 from flgpr.model import Lane
+from flgpr.proving_ground.entries import packaged_entries
 from flgpr.proving_ground.ground import load_ground
-from flgpr.proving_ground.running import packaged_entries
+from flgpr.screen.views import grid_of
 from flgpr.store import save_run
 from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 
@@ -102,6 +103,15 @@ def test_the_columns_of_the_learnt_ones_are_numbered_by_pool():
     assert list(fisher)[:2] == ["fisher_0_00", "fisher_0_01"]
     vectors = matrix(fisher).reshape(3, 4, 2 * 5 * 6)
     np.testing.assert_allclose((vectors**2).sum(axis=-1), 1.0)
+
+
+@pytest.mark.parametrize(("stage_class", "settings"), [*STATIC, *LEARNING])
+@pytest.mark.parametrize("polarizations", [(), ("VV",)])
+def test_columns_are_counted_before_there_is_a_run_view(stage_class, settings, polarizations):
+    settings = settings.model_copy(update={"polarizations": polarizations})
+    columns = made(stage_class, settings).of_view(view_of(), places(1))
+    count = stage_class.column_count(settings, 2, grid_of(view_of()))
+    assert count == len(columns)
 
 
 @pytest.mark.parametrize(("stage_class", "settings"), [*STATIC, *LEARNING])

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from flgpr.chain.radar_setup import RadarSetup
 from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.recipe_choice import choose, figures_of
-from flgpr.chain.recipe_fit import RadarSetup
+from flgpr.chain.recipe_choice import figures_of
 from flgpr.chain.recipe_writing import fitted_text
 
 
@@ -18,7 +18,7 @@ def figures():
     poses[:, 1] = np.arange(6)
     tones = 1e9 + 5e6 * np.arange(200)
     setup = RadarSetup(["HH", "VV", "HV"], tones, antennas, antennas, poses)
-    return figures_of(setup, choose(setup))
+    return figures_of(setup)
 
 
 def test_the_recipe_reads_as_the_figures_are(figures):

@@ -56,14 +56,14 @@ def test_phases_are_kept_only_where_features_read_them(change, own, shared_phase
         text = text.replace('gain = "shared"\n', "")
     steps = steps_of(text)
     background, image, gain = background_and_image(steps)
-    scan = steps.clean(0, np.zeros(6), image, gain, background, own=own)
+    scan = steps.clean(0, np.zeros(6), image, gain, background, needs_own_phase=own)
     assert (scan.coherent is not None, scan.own is not None) == (shared_phase, own_phase)
 
 
 def test_a_labelled_image_has_axes_number_and_pose(steps):
     background, image, gain = background_and_image(steps)
     pose = np.arange(6.0)
-    scan = steps.clean(3, pose, image, gain, background, own=True)
+    scan = steps.clean(3, pose, image, gain, background, needs_own_phase=True)
     labelled = steps.labelled(scan)
     assert labelled["polarization"].values.tolist() == POLARIZATIONS
     np.testing.assert_array_equal(labelled["y"].values, steps.grid.y)

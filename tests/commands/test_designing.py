@@ -5,12 +5,8 @@ import pandas as pd
 import pytest
 
 from flgpr.commands import designing
-from flgpr.design.signal_to_clutter import (
-    DEPTHS,
-    Viewing,
-    expected_signal_to_clutter,
-    ground_model,
-)
+from flgpr.design.grounds import ground_model
+from flgpr.design.signal_to_clutter import DEPTHS, Viewing, expected_signal_to_clutter
 from flgpr.model import load_sensor
 
 GROUND = ground_model(permittivity=6.0, loss_tangent=0.02)

@@ -46,5 +46,5 @@ def test_three_classes_are_refused_and_weighted_examples_are_marked():
     with pytest.raises(ValueError, match="estimator must part two classes"):
         LinearScorer.of(LogisticRegression().fit(X, np.repeat([0, 1, 2], 20)))
     y = np.repeat([0, 1], 30)
-    assert LinearScorer.of(LogisticRegression().fit(X, y)).plain
-    assert not LinearScorer.of(LogisticRegression(class_weight="balanced").fit(X, y)).plain
+    assert LinearScorer.of(LogisticRegression().fit(X, y)).unweighted
+    assert not LinearScorer.of(LogisticRegression(class_weight="balanced").fit(X, y)).unweighted

@@ -26,12 +26,23 @@ DOCS = Path(__file__).parents[2] / "docs"
 THEORY = DOCS / "reference" / "theory"
 
 
+def module_of_theory(name):
+    spec = importlib.util.spec_from_file_location(f"theory_{name}", THEORY / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(THEORY)  # as where it is a script
+        spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def figures():
-    spec = importlib.util.spec_from_file_location("theory_figures", THEORY / "figures.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of_theory("figures")
+
+
+@pytest.fixture(scope="module")
+def quantities():
+    return module_of_theory("quantities")
 
 
 def text(page):
@@ -76,21 +87,22 @@ def test_figures_are_drawn_and_shown_on_a_page(name, figures, tmp_path, monkeypa
     assert (DOCS / "images" / f"theory-{name}.png").is_file()
 
 
-def test_resolution_is_as_measured(figures):
+def test_resolution_is_as_measured(quantities):
     told = table_row("geometry", "F1, 0.75-1.35 GHz")
-    down, across, down_formula, across_formula = figures.half_power_widths()
+    down, across, down_formula, across_formula = quantities.half_power_widths()
     np.testing.assert_allclose([100 * down, 100 * across], told, atol=0.6)
     assert "| by the formulas | 24 cm | 47 cm |" in text("geometry")
     np.testing.assert_allclose([100 * down_formula, 100 * across_formula], [24, 47], atol=0.6)
-    wide = figures.half_power_widths(band=(0.8e9, 2.8e9))
+    wide = quantities.half_power_widths(band=(0.8e9, 2.8e9))
     assert 100 * wide[0] == pytest.approx(table_row("subbands", "F0 |")[-1], abs=0.6)
 
 
 @pytest.mark.parametrize("epsilon", [3.4, 10.7])
-def test_shifts_are_those_of_focused_points(epsilon, figures):
+def test_shifts_are_those_of_focused_points(epsilon, quantities):
     told = table_row("refraction", f"ε = {epsilon} |")
     found = [
-        100 * figures.focused_shift(0.10, epsilon, distance, 5.0) for distance in (7.0, 12.0, 26.0)
+        100 * quantities.focused_shift(0.10, epsilon, distance, 5.0)
+        for distance in (7.0, 12.0, 26.0)
     ]
     np.testing.assert_allclose(found, told, atol=0.6)
 
@@ -138,17 +150,19 @@ def test_soils_in_the_table():
         ("simulant |", "plastic-at-solid"),
     ],
 )
-def test_levels_of_bodies_are_those_of_their_tables(start, body, figures):
+def test_levels_of_bodies_are_those_of_their_tables(start, body, quantities):
     f = np.linspace(0.75e9, 1.35e9, 41)
     levels = [
-        level for eps in (3.1 - 0.062j, 5.3 - 0.265j) for level in figures.body_levels(body, f, eps)
+        level
+        for eps in (3.1 - 0.062j, 5.3 - 0.265j)
+        for level in quantities.body_levels(body, f, eps)
     ]
     found = [10 * np.log10(np.mean(10 ** (level / 10))) for level in levels]
     np.testing.assert_allclose(found, table_row("signatures", start), atol=0.06)
 
 
-def test_edges(figures):
-    levels = figures.edge_levels(3.2, np.radians(67))
+def test_edges(quantities):
+    levels = quantities.edge_levels(3.2, np.radians(67))
     assert table_row("signatures", "HH |") == pytest.approx(
         [levels["near H"], levels["far H"]], abs=0.06
     )
@@ -173,7 +187,7 @@ def test_backscatter_in_the_text():
 
 
 @pytest.mark.parametrize("site", ["arid-sand", "gravel"])
-def test_backscatter_of_one_scale_and_of_tracks(site, figures):
+def test_backscatter_of_one_scale_and_of_tracks(site, quantities):
     """The table of the clutter's spectrum: four rows of arid sand and two of gravel, and the model fitted to soils."""
     rows = (THEORY.parent / "physics.md").read_text(encoding="utf-8").splitlines()
     first = next(i for i, row in enumerate(rows) if row.startswith(f"| {site}, one"))
@@ -184,7 +198,7 @@ def test_backscatter_of_one_scale_and_of_tracks(site, figures):
     classes = (0, 256e-6, 1024e-6, 4096e-6) if site == "arid-sand" else (0, 1024e-6)
     known = (surface.rms_height, surface.correlation_length, surface.slope)
     wanted = [surface_backscatter(frequency, sine, eps, *known, uneven)[0] for uneven in classes]
-    wanted.append(figures.oh1992(frequency, sine, eps, surface.rms_height)[0])
+    wanted.append(quantities.oh1992(frequency, sine, eps, surface.rms_height)[0])
     for row, want in zip(rows[first:], wanted, strict=False):
         told = [float(cell) for cell in row.split("|")[2:-1]]
         level = 10 * np.log10(want)
@@ -213,9 +227,9 @@ def test_pure_scatterers(start, channels):
     assert found == pytest.approx(table_row("polarimetry", start), abs=0.01)
 
 
-def test_detectors_in_the_text(figures):
+def test_detectors_in_the_text(quantities):
     share = {}
-    for name, (target, clutter) in figures.detector_scores().items():
+    for name, (target, clutter) in quantities.detector_scores().items():
         share[name] = 100 * float(np.mean(target >= np.quantile(clutter, 0.99)))
     told = [
         int(one)

@@ -47,6 +47,20 @@ def test_a_result_is_written_and_no_work_folder_stays(run, tmp_path):
     assert reports
 
 
+def test_a_label_stands_before_all_that_progress_is_shown_of(run, tmp_path):
+    titles = []
+
+    def track(items, title, total):
+        titles.append(title)
+        return items
+
+    with InProcess() as executor:
+        detect_lane(job_of(run, tmp_path / "result"), executor, track, label="north: ")
+    assert titles[-1] == "north: writing the result"
+    assert all(title.startswith("north: ") for title in titles)
+    assert len(titles) > 2
+
+
 def test_a_whole_result_is_left_as_it_is_unless_it_is_to_be_overwritten(run, tmp_path, caplog):
     job = job_of(run, tmp_path / "result")
     reports = []

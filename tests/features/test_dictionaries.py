@@ -97,7 +97,9 @@ def test_fisher_vectors_are_their_slow_twin():
 
 def test_fisher_vectors_are_those_of_scikit_image():
     """The library has a gradient by the weights first, and that by the deviations with the other sign."""
-    feature = pytest.importorskip("skimage.feature", reason="scikit-image is no dependency")
+    feature = pytest.importorskip(
+        "skimage.feature", reason="scikit-image is a dependency of the tests alone"
+    )
     mixture = feature.learn_gmm(EXAMPLES, n_modes=4, gm_args={"covariance_type": "diag"})
     ours = Mixture(mixture.weights_, mixture.means_, np.sqrt(mixture.covariances_))
     theirs = feature.fisher_vector(EXAMPLES[::50], mixture)

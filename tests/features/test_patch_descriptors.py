@@ -28,7 +28,9 @@ def test_hog_is_its_slow_twin(cell, block, bins):
 
 
 def test_hog_is_that_of_scikit_image():
-    feature = pytest.importorskip("skimage.feature", reason="scikit-image is no dependency")
+    feature = pytest.importorskip(
+        "skimage.feature", reason="scikit-image is a dependency of the tests alone"
+    )
     patch = PATCHES[0, :24, :24]
     theirs = feature.hog(patch, orientations=9, pixels_per_cell=(8, 8), cells_per_block=(2, 2))
     np.testing.assert_allclose(hog(patch, 8), theirs, atol=1e-6)  # theirs in single precision
@@ -66,7 +68,9 @@ def test_local_binary_patterns_are_their_slow_twin():
 
 
 def test_local_binary_patterns_are_those_of_scikit_image():
-    feature = pytest.importorskip("skimage.feature", reason="scikit-image is no dependency")
+    feature = pytest.importorskip(
+        "skimage.feature", reason="scikit-image is a dependency of the tests alone"
+    )
     for patch in PATCHES:
         whole_numbers = (1e6 * patch).astype(np.int64)  # of others it warns
         theirs = feature.local_binary_pattern(whole_numbers, 8, 1, method="uniform")

@@ -177,7 +177,7 @@ def test_a_size_that_could_be_another_unit_is_asked_for(tmp_path):
 
 def test_a_part_of_the_files_of_a_folder_is_named_one_by_one(tmp_path):
     paths = scans(tmp_path)
-    draft = explain_files(paths[:2], beside=tmp_path / "sub" / "own.toml").mapping
+    draft = explain_files(paths[:2], mapping=tmp_path / "sub" / "own.toml").mapping
     assert 'data = ["../scan_0.npy", "../scan_1.npy"]' in draft
 
 

@@ -397,7 +397,7 @@ def test_the_density_rule_counts_on_the_ground_seen(run, recipe, scans):
     detector = start(run, recipe)
     for scan in scans:
         detector.add(scan)
-    area = detector.seen_area
+    area = detector.density.final_area
     width = 2.4 + 0.1
     assert area == pytest.approx(width * (detector.closed - LANE.y_min), rel=0.15)
     most = 0.75 * (area + width * (4.5 + STEP)) / (np.pi * 0.4**2)

@@ -136,6 +136,26 @@ def test_a_pose_that_came_with_a_bad_signal_fills_no_scan_of_its_own_number(neig
     machine.counts_add_up()
 
 
+def test_a_pose_that_cannot_be_one_is_told_with_what_became_of_its_scan():
+    description = describe_for_live(make_lane_run(scans=1))
+    intake = Intake(description, longest_gap=1)
+    samples = np.ones(description.shape)
+    bad = [0, 2, 2, 0, 9, 0]
+
+    def give(number, pose):
+        intake.admit(encode_scan(number, samples, pose))
+        return intake.pose_fault
+
+    assert give(0, [0, 0, 2, 0, 0, 0]) == ""
+    left_out = give(5, bad)
+    assert left_out.startswith("scan 5: pose must have pitch and roll within a quarter turn, got [")
+    assert left_out.endswith("the scan was left out")
+    assert give(1, [0, 1, 2, 0, 0, 0]) == ""
+    assert give(2, bad).endswith("it was filled in from its neighbours'")
+    assert give(3, None) == ""
+    assert intake.counts["pose_filled"] + intake.counts["pose_missing"] == 3
+
+
 def test_poses_are_filled_in_on_the_straight_line():
     description = describe_for_live(make_lane_run(scans=1))
     intake = Intake(description, longest_gap=2)

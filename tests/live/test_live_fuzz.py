@@ -141,7 +141,10 @@ def test_odd_headers_of_scans_are_survived(live, entry, value, at):
     for header in ({entry: value}, {"pose": pose}):
         lines, kinds = given_to(live, scan_frame(7, **header))
         assert len(kinds) == 1
-        assert len(problems(lines)) <= 1
+        # A pose that is filled in is told by itself, whatever else is wrong with the scan.
+        of_pose = [words for words in problems(lines) if "it was filled in" in words]
+        assert len(of_pose) <= 1
+        assert len(problems(lines)) - len(of_pose) <= 1
 
 
 @FUZZ

@@ -1,15 +1,11 @@
 """The proving ground's description: lanes, splits, entries."""
 
-import warnings
 from importlib import resources
 
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.chain.recipe_fit import check_fit
-from flgpr.chain.recipe_for_run import fit_recipe
-from flgpr.proving_ground import find_entry, listing, load_ground, packaged_entries
+from flgpr.proving_ground import listing, load_ground
 from flgpr.simulate import draw_world
 from flgpr.store import open_run
 
@@ -170,47 +166,6 @@ def test_the_full_form_tells_ten_points_of_pd_apart(ground):
     halos = sum(len(table) for table in truth) * np.pi * ground.table.halo**2
     area = sum(lane.scene.lane.area for lane in ground.tested("standard"))
     assert 0.001 * (area - halos) >= 5  # so many false alarms at the least FAR
-
-
-@pytest.mark.parametrize("ground", [*GROUNDS.values(), *SECOND.values(), FULLWAVE], ids=label)
-def test_every_packaged_entry_is_a_recipe_that_fits_the_array(ground):
-    frequency = next(iter(ground.lanes.values())).sensor.tones.axis()
-    entries = packaged_entries(ground)
-    assert ground.table.reference in entries
-    assert len(entries) > 10
-    assert set(entries) <= set(packaged_entries(GROUNDS[False]))
-    for name, entry in entries.items():
-        recipe = parse_recipe(entry.text, name)
-        edges = np.array(list(recipe.image.subbands.values()))
-        assert edges.min() >= frequency[0], name
-        assert edges.max() <= frequency[-1] + 1, name
-
-
-def test_fused_enters_the_full_wave_track_fitted_to_its_array():
-    run = open_run(FULLWAVE.lanes["arid-lane-1"].stored[0])
-    entry = find_entry("fused", FULLWAVE)
-    recipe = parse_recipe(entry.text, "fused")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_fit(run, recipe)
-    assert (recipe.map.settings.sensor, recipe.map.settings.antennas) == ("run", "full-wave")
-    own = parse_recipe(fit_recipe(run, like="fused"))
-    assert recipe == own.model_copy(update={"description": recipe.description})
-    others = {"fuse2018-wang2007", "cosgrove2004", "flsar2004-rvm", "low-rank"}
-    assert not others & set(packaged_entries(FULLWAVE))
-    assert packaged_entries(GROUNDS[False])["fused"].text.strip() == recipe_text("fused").strip()
-
-
-def test_entries_are_found_by_name_recipe_or_folder(tmp_path):
-    ground = GROUNDS[False]
-    assert find_entry("wang2007", ground).title.startswith("C_HH")
-    own = tmp_path / "mine.toml"
-    own.write_text(packaged_entries(ground)["wang2007"].text)
-    assert find_entry(own, ground).name == "mine"
-    with pytest.raises(ValueError, match="must hold alarm lists"):
-        find_entry(tmp_path / "..", ground)
-    with pytest.raises((ValueError, FileNotFoundError), match="nothing-like-it"):
-        find_entry("nothing-like-it", ground)
 
 
 def test_a_ground_that_is_not_valid_is_refused():

@@ -1,6 +1,7 @@
 """The kit of pages: what is put in is escaped, what is missing is an error, pictures have the size asked for."""
 
 import io
+import re
 from pathlib import Path
 
 import jinja2
@@ -82,3 +83,12 @@ def test_pictures_have_the_size_asked_for():
     assert Image.open(io.BytesIO(figure_png(figure, 50))).size == (100, 50)
     assert Image.open(io.BytesIO(figure_png(figure, 120))).size == (240, 120)
     assert figure_png(figure) == figure_png(figure)
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)
+def test_every_column_of_a_table_has_a_header(path):
+    """A reader who hears the page is told with each cell what its column is."""
+    text = path.read_text(encoding="utf-8")
+    assert not re.findall(r"<th[^>]*>\s*</th>", text)
+    heads = re.findall(r"parts\.table\((\[.*?\])", text, re.DOTALL)
+    assert not [head for head in heads if '""' in head]

@@ -1,22 +1,12 @@
 """The result folder: what is written is read back, files are added, damage is refused."""
 
-import io
-
 import numpy as np
 import pytest
 import xarray as xr
 
 from flgpr.results.errors import ResultError
-from flgpr.results.result import (
-    MANIFEST,
-    add_files,
-    are_settled,
-    check_free,
-    parse_view,
-    read_result,
-    read_result_manifest,
-    thinned,
-)
+from flgpr.results.manifest import MANIFEST, read_result_manifest
+from flgpr.results.result import add_files, are_settled, check_free, read_result, thinned
 from small_results import LANE, small_result
 
 
@@ -37,36 +27,6 @@ def test_a_thinned_view_keeps_the_largest_of_its_rows():
     np.testing.assert_array_equal(few.values[0, 0, :, 0], [6.0, 15.0, 18.0])
     assert few["y"].values.tolist() == [0.5, 2.0, 3.0]
     assert thinned(full, 1) is full
-
-
-def test_a_view_whose_arrays_do_not_fit_is_refused():
-    arrays = {
-        "polarization": np.array(["HH"]),
-        "subband": np.array(["low"]),
-        "y": np.zeros(4),
-        "x": np.zeros(3),
-        "looks": np.zeros((4, 3)),
-        "magnitude": np.zeros((1, 1, 4, 3), np.float32),
-    }
-
-    def packed(**change):
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **(arrays | change))
-        return buffer.getvalue()
-
-    assert parse_view(packed()).sizes == {"polarization": 1, "subband": 1, "y": 4, "x": 3}
-    with pytest.raises(ValueError, match="magnitude and looks must fit"):
-        parse_view(packed(looks=np.zeros((3, 3))))
-    with pytest.raises(ValueError, match="must be lists"):
-        parse_view(packed(x=np.zeros((3, 1))))
-
-
-def test_what_is_no_result_is_an_error_that_names_the_folder(tmp_path):
-    with pytest.raises(ResultError, match=f"{tmp_path}: not a complete result folder"):
-        read_result_manifest(tmp_path)
-    (tmp_path / "manifest.json").write_text("{}")
-    with pytest.raises(ResultError, match=r"manifest.json is altered"):
-        read_result_manifest(tmp_path)
 
 
 def test_what_is_written_is_read_back(tmp_path):

@@ -3,7 +3,14 @@
 import pytest
 
 from flgpr.results.errors import ResultError
-from flgpr.results.sections import read_sections, section_names, write_sections
+from flgpr.results.sections import (
+    join_results,
+    read_sections,
+    results_at,
+    section_names,
+    sections_at,
+    write_sections,
+)
 from flgpr.store.tables import lane_text
 from small_results import LANE, small_result
 
@@ -35,6 +42,24 @@ def test_an_altered_file_is_refused(folder, name):
     path.write_bytes(path.read_bytes()[:-2] + b"0\n")
     with pytest.raises(ResultError, match=r"section-2|alarms"):
         read_sections(folder)
+
+
+def test_alarms_of_all_sections_are_ranked_together_under_the_names_of_their_sections(tmp_path):
+    for name in NAMES:
+        small_result(tmp_path / name)
+    join_results(tmp_path, NAMES, LANE, {"run": "r"})
+    sections = read_sections(tmp_path)
+    alarms = sections.alarms()
+    assert alarms["confidence"].tolist() == [9.0, 9.0, 4.0, 4.0, 2.5, 2.5]
+    assert alarms["alarm_id"].tolist()[:2] == ["section-1/a", "section-2/a"]
+    assert (sections.lane(), sections.identity) == (LANE, {"run": "r"})
+
+
+def test_a_result_in_one_piece_has_no_sections(folder):
+    assert sections_at(folder / NAMES[0]) is None
+    assert results_at(folder / NAMES[0]) == [folder / NAMES[0]]
+    assert sections_at(folder).names == NAMES
+    assert results_at(folder) == [folder / name for name in NAMES]
 
 
 def test_a_missing_list_is_named(tmp_path):

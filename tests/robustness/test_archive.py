@@ -10,7 +10,8 @@ import pytest
 from damage import memory_within
 from flgpr.archive import Archive, npy_header
 from flgpr.formats.arrays import open_arrays
-from flgpr.results.result import parse_view, read_result
+from flgpr.results.detection_files import parse_view
+from flgpr.results.result import read_result
 from flgpr.simulate.bodies.signature.table import load_table
 from flgpr.store import json_with_digest, parse_with_digest, sha256
 from small_results import small_result

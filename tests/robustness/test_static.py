@@ -136,7 +136,7 @@ IN_HAND = "no file: text or bytes in hand, or what this process made"
 THROUGH_FOLDER = "the door's own folder opens it, under another name than the check knows"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
-    "proving_ground/running.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
+    "proving_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
     "proving_ground/board.py packaged_board": ({"read_bytes"}, OWN),
     "proving_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
     "chain/recipe.py recipe_text": ({"read_text"}, OWN),

@@ -8,8 +8,9 @@ import pytest
 
 from flgpr.simulate import Scene, Simulator, sites
 from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.ground.buried_spectra import BuriedSpectra, spectral_shapes
 from flgpr.simulate.ground.roughness import UNEVEN_LENGTH, surface_heights
-from flgpr.simulate.ground.subsurface import BuriedSpectra, SubsurfaceField, spectral_shapes
+from flgpr.simulate.ground.subsurface import SubsurfaceField
 from flgpr.simulate.ground.terrain import Terrain
 from flgpr.simulate.scene.world import BARE, MARGIN, draw_world
 from flgpr.simulate.simulator import array_state

@@ -36,7 +36,7 @@ def test_edge_strength_over_physical_optics_at_the_checked_angle(near, hh, vv):
     sine = SINE_AIR / np.sqrt(3.2)
     k = 2 * np.pi * 1.05e9 / SPEED_OF_LIGHT * np.sqrt(3.2)
     rim = next(
-        r for r in visible_rims(cylinder(0.16, 0.15), sine) if r.near == near and r.drop == 0
+        r for r in visible_rims(cylinder(0.16, 0.15), sine) if r.is_near == near and r.drop == 0
     )
     size = np.abs(rim_amplitude(rim, k, sine))
     optics = physical_optics_flash(0.16, k, sine) / (1 - sine**2)
@@ -117,7 +117,7 @@ def tabulated_over_layers(name, layers, soil, sine):
     table = packaged_table(name).at(frequency, media, 1e3)[0, sine, 0, :2]
     near, far = (
         rim_amplitude(rim, np.sqrt(eps) * k, s / np.sqrt(eps))
-        * np.exp((2j if rim.near else -2j) * k * 0.16 * s)
+        * np.exp((2j if rim.is_near else -2j) * k * 0.16 * s)
         for rim in visible_rims(cylinder(0.16, 0.15), s / np.sqrt(eps))
         if rim.drop == 0
     )

@@ -7,51 +7,28 @@ from flgpr.imaging import ScanImager
 from flgpr.model import Antenna, Grid
 from flgpr.model.refraction import apparent_shift
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground import inclusions
-from flgpr.simulate.ground.layers import View
+from flgpr.simulate.ground.buried_spectra import LENS, BuriedSpectra, spectral_shapes
 from flgpr.simulate.ground.subsurface import (
-    _LENS,
     Buried,
-    BuriedSpectra,
     SubsurfaceField,
-    SubsurfaceLayer,
-    incidence_laws,
-    spectral_shapes,
     stone_radii,
     subsurface_layers,
 )
 from flgpr.simulate.scene.scene_tables import Stones
-from flgpr.simulate.simulator import array_state
+from simulate.buried_points import (
+    DRY,
+    MOIST,
+    flat_layer,
+    given,
+    ground_of,
+    sine_at,
+    spectra_of,
+    view_of,
+)
 from simulate.conftest import BARE, STILL
 
-DRY = {"model": "fixed", "permittivity": 3.4, "conductivity": 0.0}
-MOIST = {"model": "mironov", "clay": 20.0, "moisture": 0.12}
 SPEED = 299792458.0
-POSE = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
-
-
-class Given:
-    """A field that holds the given points."""
-
-    def __init__(self, points):
-        self.points = points
-
-    def within(self, corners):
-        return self.points
-
-
-def given(xy, depth, size=1.0, axial=0.0, axis=(0.0, 0.0, 1.0), shape=0, reach=0.0):
-    count = len(xy)
-    return Buried(
-        np.array(xy, dtype=float),
-        np.full(count, depth, dtype=float),
-        np.full(count, size, np.complex64),
-        np.full(count, axial, np.complex64),
-        np.tile(np.array(axis, dtype=float), (count, 1)),
-        np.full(count, shape),
-        np.full(count, reach, dtype=float),
-    )
 
 
 @pytest.fixture
@@ -59,32 +36,6 @@ def few_tones(quiet):
     return quiet.model_copy(
         update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})}
     )
-
-
-def ground_of(soil, sensor):
-    return Ground(Scene(soil=soil).soil, None, sensor.tones.axis())
-
-
-def flat_layer(points, soil, sensor, scene=None):
-    """Give the layer that holds the points with spectra that do not grow, and the soil."""
-    ground = ground_of(soil, sensor)
-    spectra = BuriedSpectra(ground, np.ones((60, ground.frequency.size)), 0.5)
-    return SubsurfaceLayer(
-        Given(points), spectra, incidence_laws(scene or Scene(soil=soil), ground)
-    ), ground
-
-
-def view_of(sensor):
-    return View(sensor.footprint, POSE, array_state(sensor, POSE))
-
-
-def spectra_of(echoes):
-    """Spectra (point, 3, frequency) of all points."""
-    return np.einsum("irc,rcf->icf", echoes.coefficient, echoes.basis)
-
-
-def sine_at(xy):
-    return np.hypot(*np.transpose(xy)) / np.sqrt(np.hypot(*np.transpose(xy)) ** 2 + POSE[2] ** 2)
 
 
 def test_stones_are_as_many_and_as_large_as_their_law(quiet):
@@ -104,40 +55,6 @@ def test_stones_are_as_many_and_as_large_as_their_law(quiet):
 
     assert kstest(radii, law).pvalue > 1e-3
     assert kstest(radii, lambda r: law(r) ** 1.15).pvalue < 1e-3  # the test can tell
-
-
-def test_buried_spheres_have_the_ratio_of_transmissions_and_no_cross(quiet):
-    places = [(0.0, 7.0), (-3.0, 12.0), (2.0, 26.0)]
-    layer, ground = flat_layer(given(places, 0.0), DRY, quiet)
-    h, v, x = np.moveaxis(spectra_of(layer.echoes(view_of(quiet)))[..., 100], 1, 0)
-    s = sine_at(places)
-    c = np.sqrt(1 - s**2)
-    q = np.sqrt(3.4 - s**2)
-    n = np.sqrt(3.4)
-    t_h = 2 * c / (c + q)
-    t_v = 2 * n * c / (3.4 * c + q)
-    np.testing.assert_allclose(np.abs(h), t_h**2, rtol=0.01)
-    np.testing.assert_allclose(np.abs(v / h), (t_v / t_h) ** 2, rtol=0.01)
-    assert not x.any()
-    assert ground.real == [3.4]
-
-
-@pytest.mark.parametrize("depth", [0.03, 0.12, 0.3])
-def test_depth_takes_what_the_soil_takes(quiet, depth):
-    places = [(0.0, 7.0), (-3.0, 12.0), (2.0, 26.0)]
-    shallow, ground = flat_layer(given(places, 0.0), MOIST, quiet)
-    deep, _ = flat_layer(given(places, depth), MOIST, quiet)
-    ratio = (
-        spectra_of(deep.echoes(view_of(quiet)))[:, 0]
-        / spectra_of(shallow.echoes(view_of(quiet)))[:, 0]
-    )
-    normal = np.sqrt(ground.media[0] - sine_at(places)[:, None] ** 2)
-    middle = normal[:, ground.frequency.size // 2].real[:, None]
-    want = np.exp(-2j * ground.wavenumber * depth * (normal - middle))
-    # What is lost must be right where it matters: errors count against the strongest tone and a
-    # shallow point.
-    assert np.abs(ratio - want).max() < 0.05 * np.abs(want).max() + 0.01
-    assert np.abs(want).min() < 0.6
 
 
 def test_a_buried_point_is_focused_at_its_apparent_shift(quiet):
@@ -193,7 +110,7 @@ def test_the_two_flashes_of_a_lens_are_born_s_disc(quiet):
         both = s**-1.5 * (near * np.exp(1j * x) + np.conj(near) * np.exp(-1j * x))
         full = np.sqrt(4 * np.pi) * k**2 / 4 * contrast * radius**2 * thickness
         assert abs(both - full * 2 * j1(x) / x) < 0.05 * full * 2 * np.sqrt(2 / (np.pi * x**3)) * 2
-    layer, _ = flat_layer(given([(0.0, 12.0)] * 2, 0.1, shape=_LENS, reach=0.15), DRY, quiet)
+    layer, _ = flat_layer(given([(0.0, 12.0)] * 2, 0.1, shape=LENS, reach=0.15), DRY, quiet)
     np.testing.assert_allclose(layer.echoes(view_of(quiet)).points[:, 1], 11.85, atol=1e-3)
 
 

@@ -6,13 +6,12 @@ import os
 
 import pytest
 
-from flgpr.door import DoorError
+from flgpr.door import DoorError, listed_files
 from flgpr.store.files import (
     canonical_json,
     check_free_folder,
     existing,
     json_with_digest,
-    listed_files,
     merge_tables,
     parse_with_digest,
     replace_folder,

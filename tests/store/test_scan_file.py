@@ -21,7 +21,7 @@ from flgpr.store import (
     scan_of,
     write_description,
 )
-from flgpr.store.scan_file import MAGIC, TruncatedFrameError
+from flgpr.store.scan_file import MAGIC, TruncatedFrameError, pose_fault
 
 POSE = [1.0, 2.0, 1.5, 0.1, 0.0, -0.02]
 
@@ -121,6 +121,30 @@ def test_a_pose_that_makes_no_sense_is_none(small_run, description, pose):
     scan = scan_of(decode_frame(frame), description)
     assert scan.pose is None
     assert np.isnan(scan.time)
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ("north", "pose must be six numbers, got 'north'"),
+        ([1, 2], "pose must be six numbers, got [1, 2]"),
+        ([None] * 6, "pose must be six finite numbers, got [None, None, "),
+        ([1e9, 0, 0, 0, 0, 0], "pose must have coordinates below 1e+07 m, got [1000000000.0, 0"),
+        ([1, 2, 3, 99, 0, 0], "pose must have a heading within a full turn, got [1, 2, 3, 99"),
+        ([0, 0, 0, 0, 2.0, 0], "pose must have pitch and roll within a quarter turn, got [0, 0"),
+        ([0] * 50_000, "pose must be six numbers, got [0, 0, 0"),
+    ],
+)
+def test_what_makes_a_pose_none_is_told_in_few_words(small_run, pose, words):
+    samples = small_run["signal"].values[0].astype("<c8").tobytes()
+    fault = pose_fault(decode_frame(encode_frame("scan", {"scan": 1, "pose": pose}, samples)))
+    assert fault.startswith(words)
+    assert len(fault) < 200
+
+
+@pytest.mark.parametrize("header", [{}, {"pose": None}, {"pose": [0, 0, 2, 0, 0, 0]}])
+def test_a_pose_that_is_unknown_or_right_is_no_fault(header):
+    assert pose_fault(decode_frame(encode_frame("scan", {"scan": 1, **header}))) == ""
 
 
 @pytest.mark.parametrize(

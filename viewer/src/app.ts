@@ -5,26 +5,21 @@ import { drawBackdrop, type Backdrop } from "./backdrop";
 import { drawComparison, rasters, type Compare } from "./compare";
 import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
 import { checkRadio, colour, digits, el, fitted, fixed, make, options } from "./dom";
-import { alarmRows, asCsv, asGeoJson, download } from "./exports";
-import { savePng, saveSvg, type FigureParts } from "./figure";
 import { Following } from "./following";
-import { extentOf, geographic } from "./geo";
+import { extentOf } from "./geo";
 import { groupAlarms, type Group } from "./groups";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
 import type { Live } from "./live";
 import type { Notes } from "./notes";
-import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
+import { drawOverlay, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
 import type { RawPanel } from "./raw";
 import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
 import { Scrub } from "./scrub";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
-import { alarmFacts, alarmWords, readout, unseenWords } from "./words";
-
-/** How much nearer a click on a group of alarms brings it. */
-const CLOSER = 3;
+import { alarmFacts, alarmWords } from "./words";
 
 export class App {
   a: Choice;
@@ -449,7 +444,7 @@ export class App {
     return groupAlarms(this.view, detection, this.visible);
   }
 
-  private palette(): Palette {
+  palette(): Palette {
     return { text: colour("soft"), axis: colour("line"), paper: colour("paper"), unseen: colour("unseen") };
   }
 
@@ -550,38 +545,6 @@ export class App {
 
   // ---------------------------------------------------------------- words
 
-  point(px: number, py: number): void {
-    const { box } = this.view;
-    const tip = el("tip");
-    if (px < box.left || px > box.left + box.width || py < box.top || py > box.top + box.height) {
-      el("readout").textContent = "";
-      tip.hidden = true;
-      return;
-    }
-    const [x, y] = this.view.toLane(px, py);
-    el("readout").textContent = readout(this, x, y);
-    const words = hitTest(this.view, this.overlay(), px, py)?.words ?? unseenWords(this, x, y);
-    tip.hidden = !words;
-    if (words) {
-      tip.textContent = words;
-      const right = px > box.left + box.width * 0.7;
-      tip.style.left = right ? "" : `${px + 14}px`;
-      tip.style.right = right ? `${el("stage").clientWidth - px + 14}px` : "";
-      tip.style.top = `${Math.min(py + 12, box.top + box.height - 44)}px`;
-    }
-  }
-
-  click(px: number, py: number): void {
-    const hit = hitTest(this.view, this.overlay(), px, py);
-    if (hit?.kind === "alarm") this.select(hit.row);
-    else if (hit?.kind === "group") {
-      this.view.zoom(CLOSER, px, py);
-      this.moved();
-    } else if (hit?.kind === "scan") this.raw?.markScan(hit.row);
-    else this.say(unseenWords(this, ...this.view.toLane(px, py)));
-    this.point(px, py); // a finger hovers over nothing
-  }
-
   /** Mark a scan on the track. */
   markScan(scan: number | null): void {
     this.scan = scan;
@@ -601,60 +564,10 @@ export class App {
 
   // ---------------------------------------------------------------- exports and theme
 
+  /** Alarms that are saved: those ticked in the list, or all that are shown. */
   exportRows(): number[] {
     const shown = this.shownRows();
     return this.ticked.size ? shown.filter((row) => this.ticked.has(row)) : shown;
-  }
-
-  private describePicture(): string {
-    const { polarization, subband, set } = this.a;
-    const { floor, range } = this.colours;
-    return `${this.source.index.title}: ${setLabel(this.source, set)}, ${polarization} ${subband}; ${digits(floor)} to ${digits(floor + range)} dB above the median`;
-  }
-
-  exportPng(): void {
-    savePng(this.parts(), this.view);
-  }
-
-  exportSvg(): void {
-    saveSvg(this.parts(), this.view);
-  }
-
-  private parts(): FigureParts {
-    return {
-      title: this.describePicture(),
-      palette: { ...this.palette(), text: colour("ink") },
-      raster: (context, factor) => rasters(this, context, factor),
-      over: (pen) => {
-        drawOverlay(pen, this.view, this.overlay());
-        drawComparison(this, pen);
-      },
-      around: (pen, palette) => {
-        this.picture.axes(pen, palette);
-        colourBar(pen, this.view.box, this.colours, palette, this.view.box.top);
-      },
-    };
-  }
-
-  exportTable(form: "csv" | "geojson"): void {
-    if (!this.detection) return;
-    const rows = alarmRows(this.source, this.detection, this.exportRows(), (row) => this.note(row));
-    if (form === "csv") download("flgpr-alarms.csv", asCsv(rows), "text/csv");
-    else {
-      // GeoJSON is longitude and latitude; places in the lane alone are JSON, which no map takes for places on Earth.
-      const place = geographic(this.source.index.georeference);
-      if (place) download("flgpr-alarms.geojson", asGeoJson(rows, place), "application/geo+json");
-      else download("flgpr-alarms.json", asGeoJson(rows, null), "application/json");
-    }
-  }
-
-  /** A project of QGIS with the layers of the result in picture A, made by the server. */
-  async exportMap(): Promise<void> {
-    this.say("The map is being made");
-    const answer = await fetch(`data/${this.source.id}/map.zip`);
-    if (answer.ok) return download("flgpr-map.zip", await answer.blob());
-    const content = await answer.json().catch(() => null);
-    this.complain(content?.error ?? `the map: ${answer.status}`);
   }
 
   setTheme(theme: string): void {

@@ -3,10 +3,11 @@ import type { Compare } from "./compare";
 import { getJson, loadSources } from "./data";
 import { el } from "./dom";
 import { Drive } from "./drive";
+import { exportMap, exportPng, exportSvg, exportTable } from "./exporting";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
 import { Notes } from "./notes";
-import { overviewTo } from "./overview";
+import { listenToPointer } from "./pointing";
 import { loadBackdrop, type Backdrop } from "./backdrop";
 import { RawPanel } from "./raw";
 import type { Georeference, Source, Verdict } from "./types";
@@ -61,11 +62,11 @@ function wireButtons(app: App): void {
   for (const radio of document.querySelectorAll<HTMLInputElement>('input[name="verdict"]'))
     radio.addEventListener("change", () => app.setNote({ verdict: radio.value as Verdict }));
   input("note", (field) => app.setNote({ text: field.value }));
-  click("export-png", () => app.exportPng());
-  click("export-svg", () => app.exportSvg());
-  click("export-csv", () => app.exportTable("csv"));
-  click("export-geojson", () => app.exportTable("geojson"));
-  click("export-map", () => void app.exportMap());
+  click("export-png", () => exportPng(app));
+  click("export-svg", () => exportSvg(app));
+  click("export-csv", () => exportTable(app, "csv"));
+  click("export-geojson", () => exportTable(app, "geojson"));
+  click("export-map", () => void exportMap(app));
   click("export-notes", () => app.notes.save());
   input("load-notes", (field) => {
     const file = field.files?.[0];
@@ -78,72 +79,6 @@ function wireButtons(app: App): void {
     const menu = el<HTMLDetailsElement>("export-menu");
     if (menu.open && !menu.contains(event.target as Node)) menu.open = false;
   });
-}
-
-function wirePointer(app: App): void {
-  const canvas = el<HTMLCanvasElement>("lane");
-  let held: { x: number; y: number; moved: boolean; dividing: boolean } | null = null;
-  const place = (event: MouseEvent): [number, number] => {
-    const box = canvas.getBoundingClientRect();
-    return [(event.clientX - box.left) / app.enlarged, (event.clientY - box.top) / app.enlarged];
-  };
-  const onLine = (px: number, py: number): boolean => {
-    if (app.compare !== "swipe") return false;
-    const { left, top, width, height } = app.view.box;
-    return app.view.turned ? Math.abs(py - top - height * app.divide) < 7 : Math.abs(px - left - width * app.divide) < 7;
-  };
-  canvas.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0) return;
-    const [x, y] = place(event);
-    held = { x, y, moved: false, dividing: onLine(x, y) };
-    canvas.setPointerCapture(event.pointerId);
-  });
-  canvas.addEventListener("pointermove", (event) => {
-    const [x, y] = place(event);
-    if (!held) {
-      canvas.classList.toggle("dividing", onLine(x, y));
-      app.point(x, y);
-      return;
-    }
-    if (held.dividing) {
-      const { left, top, width, height } = app.view.box;
-      app.divide = Math.min(Math.max(app.view.turned ? (y - top) / height : (x - left) / width, 0), 1);
-      app.redraw();
-      return;
-    }
-    if (!held.moved && Math.hypot(x - held.x, y - held.y) < 4) return;
-    canvas.classList.add("dragging");
-    app.view.pan(x - held.x, y - held.y);
-    held = { ...held, x, y, moved: true };
-    app.moved();
-  });
-  const release = (event: PointerEvent): void => {
-    canvas.classList.remove("dragging");
-    if (held && !held.moved && !held.dividing && event.type === "pointerup") app.click(...place(event));
-    held = null;
-  };
-  canvas.addEventListener("pointerup", release);
-  canvas.addEventListener("pointercancel", release);
-  canvas.addEventListener("pointerleave", () => app.point(-1, -1));
-  canvas.addEventListener("dblclick", (event) => {
-    app.view.zoom(2, ...place(event));
-    app.moved();
-  });
-  canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) app.view.pan(-(event.deltaX || event.deltaY), 0);
-    else app.view.zoom(Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015)), ...place(event));
-    app.moved();
-  }, { passive: false });
-  const overview = el<HTMLCanvasElement>("overview");
-  const go = (event: PointerEvent): void => {
-    if (event.buttons & 1) overviewTo(app, event.clientX - overview.getBoundingClientRect().left);
-  };
-  overview.addEventListener("pointerdown", (event) => {
-    overview.setPointerCapture(event.pointerId);
-    go(event);
-  });
-  overview.addEventListener("pointermove", go);
 }
 
 /** A source without pictures for a live run that has no result yet. */
@@ -206,7 +141,7 @@ async function start(): Promise<void> {
   document.title = `${title} – flgpr`;
   wireChoices(app);
   wireButtons(app);
-  wirePointer(app);
+  listenToPointer(app);
   listenToKeys(app);
   if (live) {
     const drive = new Drive(app, live);

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -119,8 +120,8 @@ def estimate_clock(
     ValueError
         If all offsets leave the track.
     """
-    trials: list[tuple[float, float, float]] = []
-    grid = np.asarray(pixels, dtype=np.float64)
+    trials: list[_Trial] = []
+    area = np.asarray(pixels, dtype=np.float64)
     run = run.compute()
 
     def attempt(offset: float, rate: float) -> None:
@@ -130,8 +131,8 @@ def estimate_clock(
         except ValueError:
             return
         data, tx, rx = synthetic_aperture(shifted)
-        image = operator(run["frequency"].values, tx, rx, grid, tolerance=1e-2).adjoint(data)
-        trials.append((offset, rate, sharpness(image)))
+        image = operator(run["frequency"].values, tx, rx, area, tolerance=1e-2).adjoint(data)
+        trials.append(_Trial(offset, rate, sharpness(image)))
 
     steps = np.asarray(offsets, dtype=np.float64)
     for rate in np.asarray(rates, dtype=np.float64):
@@ -139,28 +140,43 @@ def estimate_clock(
             attempt(float(offset), float(rate))
     if not trials:
         raise ValueError(_outside(run, track, steps))
-    tried = len(trials)
+
+    first_trials = pd.DataFrame(trials)
     width = float(np.diff(np.sort(steps)).mean()) if steps.size > 1 else 0.0
     for level in range(refine if width else 0):
-        offset, rate, _ = max(trials, key=lambda trial: trial[2])
+        best = max(trials, key=attrgetter("sharpness"))
         for sign in (-1, 1):
-            attempt(offset + sign * width / 2 ** (level + 1), rate)
-    table = pd.DataFrame(trials, columns=["offset", "rate", "sharpness"])
-    offset, rate, top = max(trials, key=lambda trial: trial[2])
-    first_trials = table[:tried]
+            attempt(best.offset + sign * width / 2 ** (level + 1), best.rate)
+
+    best = max(trials, key=attrgetter("sharpness"))
     lowest = float(first_trials["sharpness"].min())
-    first_offset = first_trials["offset"].min()
-    last_offset = first_trials["offset"].max()
-    doubt = ""
-    if steps.size > 1 and top < _LEAST_SHARPNESS_RATIO * lowest:
-        doubt = (
-            f"no offset stands out: the sharpest image is but {top / lowest:.2f} times as sharp as "
-            f"the worst, {_LEAST_SHARPNESS_RATIO:g} times are asked for: "
+    # A single offset has no others to stand out from.
+    doubt = _doubt(best, first_trials) if steps.size > 1 else ""
+    return ClockFit(best.offset, best.rate, lowest, pd.DataFrame(trials), doubt)
+
+
+class _Trial(NamedTuple):
+    """Sharpness of the image at a clock offset and a rate."""
+
+    offset: float  #: s
+    rate: float
+    sharpness: float
+
+
+def _doubt(best: _Trial, first_trials: pd.DataFrame) -> str:
+    """Return why the best trial is not to be trusted, by the trials before it was refined."""
+    lowest = float(first_trials["sharpness"].min())
+    if best.sharpness < _LEAST_SHARPNESS_RATIO * lowest:
+        return (
+            f"no offset stands out: the sharpest image is but {best.sharpness / lowest:.2f} times "
+            f"as sharp as the worst, {_LEAST_SHARPNESS_RATIO:g} times are asked for: "
             "is there anything bright in the area?"
         )
-    elif steps.size > 1 and not first_offset < offset < last_offset:
-        doubt = f"the best offset, {offset:.3f} s, lies at the edge of those tried: look farther"
-    return ClockFit(offset, rate, lowest, table, doubt)
+    if not first_trials["offset"].min() < best.offset < first_trials["offset"].max():
+        return (
+            f"the best offset, {best.offset:.3f} s, lies at the edge of those tried: look farther"
+        )
+    return ""
 
 
 def track_trials(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -45,27 +47,37 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
     signal = run["signal"].values
     valid = run["valid"].values
     for k, label in enumerate(run["polarization"].values):
-        power = np.array([_power(signal[valid[:, k, p], k, p]) for p in range(run.sizes["pair"])])
-        middle = float(np.median(power[power > 0])) if (power > 0).any() else 1.0
+        sweeps_by_pair = []
         for pair in range(run.sizes["pair"]):
-            sweeps = signal[valid[:, k, pair], k, pair].astype(np.complex128)
-            level = 10 * np.log10(power[pair] / middle) if power[pair] > 0 else -np.inf
-            stuck = float((sweeps == sweeps[:1]).all(axis=0).mean()) if len(sweeps) > 1 else 0.0
-            gain, phase = _drift(sweeps)
-            rows.append(
-                {
-                    "polarization": str(label),
-                    "pair": pair,
-                    "level_db": level,
-                    "missing": int(np.count_nonzero(~valid[:, k, pair])),
-                    "stuck": stuck,
-                    "coherence": _coherence(sweeps),
-                    "gain_drift_db": gain,
-                    "phase_drift_rad": phase,
-                    "dead": bool(len(sweeps) == 0 or level < quiet or stuck > 0.5),
-                }
-            )
+            sweeps_by_pair.append(signal[valid[:, k, pair], k, pair])
+        power = np.array([_power(sweeps) for sweeps in sweeps_by_pair])
+        # Pairs without a sweep do not count for the median.
+        median = float(np.median(power[power > 0])) if (power > 0).any() else 1.0
+        for pair, sweeps in enumerate(sweeps_by_pair):
+            channel: dict[str, Any] = {
+                "polarization": str(label),
+                "pair": pair,
+                "level_db": 10 * np.log10(power[pair] / median) if power[pair] > 0 else -np.inf,
+                "missing": int(np.count_nonzero(~valid[:, k, pair])),
+            }
+            rows.append(channel | _state(sweeps.astype(np.complex128), channel["level_db"], quiet))
     return pd.DataFrame(rows)
+
+
+def _state(sweeps: NDArray[np.complex128], level: float, quiet: float) -> dict[str, Any]:
+    """Return the columns on a channel's sweeps (scan, frequency) of a level, dB."""
+    stuck = 0.0
+    if len(sweeps) > 1:
+        same_in_all = (sweeps == sweeps[:1]).all(axis=0)
+        stuck = float(same_in_all.mean())
+    gain, phase = _drift(sweeps)
+    return {
+        "stuck": stuck,
+        "coherence": _coherence(sweeps),
+        "gain_drift_db": gain,
+        "phase_drift_rad": phase,
+        "dead": bool(len(sweeps) == 0 or level < quiet or stuck > 0.5),
+    }
 
 
 def health_summary(table: pd.DataFrame) -> list[str]:
@@ -99,12 +111,16 @@ def _power(sweeps: NDArray[np.complex64]) -> float:
 
 
 def _coherence(sweeps: NDArray[np.complex128]) -> float:
-    """Return the power of the mean over the mean power, less what chance makes of it."""
+    """Return the power of the mean over the mean power, less what chance makes of it.
+
+    The mean of N independent sweeps has 1/N of their power.
+    """
     count = len(sweeps)
     total = float(np.mean(np.abs(sweeps) ** 2)) if sweeps.size else 0.0
     if count < 2 or total == 0:
         return 0.0
-    share = float(np.mean(np.abs(sweeps.mean(axis=0)) ** 2)) / total
+    mean = sweeps.mean(axis=0)
+    share = float(np.mean(np.abs(mean) ** 2)) / total
     return max(0.0, (share - 1 / count) / (1 - 1 / count))
 
 
@@ -143,5 +159,6 @@ def disturbed_tones(signal: ArrayLike) -> NDArray[np.bool_]:
         return np.zeros(values.shape[1], dtype=np.bool_)
     change = np.median(np.abs(np.diff(values, axis=0)), axis=0)
     half = min(10, (change.size - 1) // 2)
-    usual = np.median(sliding_window_view(np.pad(change, half, mode="edge"), 2 * half + 1), axis=-1)
-    return np.asarray(change > 10**0.5 * usual)
+    padded = np.pad(change, half, mode="edge")
+    usual = np.median(sliding_window_view(padded, 2 * half + 1), axis=-1)
+    return np.asarray(change > 10**0.5 * usual)  # 10 dB of power

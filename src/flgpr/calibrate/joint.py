@@ -137,53 +137,50 @@ def estimate_joint(
     _check_search(positions, biases, tolerance, cell, unambiguous_range(frequency))
     run = run.compute()
     if track is None:
-        trials = np.zeros(1)
+        tried = np.zeros(1)
         poses = [run["pose"].values]
     else:
-        trials, poses = track_trials(run, track, offsets)
+        tried, poses = track_trials(run, track, offsets)
     across, fine = _across(run, poses[len(poses) // 2], positions)
     # A quarter wavelength shows every lobe, whatever the aperture.
     line_step = SPEED_OF_LIGHT / float(frequency[-1]) / 4
     lines = positions[:, None] + _steps(tolerance, line_step) * across
-    level, bias = _levels(run, poses, lines, biases)
-    background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
-    score = _score(level, background)
-    best = int(score.max(axis=1).argmax())
-    offset = float(trials[best])
-    curve = score[best]
-    step = float(np.diff(trials).mean()) if trials.size > 1 else 0.0
-    at_edge = step > 0 and best in (0, trials.size - 1)
-    width = step
+
+    trials = _try_all(run, tried, poses, lines, biases)
+    best = trials.best()
+    offset = float(tried[best])
+    curve = trials.score[best]
+    run_at_best = run
     if track is not None:
-        for _ in range(refine if step else 0):
-            width /= 2
-            closer, poses = track_trials(run, track, [offset - width, offset, offset + width])
-            closer_score = _score(_levels(run, poses, lines, biases)[0], background)
-            best = int(closer_score.max(axis=1).argmax())
-            offset = float(closer[best])
-            curve = closer_score[best]
-    run_at_best = run if track is None else with_track(run, track, offset)
+        if trials.step:
+            offset, curve = _refine(run, track, trials, lines, biases, refine)
+        run_at_best = with_track(run, track, offset)
 
     peak = int(curve.argmax())
     height = float(curve[peak])
-    over_bias = score.max(axis=0)
+    bias = trials.bias
+    over_bias = trials.score.max(axis=0)
     elsewhere = np.abs(bias - bias[peak]) > 2 * cell
     runner_up = int(np.where(elsewhere, over_bias, -np.inf).argmax())
-    moved = _score_moved(run_at_best, positions, across, fine, tolerance, biases, background)
+    moved = _score_moved(run_at_best, positions, across, fine, tolerance, biases, trials.background)
+
     bias_sigma = np.inf
     offset_sigma = np.inf
-    if not at_edge:
-        noise = np.maximum(level[..., elsewhere].mean(axis=(0, 2)), background)
-        # Both neighbours of the middle must lie inside the track.
-        middle = float(np.clip(offset, trials[0] + step / 2, trials[-1] - step / 2))
+    if not trials.best_at_edge():
+        noise = np.maximum(trials.level[..., elsewhere].mean(axis=(0, 2)), trials.background)
+        middle = trials.inner(offset)
         bias_sigma, offset_sigma = _sigma(
-            run_at_best, track, middle, step / 2, lines, (biases, peak), noise
+            run_at_best, track, middle, trials.step / 2, lines, (biases, peak), noise
         )
+
     top = _summit(curve, bias, peak)
     table = _at_reflectors(run_at_best, positions, operator, top, tolerance)
     single = table["bias"].to_numpy()
     if single.size > 1:
-        bias_sigma = float(np.hypot(bias_sigma, single.std(ddof=1) / np.sqrt(single.size)))
+        # The reflectors' disagreement counts too: errors of their positions are in it.
+        standard_error = single.std(ddof=1) / np.sqrt(single.size)
+        bias_sigma = float(np.hypot(bias_sigma, standard_error))
+
     fit = BiasFit(
         bias=float(single.mean()),
         bias_sigma=bias_sigma,
@@ -198,7 +195,75 @@ def estimate_joint(
         points=table,
         doubt="",
     )
-    return replace(fit, doubt=_doubt(fit, at_edge, tolerance, cell))
+    return replace(fit, doubt=_doubt(fit, trials.best_at_edge(), tolerance, cell))
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """Power and score at all clock offsets tried, for all biases."""
+
+    offsets: FloatArray  #: (trial,): s
+    bias: FloatArray  #: (bias,): m
+    level: FloatArray  #: (trial, reflector, bias): power at the brightest point of each line
+    background: FloatArray  #: (reflector,): median power over trials and biases
+    score: FloatArray  #: (trial, bias): mean over reflectors of power over background, dB
+
+    @property
+    def step(self) -> float:
+        """Step of the offsets, s; zero for a single one."""
+        return float(np.diff(self.offsets).mean()) if self.offsets.size > 1 else 0.0
+
+    def best(self) -> int:
+        """Return the number of the trial with the highest score at any bias."""
+        return int(self.score.max(axis=1).argmax())
+
+    def best_at_edge(self) -> bool:
+        """Return whether the best trial is the first or the last of several."""
+        return self.step > 0 and self.best() in (0, self.offsets.size - 1)
+
+    def inner(self, offset: float) -> float:
+        """Return the nearest offset whose neighbours, half a step away, lie inside the track."""
+        first = self.offsets[0] + self.step / 2
+        last = self.offsets[-1] - self.step / 2
+        return float(np.clip(offset, first, last))
+
+
+def _try_all(
+    run: xr.Dataset,
+    offsets: FloatArray,
+    poses: Sequence[ArrayLike],
+    lines: FloatArray,
+    biases: tuple[float, float],
+) -> _Trials:
+    """Score all clock offsets, whose poses are given, for all biases."""
+    level, bias = _levels(run, poses, lines, biases)
+    # The smallest positive number in place of zero: a run may be empty.
+    background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
+    return _Trials(offsets, bias, level, background, _score(level, background))
+
+
+def _refine(
+    run: xr.Dataset,
+    track: pd.DataFrame,
+    trials: _Trials,
+    lines: FloatArray,
+    biases: tuple[float, float],
+    refine: int,
+) -> tuple[float, FloatArray]:
+    """Halve the offsets' step ``refine`` times about the best; return offset and score by bias."""
+    best = trials.best()
+    offset = float(trials.offsets[best])
+    curve = trials.score[best]
+    width = trials.step
+    for _ in range(refine):
+        width /= 2
+        closer, poses = track_trials(run, track, [offset - width, offset, offset + width])
+        level, _ = _levels(run, poses, lines, biases)
+        score = _score(level, trials.background)
+        best = int(score.max(axis=1).argmax())
+        offset = float(closer[best])
+        curve = score[best]
+    return offset, curve
 
 
 def _check_search(
@@ -269,7 +334,11 @@ def _across(run: xr.Dataset, pose: FloatArray, positions: FloatArray) -> tuple[F
     sight = positions - 0.5 * (tx.mean(axis=0) + rx.mean(axis=0))
     across = np.stack([sight[:, 1], -sight[:, 0], np.zeros(len(positions))], axis=1)
     size = np.linalg.norm(across, axis=1, keepdims=True)
-    across = np.where(size > 0, across / np.where(size > 0, size, 1.0), [1.0, 0.0, 0.0])
+    safe_size = np.where(size > 0, size, 1.0)
+    across = np.where(size > 0, across / safe_size, [1.0, 0.0, 0.0])
+
+    # The path to a point moved across changes by this slope, which differs along the aperture: the
+    # resolution is the wavelength over its range.
     spreads = []
     for position, direction in zip(positions, across, strict=True):
         # 0 + a + b, as a sum over the two ends.
@@ -304,22 +373,28 @@ def _score_moved(
     clear = 2 * tolerance + 1.5 * fine
     reach = clear + _MOVES * max(2 * tolerance, fine)
     steps = _steps(reach, min(fine / 4, tolerance))
-    power, _ = _powers(run, [run["pose"].values], positions[:, None] + steps * across, biases)
+    lines = positions[:, None] + steps * across
+    power, _ = _powers(run, [run["pose"].values], lines, biases)
+
+    # Like a reflector's, an echo may come from anywhere within the tolerance.
     half = round(tolerance / float(steps[1, 0] - steps[0, 0]))
     level = sliding_window_view(power[0], 2 * half + 1, axis=1).max(axis=-1)
     is_clear = np.abs(steps[half : steps.size - half, 0]) > clear
-    return float(_score(level[:, is_clear].swapaxes(0, 1), background).max())
+    moved_level = level[:, is_clear].swapaxes(0, 1)
+    return float(_score(moved_level, background).max())
 
 
 def _powers(
     run: xr.Dataset, poses: Sequence[ArrayLike], points: FloatArray, biases: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the power (trial, reflector, point, bias) at points (reflector, point, 3).
+    """Return the power at points (reflector, point, 3), and the biases.
 
-    The biases follow.
+    The power is that of all polarizations: (trial, reflector, point, bias).
     """
     field, bias = fields_over_bias(run, poses, points.reshape(-1, 3), biases)
-    power = (field.real.astype(np.float64) ** 2 + field.imag.astype(np.float64) ** 2).sum(axis=1)
+    real = field.real.astype(np.float64)
+    imaginary = field.imag.astype(np.float64)
+    power = (real**2 + imaginary**2).sum(axis=1)
     return power.reshape(len(power), *points.shape[:2], bias.size), bias
 
 
@@ -328,12 +403,13 @@ def _levels(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the power (trial, reflector, bias) at each line's brightest point, and the biases."""
     cell = resolution(run["frequency"].values)
+    # Biases are a quarter of the resolution apart or less, up to two times less.
     sums = lines.shape[0] * lines.shape[1] * (biases[1] - biases[0]) / cell * 8
-    at_once = max(1, int(_SUMS_AT_ONCE / sums))  # trials
+    trials_at_once = max(1, int(_SUMS_AT_ONCE / sums))
     levels = []
     bias = np.empty(0)
-    for k in range(0, len(poses), at_once):
-        power, bias = _powers(run, poses[k : k + at_once], lines, biases)
+    for k in range(0, len(poses), trials_at_once):
+        power, bias = _powers(run, poses[k : k + trials_at_once], lines, biases)
         levels.append(power.max(axis=2))
     return np.concatenate(levels), bias
 
@@ -341,13 +417,14 @@ def _levels(
 def _score(level: FloatArray, background: FloatArray) -> FloatArray:
     """Return the mean over reflectors of the power over the background, dB: (trial, bias)."""
     floor = np.finfo(np.float32).tiny
-    return np.asarray(10 * np.log10(np.maximum(level / background[:, None], floor)).mean(axis=1))
+    ratio = np.maximum(level / background[:, None], floor)
+    return np.asarray(10 * np.log10(ratio).mean(axis=1))
 
 
 def _summit(curve: FloatArray, bias: FloatArray, peak: int) -> float:
     """Return the bias at the top of the parabola through a peak and its neighbours.
 
-    So the grid of the biases does not matter.
+    The answer is then finer than the grid of the biases.
     """
     if not 0 < peak < bias.size - 1:
         return float(bias[peak])
@@ -367,10 +444,11 @@ def _sigma(
     peak: tuple[tuple[float, float], int],
     background: FloatArray,
 ) -> tuple[float, float]:
-    """Return the Cramer-Rao bounds of bias and offset.
+    """Return the Cramer-Rao bounds (standard deviations) of bias, m, and offset, s.
 
     They follow from the curvature of the echoes' power over the background at the ``peak``, of
-    which the searched biases and the number are given.
+    which the searched biases and the number are given. The matrix of the second derivatives in bias
+    and offset is the Fisher information; the diagonal of its inverse holds the variances.
     """
     fixed = track is None or not step
     if track is None or fixed:
@@ -407,17 +485,19 @@ def _at_reflectors(
 ) -> pd.DataFrame:
     """Return each reflector's brightest pixel within ``reach``, and the bias that it shows, m."""
     data, tx, rx = synthetic_aperture(run)
+    frequency = run["frequency"].values
     weight = np.abs(data).sum(axis=(0, 2)) + np.finfo(float).tiny
-    reach += resolution(run["frequency"].values)
+    reach += resolution(frequency)
     side = np.linspace(-reach, reach, 2 * int(np.ceil(reach / 0.02)) + 1)
     square = np.stack([*np.meshgrid(side, side), np.zeros((side.size, side.size))], axis=-1)
     rows: list[tuple[float, ...]] = []
+    # Repeated with the bias found: where it was wrong, the image was not quite in focus.
     for _ in range(passes):
         rows = []
-        corrected = lengthen(data, run["frequency"].values, -2.0 * bias)
+        corrected = lengthen(data, frequency, -2.0 * bias)
         for position in positions:
             pixels = position + square
-            image = operator(run["frequency"].values, tx, rx, pixels).adjoint(corrected)
+            image = operator(frequency, tx, rx, pixels).adjoint(corrected)
             power = (np.abs(image) ** 2).sum(axis=(0, 1))
             peak = pixels[np.unravel_index(power.argmax(), power.shape)]
             longer = _paths(tx, rx, peak) - _paths(tx, rx, position)
@@ -429,6 +509,6 @@ def _at_reflectors(
 
 def _paths(tx: FloatArray, rx: FloatArray, point: FloatArray) -> FloatArray:
     """Return the path lengths of antennas (pair, 3) by way of a point, m."""
-    there = np.linalg.norm(tx - point, axis=1)
+    outward = np.linalg.norm(tx - point, axis=1)
     back = np.linalg.norm(rx - point, axis=1)
-    return np.asarray(there + back, dtype=np.float64)
+    return np.asarray(outward + back, dtype=np.float64)

@@ -32,36 +32,48 @@ def image_peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
     """
     level = np.abs(image.values[0]).astype(np.float64)
     axes = {axis: image[axis].values for axis in ("z", "y", "x")}
-    grid = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
-    middle = float(np.median(level))
+    pixels = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
+    median = float(np.median(level))
     top = float(level.max())
-    rows: list[dict[str, float]] = []
     if top == 0:
         return pd.DataFrame(columns=["x", "y", "z", "level", "over_median"])
+
     band = image.attrs["band_hz"]
+    # Twice the range resolution c/2B; of a narrow band that of a quarter of its highest tone.
     apart = SPEED_OF_LIGHT / max(band[1] - band[0], band[1] / 4)
-    maxima = np.where(maximum_filter(level, 3) == level, level, 0.0)
-    for x, y, z, value in brightest_points(maxima, grid, count, apart):
+    is_maximum = maximum_filter(level, 3) == level
+    maxima = np.where(is_maximum, level, 0.0)
+    rows: list[dict[str, float]] = []
+    for x, y, z, value in brightest_points(maxima, pixels, count, apart):
         if value == 0:
             break
         row = {"x": x, "y": y, "z": z, "level": 20 * math.log10(value / top)}
-        row["over_median"] = 20 * math.log10(value / middle) if middle > 0 else math.inf
-        place = tuple(
-            int(np.argmin(np.abs(axes[axis] - at)))
-            for axis, at in zip("zyx", (z, y, x), strict=True)
-        )
-        for number, (axis, values) in reversed(list(enumerate(axes.items()))):
-            if values.size > 1:
-                line = level[
-                    tuple(slice(None) if k == number else one for k, one in enumerate(place))
-                ]
-                row[f"width_{axis}"] = _width(values, line, place[number])
-        rows.append(row)
+        row["over_median"] = 20 * math.log10(value / median) if median > 0 else math.inf
+        rows.append(row | _widths(level, axes, {"x": x, "y": y, "z": z}))
     return pd.DataFrame(rows)
 
 
+def _widths(
+    level: NDArray[np.float64], axes: dict[str, NDArray[np.float64]], peak: dict[str, float]
+) -> dict[str, float]:
+    """Return the widths of a peak, m, as columns, along every axis of more than one pixel."""
+    pixel = {}
+    for axis, values in axes.items():
+        pixel[axis] = int(np.argmin(np.abs(values - peak[axis])))
+    widths = {}
+    for axis in ("x", "y", "z"):
+        if axes[axis].size > 1:
+            through_peak: dict[str, int | slice] = {**pixel, axis: slice(None)}
+            line = level[tuple(through_peak.values())]
+            widths[f"width_{axis}"] = _width(axes[axis], line, pixel[axis])
+    return widths
+
+
 def _width(axis: NDArray[np.float64], line: NDArray[np.float64], top: int) -> float:
-    """Width of a peak at half its power, m, between pixels; NaN where it does not fall so far."""
+    """Return the width of a peak at half its power, m; NaN where it does not fall so far.
+
+    Its ends are interpolated linearly between pixels.
+    """
     half = line[top] / math.sqrt(2)
     ends = []
     for step in (-1, 1):
@@ -70,6 +82,6 @@ def _width(axis: NDArray[np.float64], line: NDArray[np.float64], top: int) -> fl
             k += step
         if not 0 <= k + step < line.size:
             return math.nan
-        part = (line[k] - half) / (line[k] - line[k + step])
-        ends.append(axis[k] + part * (axis[k + step] - axis[k]))
+        fraction = (line[k] - half) / (line[k] - line[k + step])
+        ends.append(axis[k] + fraction * (axis[k + step] - axis[k]))
     return float(ends[1] - ends[0])

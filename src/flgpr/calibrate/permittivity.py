@@ -62,14 +62,17 @@ def estimate_permittivity(
     contrast = float(sharp.max() / np.median(sharp))
     if best in (0, values.size - 1):
         raise ValueError(
-            f"permittivity lies at or beyond the edge of what was tried, {values[0]:g} to {values[-1]:g}"
+            "permittivity lies at or beyond the edge of what was tried, "
+            f"{values[0]:g} to {values[-1]:g}"
         )
     if contrast < _LEAST_CONTRAST:
         raise ValueError(
             f"no permittivity stands out: the sharpest is {contrast:.2f} times the median, "
             f"{_LEAST_CONTRAST:g} are needed"
         )
-    around = slice(best - 1, best + 2)
-    curve = np.polyfit(np.log(values[around]), sharp[around], 2)
+    # The top of the parabola a·x² + b·x + c in x = ln ε through the best trial and its neighbours.
+    neighbours = slice(best - 1, best + 2)
+    curve = np.polyfit(np.log(values[neighbours]), sharp[neighbours], 2)
+    top = -curve[1] / (2 * curve[0])
     table = pd.DataFrame({"permittivity": values, "sharpness": sharp})
-    return GroundFit(float(np.exp(-curve[1] / (2 * curve[0]))), contrast, table)
+    return GroundFit(float(np.exp(top)), contrast, table)

@@ -74,10 +74,9 @@ def estimate_lever_arm(
     step = float(np.diff(trials).max())
     for _ in range(refine):
         step /= 2
-        for fit in (
-            _fit(antenna, reference, best.latency - step),
-            _fit(antenna, reference, best.latency + step),
-        ):
+        earlier = _fit(antenna, reference, best.latency - step)
+        later = _fit(antenna, reference, best.latency + step)
+        for fit in (earlier, later):
             if fit is not None and fit.rms < best.rms:
                 best = fit
     return best
@@ -92,10 +91,11 @@ def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> Leve
         return None
     pose = poses_at(reference, time[inside])
     difference = poses_at(shifted, time[inside])[:, :3] - pose[:, :3]
+    # antenna - reference = R·lever, at every fix
     rotations = pose_matrix(pose).reshape(-1, 3)
     lever, *_ = np.linalg.lstsq(rotations, difference.ravel(), rcond=None)
     residual = difference.ravel() - rotations @ lever
-    rms = float(np.sqrt(np.mean(residual**2) * 3))
+    rms = float(np.sqrt(np.mean(residual**2) * 3))  # of vectors, not of their components
     return LeverFit(np.asarray(lever, dtype=np.float64), latency, rms)
 
 
@@ -150,19 +150,12 @@ def remove_in_scan_motion(
     check_run(run)
     if velocity is None:
         velocity = vehicle_velocity(run)
-    speed = np.asarray(velocity, dtype=np.float64)
-    pair_delay = np.asarray(pair_time, dtype=np.float64)
-    tone_delay = np.asarray(tone_time, dtype=np.float64)
-    point = np.asarray(focus, dtype=np.float64)
     sizes = run.sizes
-    for name, value, shape in (
-        ("velocity", speed, (sizes["scan"], 3)),
-        ("pair_time", pair_delay, (sizes["pair"],)),
-        ("tone_time", tone_delay, (sizes["frequency"],)),
-        ("focus", point, (3,)),
-    ):
-        if value.shape != shape or not np.isfinite(value).all():
-            raise ValueError(f"{name} must be finite with the shape {shape}, got {value.shape}")
+    speed = _checked("velocity", velocity, (sizes["scan"], 3))
+    pair_delay = _checked("pair_time", pair_time, (sizes["pair"],))
+    tone_delay = _checked("tone_time", tone_time, (sizes["frequency"],))
+    point = _checked("focus", focus, (3,))
+
     time = pair_delay[:, None] + tone_delay
     frequency = run["frequency"].values
     signal = np.empty(run["signal"].shape, run["signal"].dtype)
@@ -176,3 +169,11 @@ def remove_in_scan_motion(
         sweeps = run["signal"][scan].values
         signal[scan] = lengthen(sweeps[..., None], frequency[:, None], -longer)[..., 0]
     return run.assign(signal=(run["signal"].dims, signal))
+
+
+def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return values as an array, which must be finite and have a shape."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite with the shape {shape}, got {array.shape}")
+    return array

@@ -53,27 +53,31 @@ def fields_over_bias(
         If the run has no complete scan or fewer than two tones.
     """
     tones = run["frequency"].values
-    spacing, slot = lattice(tones)
-    middle = float(tones[0]) + spacing * (int(slot[-1]) // 2)
-    size = 1 << int(4 * slot[-1] + 3).bit_length()
-    step = SPEED_OF_LIGHT / spacing / size
-    first = int(np.floor(2 * biases[0] / step))
-    last = int(np.ceil(2 * biases[1] / step))
-    positions = np.asarray(points, dtype=np.float64)
     signal = run["signal"].values
+    positions = np.asarray(points, dtype=np.float64)
     scans = np.flatnonzero(complete_scans(run))
     if not scans.size:
         raise ValueError(
             f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
         )
+
+    # Profiles of four times as many bins as the spectrum has slots, or more; a bias of half a bin
+    # of path shifts all values by one bin.
+    spacing, slot = lattice(tones)
+    size = 1 << int(4 * slot[-1] + 3).bit_length()
+    step = SPEED_OF_LIGHT / spacing / size
+    first = int(np.floor(2 * biases[0] / step))
+    last = int(np.ceil(2 * biases[1] / step))
+    middle_tone = float(tones[0]) + spacing * (int(slot[-1]) // 2)
+    carrier = middle_tone / SPEED_OF_LIGHT
+
     trials = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
     weights = [way_weights(pose[:, :3]) for pose in trials]
     shape = (len(trials), len(positions), signal.shape[1], last - first + 1)
     field = np.zeros(shape, np.complex64)
-    block = max(1, _SAMPLES_AT_ONCE // (size * signal.shape[1] * signal.shape[2]))
-    carrier = middle / SPEED_OF_LIGHT
-    for begin in range(0, scans.size, block):
-        of_block = slice(begin, begin + block)
+    scans_at_once = max(1, _SAMPLES_AT_ONCE // (size * signal.shape[1] * signal.shape[2]))
+    for begin in range(0, scans.size, scans_at_once):
+        of_block = slice(begin, begin + scans_at_once)
         table = _profiles(signal[scans[of_block]], tones, spacing, slot, size)
         # Repeated from its beginning, so that no range of a bias has to be wrapped.
         beginning = np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")
@@ -82,22 +86,41 @@ def fields_over_bias(
             tx, rx = antennas_in_lane(run, pose[of_block])
             share = np.repeat(weight[of_block], signal.shape[2])
             sum_over_biases(table, tx, rx, share, positions, step, carrier, first, out)
+
     bias = np.arange(first, last + 1) * (0.5 * step)
     return field.swapaxes(1, 2), np.asarray(bias, dtype=np.float64)
 
 
 def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
-    """Return the spacing (Hz) of the even spectrum of tones, gaps included, and their slots in it.
+    """Return the even spectrum of tones, gaps included.
 
-    Uneven tones have one at their mean spacing, to whose slots they are only near. Fewer than two
-    tones are a ValueError.
+    Uneven tones have one at their mean spacing, and lie near its slots.
+
+    Parameters
+    ----------
+    frequency : (tone,) array_like
+        Frequencies in increasing order, Hz.
+
+    Returns
+    -------
+    spacing : float
+        Spacing of the slots, Hz.
+    slot : (tone,) ndarray of int
+        Slots of the tones, the first one 0.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two tones.
     """
     tones = np.asarray(frequency, dtype=np.float64)
     if tones.size < 2:
         raise ValueError(f"run must have two tones or more to tell ranges, got {tones.size}")
-    for spacing in (float(np.diff(tones).min()), float(np.ptp(tones)) / (tones.size - 1)):
+    least = float(np.diff(tones).min())
+    mean = float(np.ptp(tones)) / (tones.size - 1)
+    for spacing in (least, mean):
         slot = np.rint((tones - tones[0]) / spacing).astype(np.int64)
-        if slot[-1] < 64 * tones.size:
+        if slot[-1] < 64 * tones.size:  # otherwise the spectrum would be gaps alone
             break
     return float(np.ptp(tones)) / int(slot[-1]), slot
 
@@ -109,14 +132,19 @@ def _profiles(
 
     The signal is (scan, polarization, pair, frequency).
     """
+    # Of two points more, so that the outermost tones do not get the weight zero.
     taper = np.hanning(tones.size + 2)[1:-1]
     tapered = (signal * taper.astype(np.float32)).swapaxes(0, 1)
     data = tapered.reshape(signal.shape[1], -1, tones.size)
     centre = int(slot[-1]) // 2
-    if np.abs(tones - tones[0] - slot * spacing).max() > 1e-3 * spacing:
+
+    off_grid = np.abs(tones - tones[0] - slot * spacing).max()
+    if off_grid > 1e-3 * spacing:
+        # Uneven tones: the sum itself in place of a transform.
         step = SPEED_OF_LIGHT / spacing / size
         turn = path_phase(tones - tones[0] - spacing * centre, -step * np.arange(size))
         return np.asarray(data.astype(np.complex64) @ turn.T.astype(np.complex64))
+
     spectrum = np.zeros((*data.shape[:-1], size), np.complex64)
     spectrum[..., (slot - centre) % size] = data
     return np.asarray(np.fft.ifft(spectrum, axis=-1, norm="forward"), dtype=np.complex64)

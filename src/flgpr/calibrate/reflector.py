@@ -80,17 +80,30 @@ def estimate_pairs(
             f"got {labels} and {scans.size} complete scans"
         )
     frequency = run["frequency"].values
-    aligned = np.zeros((len(rows), run.sizes["pair"], frequency.size), np.complex128)
+    aligned = _aligned_echo(run, scans, rows, position)
+    aligned /= scans.size * (frequency / frequency.mean()) ** SLOPES[kind]
+    return _fit_pairs(tuple(labels[k] for k in rows), aligned, frequency, search)
+
+
+def _aligned_echo(
+    run: xr.Dataset, scans: NDArray[np.intp], rows: list[int], position: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Return the sum over scans of a reflector's echo without its path and its spreading.
+
+    It is (polarization, pair, frequency), of the polarizations in ``rows``.
+    """
+    frequency = run["frequency"].values
+    total = np.zeros((len(rows), run.sizes["pair"], frequency.size), np.complex128)
     for scan in scans:
         pose = run["pose"].values[scan]
         tx = vehicle_to_lane(run["tx_position"].values, pose)
         rx = vehicle_to_lane(run["rx_position"].values, pose)
-        there = np.linalg.norm(tx - position, axis=1)
+        outward = np.linalg.norm(tx - position, axis=1)
         back = np.linalg.norm(rx - position, axis=1)
         data = run["signal"][scan].values[rows].astype(np.complex128)
-        aligned += lengthen(data, frequency, -(there + back)) * (there * back)[:, None]
-    aligned /= scans.size * (frequency / frequency.mean()) ** SLOPES[kind]
-    return _fit_pairs(tuple(labels[k] for k in rows), aligned, frequency, search)
+        at_reflector = lengthen(data, frequency, -(outward + back))
+        total += at_reflector * (outward * back)[:, None]
+    return total
 
 
 def _fit_pairs(
@@ -100,18 +113,24 @@ def _fit_pairs(
     search: float,
 ) -> PairFit:
     """Fit delay and gain to echoes (polarization, pair, frequency) referred to the right path."""
-    resolution = SPEED_OF_LIGHT / max(float(np.ptp(frequency)), 1.0)
+    resolution = SPEED_OF_LIGHT / max(float(np.ptp(frequency)), 1.0)  # of the path
     offsets = np.arange(-search, search + resolution / 16, resolution / 8)
     level = np.abs(aligned @ path_phase(frequency, -offsets).T) / frequency.size
     best = offsets[level.argmax(axis=-1)]
+
+    # Around the best offset of every pair with halved steps, down to a micrometre.
     step = resolution / 8
     while step > 1e-6:
-        tries = best[..., None] + np.array([-step, 0.0, step])
-        size = np.abs((aligned[..., None, :] * path_phase(frequency, -tries)).sum(axis=-1))
-        best = np.take_along_axis(tries, size.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+        trials = best[..., None] + np.array([-step, 0.0, step])
+        turned = aligned[..., None, :] * path_phase(frequency, -trials)
+        size = np.abs(turned.sum(axis=-1))
+        largest = size.argmax(axis=-1)[..., None]
+        best = np.take_along_axis(trials, largest, axis=-1)[..., 0]
         step /= 2
+
     gain = lengthen(aligned, frequency, -best).mean(axis=-1)
-    contrast = np.abs(gain) / np.maximum(np.median(level, axis=-1), np.finfo(float).tiny)
+    median_level = np.maximum(np.median(level, axis=-1), np.finfo(float).tiny)
+    contrast = np.abs(gain) / median_level
     return PairFit(labels, best / SPEED_OF_LIGHT, gain, contrast)
 
 
@@ -234,20 +253,24 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
             "known must hold three linearly independent matrices, "
             "such as a trihedral, a dihedral and one at 45°"
         )
-    r = np.broadcast_to(np.eye(2, dtype=np.complex128), (*m.shape[:-3], 2, 2)).copy()
+    undistorted = np.eye(2, dtype=np.complex128)
+    r = np.broadcast_to(undistorted, (*m.shape[:-3], 2, 2)).copy()
     t = r.copy()
     for _ in range(iterations):
         last_r = r
         last_t = t
         r = _fit_side(m, s @ t[..., None, :, :], r)
-        t = _transpose(_fit_side(_transpose(m), _transpose(r[..., None, :, :] @ s), _transpose(t)))
+        # Transposed, M = R·S·T reads Mᵀ = Tᵀ·(R·S)ᵀ: the same fit gives T.
+        received = r[..., None, :, :] @ s
+        t = _transpose(_fit_side(_transpose(m), _transpose(received), _transpose(t)))
         if max(np.abs(r - last_r).max(), np.abs(t - last_t).max()) < 1e-13:
             break
+
     model = r[..., None, :, :] @ s @ t[..., None, :, :]
     residual = m - _strength(m, model)[..., None, None] * model
     residual_power = (np.abs(residual) ** 2).sum(axis=(-3, -2, -1))
-    misfit = np.sqrt(residual_power / (np.abs(m) ** 2).sum(axis=(-3, -2, -1)))
-    return Distortion(r, t, misfit)
+    measured_power = (np.abs(m) ** 2).sum(axis=(-3, -2, -1))
+    return Distortion(r, t, np.sqrt(residual_power / measured_power))
 
 
 def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
@@ -289,7 +312,10 @@ def _fit_side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]
     a = _strength(m, r[..., None, :, :] @ x)
     ax = a[..., None, None] * x
     adjoint = ax.conj().swapaxes(-1, -2)
-    new = (m @ adjoint).sum(axis=-3) @ np.linalg.pinv((ax @ adjoint).sum(axis=-3))
+    # Normal equations of the least squares, summed over the reflectors.
+    measured = (m @ adjoint).sum(axis=-3)
+    normal = (ax @ adjoint).sum(axis=-3)
+    new = measured @ np.linalg.pinv(normal)
     return np.asarray(new / new[..., :1, :1])
 
 
@@ -301,4 +327,5 @@ def _strength(m: NDArray[Any], model: NDArray[Any]) -> NDArray[Any]:
 
 
 def _transpose(m: NDArray[Any]) -> NDArray[Any]:
+    """Return matrices (..., 2, 2) with rows and columns exchanged."""
     return m.swapaxes(-1, -2)

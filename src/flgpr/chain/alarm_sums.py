@@ -49,11 +49,13 @@ class StageSums:
     def add(self, image: xr.DataArray) -> None:
         """Add a cleaned image (polarization, subband, y, x) with its ``pose``."""
         pose = np.asarray(image.attrs["pose"])
-        places = lane_to_scan(self._points, pose)[:, :2]
-        columns = self.stage.of_image(image, places)
-        values = np.stack(
-            [np.asarray(columns[name], dtype=np.float64) for name in self.stage.columns], axis=1
-        )
+        positions = lane_to_scan(self._points, pose)[:, :2]
+        columns = self.stage.of_image(image, positions)
+        arrays = []
+        for name in self.stage.columns:
+            arrays.append(np.asarray(columns[name], dtype=np.float64))
+        values = np.stack(arrays, axis=1)
+        # A scan that cannot measure a feature of an alarm does not count for it.
         self._total += np.nan_to_num(values)
         self._count += np.isfinite(values)
 
@@ -135,9 +137,10 @@ class AlarmSums:
         """Add scans, one after the other."""
         for prefix, ten in self._ten.items():
             own_gain = self._gain[prefix] == "own"
-            ten.add_all(
-                (scan.magnitude, _phased(scan, own_gain=own_gain), scan.pose) for scan in scans
-            )
+            images = []
+            for scan in scans:
+                images.append((scan.magnitude, _phased(scan, own_gain=own_gain), scan.pose))
+            ten.add_all(images)
         for scan in scans:
             if self._contrast is not None:
                 channel = self._steps.channel(self._steps.recipe.contrast)
@@ -158,11 +161,12 @@ class AlarmSums:
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Add the sums of other scans; alarms that are not among these are left out."""
         for name, sums in self._sums.items():
-            theirs = group_of(state, name)
-            known = np.isin(theirs["row"], self.rows)
-            ours = {key: value[known] for key, value in theirs.items()}
-            ours["row"] = np.searchsorted(self.rows, ours["row"])
-            sums.merge(ours)
+            other_sums = group_of(state, name)
+            known = np.isin(other_sums["row"], self.rows)
+            of_these = {key: value[known] for key, value in other_sums.items()}
+            # Numbers among all alarms become rows of these.
+            of_these["row"] = np.searchsorted(self.rows, of_these["row"])
+            sums.merge(of_these)
 
     def table(self) -> pd.DataFrame:
         """Return ``scans`` and the features of every sub-band.
@@ -188,9 +192,9 @@ class AlarmSums:
             columns = columns[names]
         has_variants = len(self._ten) > 1
         if has_variants and prefix != SWAPPED:
-            other = OTHER_PSI[ten.settings.psi]
-            names = [f"{other}.P_psi_{band}" for band in subbands]
-            columns = columns.join(pd.DataFrame(ten.psi(other), columns.index, names))
+            other_mean = OTHER_PSI[ten.settings.psi]
+            names = [f"{other_mean}.P_psi_{band}" for band in subbands]
+            columns = columns.join(pd.DataFrame(ten.psi(other_mean), columns.index, names))
         if prefix == SWAPPED:
             columns = columns.drop(columns="scans")
         return columns.add_prefix(prefix)

@@ -100,7 +100,7 @@ class TrainedEstimator:
     def linear_in_magnitude(self) -> bool:
         """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
         # Where examples were weighted, the scores are the odds of other frequencies than theirs.
-        unweighted = bool(getattr(self.scorer, "plain", False))
+        unweighted = bool(getattr(self.scorer, "unweighted", False))
         return self.name == "logistic" and self.features == ("magnitude",) and unweighted
 
     @property
@@ -225,19 +225,8 @@ def train_estimator(
         deviation = X.std(axis=0)
         centre = X.mean(axis=0)
         scale = np.where(deviation > 0, deviation, 1.0)
-    options: dict[str, Any] = dict(table.options)
-    if table.estimator in GROUPED:
-        if "groups" in options:
-            raise ValueError(
-                f"detector.options of {table.estimator} must not hold groups, as every entry of "
-                f"detector.features is one, got {options['groups']!r}"
-            )
-        options["groups"] = _group_sizes(features, table.features)
-    try:
-        estimator = find_estimator(table.estimator)(**options)
-    except TypeError as error:
-        raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
     scaled = (X - centre) / scale
+    estimator = _make_estimator(table, features)
     if table.on == "all":
         estimator.fit(scaled, examples.label)
     else:
@@ -256,6 +245,22 @@ def train_estimator(
     return TrainedEstimator(
         table.estimator, tuple(features), centre, scale, scorer, notes, unlike=unlike
     )
+
+
+def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
+    """Make the estimator that a recipe names, with its options, before it is fitted."""
+    options: dict[str, Any] = dict(table.options)
+    if table.estimator in GROUPED:
+        if "groups" in options:
+            raise ValueError(
+                f"detector.options of {table.estimator} must not hold groups, as every entry of "
+                f"detector.features is one, got {options['groups']!r}"
+            )
+        options["groups"] = _group_sizes(features, table.features)
+    try:
+        return find_estimator(table.estimator)(**options)
+    except TypeError as error:
+        raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
 
 
 def _group_sizes(features: Sequence[str], patterns: Sequence[str]) -> tuple[int, ...]:

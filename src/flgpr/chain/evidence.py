@@ -38,7 +38,7 @@ MOST_ALARMS = 1000
 MOST_GATHERED = 4000
 """Alarms that looks are gathered for, the strongest; which are confident is known only later."""
 Maps = Mapping[str, NDArray[Any]]
-Parts = Callable[[xr.DataArray], tuple[Maps, Maps]]
+MapsOf = Callable[[xr.DataArray], tuple[Maps, Maps]]
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,11 @@ def confidence_contributions(
     shares = np.full((len(total), count), np.nan)
     for row, looks in enumerate(evidence.causes):
         if len(looks):
-            shares[row] = slope * looks[:, 2] @ looks[:, 3 : 3 + count]
-    return pd.DataFrame(shares, columns=evidence.adds).assign(constant=total - shares.sum(axis=1))
+            weight = looks[:, 2]
+            values = looks[:, 3 : 3 + count]
+            shares[row] = slope * weight @ values
+    table = pd.DataFrame(shares, columns=evidence.adds)
+    return table.assign(constant=total - shares.sum(axis=1))
 
 
 class EvidenceSums:
@@ -155,8 +158,9 @@ class EvidenceSums:
     poses : mapping of int to (6,) ndarray, optional
         Poses of all scans that see the same alarms, by scan number, whether they are added here or
         by others. With them only the nearest scans of every alarm are sampled.
-    parts : callable, optional
-        Returns the maps of a cleaned image that add up to what alarms are raised on, and others.
+    maps_of : callable, optional
+        Returns the maps of a cleaned image that add up to what alarms are raised on, and those that
+        explain it without adding up.
     falloff : float
         The run-view weighs looks by their distance to the power -``falloff``.
     """
@@ -169,7 +173,7 @@ class EvidenceSums:
         run: xr.Dataset | None = None,
         subband: str | None = None,
         poses: Mapping[int, FloatArray] | None = None,
-        parts: Parts | None = None,
+        maps_of: MapsOf | None = None,
         falloff: float = 0.0,
     ) -> None:
         self._points = ground_points(alarms)
@@ -178,7 +182,7 @@ class EvidenceSums:
         self._run = run
         self._subband = subband
         self._poses = poses
-        self._parts = parts
+        self._maps_of = maps_of
         self._falloff = falloff
         self._looks: list[list[_Look]] = [[] for _ in self._points]
         self._seen = np.zeros(len(self._points), bool)
@@ -214,8 +218,9 @@ class EvidenceSums:
         visible = in_sight(image, points, self._y_max)
         self._sample(image, signal, visible, points)
         self._seen[visible] = True
-        if visible.size and self._parts is not None:
-            self._add_causes(image, visible, points[visible], self._parts(image))
+        if visible.size and self._maps_of is not None:
+            adding, alone = self._maps_of(image)
+            self._add_causes(image, visible, points[visible], adding, alone)
         if visible.size:
             one_band = image.sel(subband=self._subband or subband[0])
             self._coherency[visible] += coherency(one_band, points[visible])
@@ -235,11 +240,14 @@ class EvidenceSums:
                 chosen.append(number)
         if not chosen:
             return
-        places = points[chosen]
+        chosen_points = points[chosen]
         magnitude = image.copy(data=np.abs(image.values))
-        samples = [patches(magnitude, places, self._patch), range_cuts(magnitude, places)]
+        samples = [
+            patches(magnitude, chosen_points, self._patch),
+            range_cuts(magnitude, chosen_points),
+        ]
         if self._run is not None:
-            samples.append(self._traces(self._run, image, signal, places))
+            samples.append(self._traces(self._run, image, signal, chosen_points))
         in_decibels = [decibels(sample).reshape(len(chosen), -1) for sample in samples]
         values = np.concatenate(in_decibels, axis=1)
         for number, of_alarm in zip(chosen, values, strict=True):
@@ -266,12 +274,15 @@ class EvidenceSums:
         image: xr.DataArray,
         visible: NDArray[np.intp],
         points: FloatArray,
-        parts: tuple[Maps, Maps],
+        adding: Maps,
+        alone: Maps,
     ) -> None:
-        """Add what the value of the look at each alarm in sight is made of."""
-        adding, others = parts
-        self._names = list(adding), list(others)
-        maps = [*adding.values(), *others.values()]
+        """Add what the value of the look at each alarm in sight is made of.
+
+        ``adding`` are maps that add up to it, ``alone`` those that explain it without adding up.
+        """
+        self._names = list(adding), list(alone)
+        maps = [*adding.values(), *alone.values()]
         if not maps:
             return
         grid = grid_of(image)
@@ -287,13 +298,13 @@ class EvidenceSums:
         self, image: xr.DataArray, poses: Mapping[int, FloatArray]
     ) -> list[set[int]]:
         """Return the nearest scans of every alarm; all images have the pixels of this one."""
-        seeing: list[list[tuple[float, int]]] = [[] for _ in self._points]
+        by_distance: list[list[tuple[float, int]]] = [[] for _ in self._points]
         for scan, pose in poses.items():
             points = lane_to_scan(self._points, pose)
             for number in in_sight(image, points, self._y_max):
-                seeing[number].append((_ground_range(points[number]), scan))
+                by_distance[number].append((_ground_range(points[number]), scan))
         nearest = []
-        for scans in seeing:
+        for scans in by_distance:
             scans.sort()
             nearest.append({scan for _, scan in scans[:MOST_SCANS]})
         return nearest
@@ -305,7 +316,7 @@ class EvidenceSums:
         for number, of_alarm in enumerate(self._looks):
             alarms += [number] * len(of_alarm)
             looks += of_alarm
-        seen = np.flatnonzero(self._seen)
+        in_sight_once = np.flatnonzero(self._seen)
         polarization, subband = self._channels
         adds, alone = self._names
         cause_alarms, causes = self._joined_causes(columns=0)
@@ -314,8 +325,8 @@ class EvidenceSums:
             "scan": np.array([look.scan for look in looks], dtype=np.int64),
             "distance": np.array([look.distance for look in looks], dtype=np.float64),
             "values": _stacked(looks),
-            "seen": seen,
-            "coherency": self._coherency[seen],
+            "seen": in_sight_once,
+            "coherency": self._coherency[in_sight_once],
             "polarization": np.array(polarization, dtype=np.str_),
             "subband": np.array(subband, dtype=np.str_),
             "adds": np.array(adds, dtype=np.str_),

@@ -77,5 +77,5 @@ class LaneScan:
             self.near_image.values,
             self.gain,
             lane.cleaned.background,
-            own=lane.explains,
+            needs_own_phase=lane.explains,
         )

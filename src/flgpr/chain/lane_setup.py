@@ -14,6 +14,7 @@ from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.engine import PlannedPass, group_of
 from flgpr.chain.evidence import MOST_GATHERED, EvidenceSums
 from flgpr.chain.images import RunImages
+from flgpr.chain.memory import column_count
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
@@ -28,6 +29,9 @@ from flgpr.chain.stages import (
 from flgpr.chain.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.screen import RunViewSums, view_array
+
+MOST_COLUMNS = 4000
+"""Columns that stages may have: a table is read with 4096, and every recipe has some of its own."""
 
 
 class LaneSetup:
@@ -62,7 +66,8 @@ class LaneSetup:
     Raises
     ------
     ValueError
-        If the recipe needs a model that is not given, or its confidence is no column of a stage.
+        If the recipe needs a model that is not given, its confidence is no column of a stage, or
+        its stages have more columns than a table of features may have.
     """
 
     def __init__(
@@ -97,15 +102,25 @@ class LaneSetup:
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
         self.steps = self._steps()
         self.grid = self.setup.view
+        self._check_column_count()
         if not self.untrained:
             check_confidence(recipe, self._column_names())
         self.section = Section(0, self.grid.ny) if section is None else section
         self.view_rows = kept_rows(recipe, lane, self.section)
 
-    def _background_rows(self, whole: bool) -> int:
+    def _check_column_count(self) -> None:
+        """Refuse stages that have more columns than the table of features can be read with."""
+        count = column_count(len(self.polarizations), self.recipe, self.grid)
+        if count > MOST_COLUMNS:
+            raise ValueError(
+                f"columns of the recipe {self.recipe.name} must be at most {MOST_COLUMNS}, got "
+                f"{count}: take a smaller patch, coarser cells or fewer polarizations"
+            )
+
+    def _background_rows(self, all_rows: bool) -> int:
         """Return how many rows of the images the background is estimated on."""
         rows = self.imager.grid.ny
-        if whole:
+        if all_rows:
             return rows
         # The filters of the gain background read so many rows beyond the last that counts.
         (median, _), (mean, _), _ = self.recipe.smoothing

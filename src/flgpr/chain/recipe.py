@@ -359,7 +359,7 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
 
 
 def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
-    """Return the ground that so many scans see to its end, as wide as :func:`lane_of` searches it."""
+    """Return the ground that ``looks`` scans see to its end, as wide as :func:`lane_of`'s."""
     if recipe.image.frames == "all":
         return _aperture_ground(run, recipe)
     from flgpr.model import complete_scans  # loads xarray, which a list of recipes does not need

@@ -5,126 +5,17 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from flgpr.chain.radar_setup import FloatArray, allow_features, radar_setup
 from flgpr.chain.recipe import Recipe, as_imaged, lane_of, recipe_names
-from flgpr.model import (
-    SPEED_OF_LIGHT,
-    Lane,
-    clear_end,
-    complete_scans,
-    tightest_paths,
-    vehicle_to_scan,
-)
-
-FloatArray = NDArray[np.float64]
-Band = tuple[float, float]
-ALARM_RADIUS = 0.75
-"""Radius of an alarm, m (Wang et al. 2007)."""
-FEWEST_SCANS = 5
-"""Scans from which on their mean holds little of a target, and so is a self-signature."""
-SCAN_SPACING = 0.5
-"""Mean distance between such scans, m."""
+from flgpr.model import Lane, clear_end, tightest_paths
 
 FITTED_MAP = "likelihood"
 """The map whose entries follow from an array: it simulates its own signatures."""
 _OUTSIDE = 0.1  # share of a sub-band that may lie outside the run's band
 _HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
-
-
-@dataclass(frozen=True)
-class RadarSetup:
-    """What a recipe depends on: channels, tones, array and course of a run."""
-
-    polarizations: list[str]
-    tones: FloatArray  #: Hz
-    tx: FloatArray  #: (pair, 3) transmitters in the scan frame, m
-    rx: FloatArray  #: (pair, 3) receivers in the scan frame, m
-    poses: FloatArray  #: (scan, 6) of the complete scans
-    aperture: bool = False  #: whether the run is taken as one scan
-    begins: bool = False  #: whether the scans are the beginning of a drive that goes on
-
-    @property
-    def height(self) -> float:
-        """Mean height of the antennas, m."""
-        return float((self.tx + self.rx)[:, 2].mean() / 2)
-
-    @property
-    def ahead(self) -> float:
-        """Distance of the middle of the antennas ahead of the vehicle's reference point, m."""
-        return float((self.tx + self.rx)[:, 1].mean() / 2)
-
-    @property
-    def step(self) -> float:
-        """Step of the tones, Hz; zero of a single tone."""
-        return float(np.median(np.diff(self.tones))) if self.tones.size > 1 else 0.0
-
-    @property
-    def drives(self) -> bool:
-        """Whether the mean scan is the self-signature rather than a blend of targets."""
-        if self.begins:
-            return True
-        travelled = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
-        enough_scans = len(self.poses) >= FEWEST_SCANS
-        return enough_scans and travelled >= SCAN_SPACING * (FEWEST_SCANS - 1)
-
-    def cross_range(self, frequency: float, distance: float) -> float:
-        """Return the cross-range resolution λR/(D_t + D_r), m.
-
-        Parameters
-        ----------
-        frequency : float
-            Hz.
-        distance : float
-            Ground range ahead of the antennas, m.
-        """
-        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
-        return SPEED_OF_LIGHT / frequency * math.hypot(distance, self.height) / aperture
-
-    def reach(self, band: Band) -> float:
-        """Return how far ahead a band resolves an alarm's radius across, m."""
-        slant = ALARM_RADIUS / self.cross_range(sum(band) / 2, 0.0) * self.height
-        return math.sqrt(max(slant**2 - self.height**2, 0.0))
-
-    def behind(self, frames: int) -> float:
-        """Return how far the vehicle drives while an image gathers its last scans, m.
-
-        The earliest of them lies so far behind the latest.
-        """
-        earlier = self.poses[: 1 - frames or None, :2]
-        later = self.poses[frames - 1 :, :2]
-        return float(np.hypot(*(later - earlier).T).max()) if len(later) else 0.0
-
-
-def radar_setup(run: xr.Dataset, aperture: bool = False) -> RadarSetup:
-    """Return what a recipe depends on.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        The run, as it is imaged.
-    aperture : bool
-        Whether it is one scan of a whole run.
-
-    Raises
-    ------
-    ValueError
-        If no scan is complete.
-    """
-    poses = run["pose"].values[complete_scans(run)]
-    if not len(poses):
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
-        )
-    pose = np.median(poses, axis=0)
-    tx = vehicle_to_scan(run["tx_position"].values, pose)
-    rx = vehicle_to_scan(run["rx_position"].values, pose)
-    labels = [str(label) for label in run["polarization"].values]
-    return RadarSetup(labels, run["frequency"].values, tx, rx, poses, aperture)
 
 
 def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:
@@ -258,11 +149,6 @@ def check_channels(recipe: Recipe, polarizations: Sequence[str], tones: FloatArr
         As of :func:`check_fit`.
     """
     _raise(recipe, _channel_faults(recipe, polarizations, tones))
-
-
-def allow_features(polarizations: Sequence[str]) -> bool:
-    """Return whether polarimetric features can be computed: of HH, VV and HV or VH."""
-    return {"HH", "VV"} <= set(polarizations) and bool({"HV", "VH"} & set(polarizations))
 
 
 def _raise(recipe: Recipe, faults: list[str]) -> None:

@@ -5,31 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
+from flgpr.chain.radar_setup import goes_across, radar_setup
 from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.recipe_choice import choose, figures_of, image_x, image_y
-from flgpr.chain.recipe_fit import radar_setup
-from flgpr.chain.recipe_like import like_text, load_model
+from flgpr.chain.recipe_choice import figures_of
+from flgpr.chain.recipe_like import ModelRecipe, like_text, load_model
 from flgpr.chain.recipe_writing import fitted_text
-from flgpr.model import (
-    Sensor,
-    aperture_pose,
-    aperture_run,
-    complete_scans,
-    lane_to_scan,
-    load_sensor,
-)
+from flgpr.model import Sensor, aperture_run, load_sensor
 from flgpr.model.motion import plausible_run
 from flgpr.model.run_sensor import preset_of, sensor_of_run
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.files import faults_of
 from flgpr.store.outputs import write_new
 
-_ALIKE = 0.95  # length of the mean of the headings' unit vectors of a radar that looks one way
-# m, and array widths, that a radar goes across its course at least to be a synthetic aperture
-_ACROSS = (0.5, 2.0)
 ASSUMED_ANTENNAS = "sri-array"
 """The packaged sensor whose antennas and errors a run is assumed to have."""
 # Antenna heights beyond an image that hold clutter, too: those of sri-array's footprint.
@@ -69,11 +58,11 @@ def recipe_for(
     ValueError
         As of :func:`fit_recipe`.
     """
-    if like is not None:
-        load_model(like)  # refuses a model before the run is read
+    # A model that cannot be fitted is refused before the run is read.
+    model = None if like is None else load_model(like)
     dataset = open_run(run, max_memory)
     with faults_of(run):
-        text = fit_recipe(dataset, like=like)
+        text = _fitted_recipe(dataset, model)
     if output is not None:
         write_new(Path(output), text)
     return text
@@ -124,14 +113,26 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = 
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.8, 8.45), 'HH', ['F1'])
     """
+    model = None if like is None else load_model(like)
+    return _fitted_recipe(run, model, begins)
+
+
+def _fitted_recipe(run: xr.Dataset, model: ModelRecipe | None, begins: bool = False) -> str:
+    """Return the text of the recipe of a run, with the method of a model where there is one."""
     run = plausible_run(run)
-    aperture = _goes_across(run)
+    aperture = goes_across(run)
     setup = radar_setup(aperture_run(run) if aperture else run, aperture)
     setup = replace(setup, begins=begins)
-    if like is None:
-        text = fitted_text(figures_of(setup, choose(setup)))
+    if aperture and model is not None and model.recipe.map is not None:
+        raise ValueError(
+            f"like must be a recipe without a map, got {model.name}: the radar moves across what "
+            "it looks at, so the run is one synthetic aperture and no place has several looks"
+        )
+    figures = figures_of(setup, None if model is None else model.recipe)
+    if model is None:
+        text = fitted_text(figures)
     else:
-        text = like_text(setup, like, preset_of(run))
+        text = like_text(figures, model, preset_of(run))
     parse_recipe(text, "fitted")
     return text
 
@@ -162,7 +163,7 @@ def sensor_for(run: xr.Dataset) -> Sensor:
         across what it looks at.
     """
     run = plausible_run(run)
-    if _goes_across(run):
+    if goes_across(run):
         raise ValueError(
             "sensor must look ahead, got a run that moves across what it looks at: name a "
             "sensor's file"
@@ -171,9 +172,9 @@ def sensor_for(run: xr.Dataset) -> Sensor:
     if preset:
         return sensor_of_run(run, load_sensor(preset))
     setup = radar_setup(run)
-    choice = choose(setup)
-    nearest, far = image_y(setup, choice)
-    left, right = image_x(choice)
+    figures = figures_of(setup)
+    nearest, far = figures.image_y
+    left, right = figures.image_x
     height = setup.height
     footprint = (
         left - _FILLED_ASIDE * height,
@@ -182,16 +183,3 @@ def sensor_for(run: xr.Dataset) -> Sensor:
         far + _FILLED_BEHIND * height,
     )
     return sensor_of_run(run, load_sensor(ASSUMED_ANTENNAS), footprint)
-
-
-def _goes_across(run: xr.Dataset) -> bool:
-    """Return whether a radar moves past what it looks at, much farther than its array is wide."""
-    pose = run["pose"].values[complete_scans(run)]
-    if not len(pose):
-        return False
-    if abs(np.exp(1j * pose[:, 3]).mean()) < _ALIKE:  # there and back
-        return False
-    across, ahead = np.ptp(lane_to_scan(pose[:, :3], aperture_pose(run)), axis=0)[:2]
-    widths = [float(np.ptp(run[f"{end}_position"].values[:, 0])) for end in ("tx", "rx")]
-    least = max(_ACROSS[0], _ACROSS[1] * max(widths))
-    return bool(across > least and across > 2 * ahead)

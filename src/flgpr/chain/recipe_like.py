@@ -1,7 +1,7 @@
 """A recipe like another one, fitted to the array of a run.
 
-What belongs to the array follows from the run, by the rules of a recipe that is made from nothing
-but a run. What belongs to the method stays as in the model recipe.
+What belongs to the array follows from the run (``chain/recipe_choice.py``), by the rules of a recipe
+that is made from nothing but a run. What belongs to the method stays as in the model recipe.
 """
 
 from __future__ import annotations
@@ -9,33 +9,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_names, recipe_text
-from flgpr.chain.recipe_choice import (
-    MEDIAN_STEP,
-    Choice,
-    Method,
-    choose,
-    described,
-    fitted_to,
-    image_x,
-    image_y,
-    last_look,
-    median_step,
-    pieces_of,
-    pixels_of,
-    polarization_of,
-    reasons_for,
-    toml_frequency,
-    view_x,
-    window_of,
-)
-from flgpr.chain.recipe_fit import FITTED_MAP, Band, FloatArray, RadarSetup, allow_features
+from flgpr.chain.recipe_choice import MEDIAN_STEP, Figures, pixels_of, toml_frequency
+from flgpr.chain.recipe_fit import FITTED_MAP
 from flgpr.door import parse_toml
 from flgpr.model.printable import printable
 
@@ -54,6 +34,15 @@ _WHY_NOT = {
 }
 _OTHER_STAGE = "no rule fits its entries to an array"
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True)
+class ModelRecipe:
+    """A recipe whose method another one is to have."""
+
+    name: str  #: as it was asked for: a packaged recipe, or a file
+    text: str  #: its TOML text
+    recipe: Recipe
 
 
 def likeable_names() -> list[str]:
@@ -76,8 +65,13 @@ def faults_of_model(model: Recipe) -> list[str]:
     return faults
 
 
-def load_model(like: str | Path) -> tuple[str, Recipe]:
-    """Return the text of a model recipe, and the recipe.
+def load_model(like: str | Path) -> ModelRecipe:
+    """Return a recipe whose method another one can have.
+
+    Parameters
+    ----------
+    like : str or path
+        Packaged recipe, or a file.
 
     Raises
     ------
@@ -93,18 +87,18 @@ def load_model(like: str | Path) -> tuple[str, Recipe]:
             f"like must be a recipe that can be fitted to an array ({known}), got {like}: "
             f"{'; '.join(faults)}"
         )
-    return text, model
+    return ModelRecipe(str(like), text, model)
 
 
-def like_text(setup: RadarSetup, like: str | Path, antennas: str = "") -> str:
+def like_text(figures: Figures, model: ModelRecipe, antennas: str = "") -> str:
     """Write a recipe like another one, fitted to the array of a run.
 
     Parameters
     ----------
-    setup : RadarSetup
-        What the recipe depends on.
-    like : str or path
-        Name of the model recipe, or its file.
+    figures : Figures
+        What follows from the run.
+    model : ModelRecipe
+        The model recipe.
     antennas : str
         A packaged sensor, or a file, that has the antennas of the run. Without one a map that
         simulates signatures assumes those of the model's sensor.
@@ -113,81 +107,8 @@ def like_text(setup: RadarSetup, like: str | Path, antennas: str = "") -> str:
     -------
     str
         TOML of the recipe.
-
-    Raises
-    ------
-    ValueError
-        If the model cannot be fitted to an array, or none can be fitted to this run.
     """
-    text, model = load_model(like)
-    if setup.aperture and model.map is not None:
-        raise ValueError(
-            f"like must be a recipe without a map, got {like}: the radar moves across what it "
-            "looks at, so the run is one synthetic aperture and no place has several looks"
-        )
-    choice = _choose(setup, model)
-    return _Fitted(setup, choice, model, parse_toml(text), antennas).text(like)
-
-
-def _choose(setup: RadarSetup, model: Recipe) -> Choice:
-    """Choose the figures for a model's method: as many sub-bands as leave the images clear."""
-    method = Method(
-        patch=model.contrast.size * model.contrast.spacing,
-        mean=model.background.mean,
-        blur=1 if _window(setup, model) == "boxcar" else 2,
-    )
-    if model.map is None:
-        return choose(setup, method)
-    bands = model.image.subbands
-    for count in range(len(bands), 1, -1):
-        try:
-            return choose(setup, _with_bands(method, setup, bands, count))
-        except ValueError:
-            continue  # fewer sub-bands are wider and have more tones
-    return choose(setup, _with_bands(method, setup, bands, 1))
-
-
-def _with_bands(method: Method, setup: RadarSetup, model: Mapping[str, Band], count: int) -> Method:
-    """Return a method with at most so many low sub-bands, of which the last limits the looks."""
-    bands = _low_bands(setup.tones, model, count)
-    return replace(method, bands=bands, subband=list(bands)[-1])
-
-
-def _window(setup: RadarSetup, model: Recipe) -> str:
-    """Return the model's window, or one of low sidelobes where no self-signature is subtracted."""
-    own = model.image.window
-    return window_of(setup) if own == "boxcar" else own
-
-
-def _low_bands(tones: FloatArray, model: Mapping[str, Band], count: int) -> dict[str, Band]:
-    """Return the model's sub-bands if a run's band holds them, else the lowest of the run.
-
-    These lie side by side, at most ``count``, none narrower than the model's narrowest. Their
-    lower and their upper end are as many octaves apart as the model's, or as the tones reach.
-    """
-    if count == len(model) and all(_holds(tones, band) for band in model.values()):
-        return dict(model)
-    lowest = min(low for low, _ in model.values())
-    highest = max(high for _, high in model.values())
-    narrowest = min(high - low for low, high in model.values())
-    piece = pieces_of(tones)[0]
-    low = float(piece[0])
-    if piece[-1] > lowest:
-        low = max(low, lowest)
-    high = min(low * highest / lowest, float(piece[-1]))
-    if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
-        low, high = float(piece[0]), float(piece[-1])
-    count = max(min(count, int((high - low) / narrowest)), 1)
-    edges = np.geomspace(low, high, count + 1)
-    edges[0], edges[-1] = low, high
-    names = list(model)[:count]
-    return {name: (float(edges[k]), float(edges[k + 1])) for k, name in enumerate(names)}
-
-
-def _holds(tones: FloatArray, band: Band) -> bool:
-    """Return whether a run's band, in one piece, holds a sub-band."""
-    low, high = band
-    return any(piece[0] <= low and high <= piece[-1] for piece in pieces_of(tones))
+    return _Fitted(figures, model, antennas).text()
 
 
 class _Fitted:
@@ -195,31 +116,24 @@ class _Fitted:
 
     Parameters
     ----------
-    setup : RadarSetup
-        What the recipe depends on.
-    choice : Choice
-        Its figures.
-    model : Recipe
+    figures : Figures
+        What follows from the run.
+    model : ModelRecipe
         The model recipe.
-    tables : dict
-        Its tables as the TOML has them.
     antennas : str
         A sensor that has the antennas of the run.
     """
 
-    def __init__(
-        self, setup: RadarSetup, choice: Choice, model: Recipe, tables: Tables, antennas: str
-    ) -> None:
-        self.setup = setup
-        self.choice = choice
-        self.model = model
-        self.tables = tables
+    def __init__(self, figures: Figures, model: ModelRecipe, antennas: str) -> None:
+        self.figures = figures
+        self.model = model.recipe
+        self.model_name = model.name
+        self.tables: Tables = parse_toml(model.text)
         self.antennas = antennas
         self.reasons: dict[str, str] = {}
         self.left_out: list[str] = []
-        self._known_reasons = reasons_for(setup, choice)
 
-    def text(self, like: str | Path) -> str:
+    def text(self) -> str:
         """Return the TOML text."""
         self._leave_out()
         self._fit_image()
@@ -231,12 +145,12 @@ class _Fitted:
         self._fit_contrast()
         self._fit_features()
         name = printable(self.model.name)
-        shown_like = printable(str(like))
+        shown_like = printable(self.model_name)
         self.tables["name"] = f"{self.model.name}-fitted"
-        self.tables["description"] = f"Like {self.model.name}, {fitted_to(self.setup)}"
+        self.tables["description"] = f"Like {self.model.name}, {self.figures.fitted_to}"
         head = [
             f"# Made by `flgpr recipe for --like {shown_like}`",
-            f"# {described(self.setup)}",
+            f"# {self.figures.described}",
             '# Lengths in m, frequencies in Hz. Entries marked "run:" were taken from the run, by '
             "the rules of",
             f"# `flgpr recipe for`; all others are those of {name}, see "
@@ -249,7 +163,7 @@ class _Fitted:
         """Set an entry that follows from the run."""
         name = f"{table}.{entry}"
         self.tables.setdefault(table, {})[entry] = value
-        self.reasons[name] = reason or self._known_reasons[name]
+        self.reasons[name] = reason or self.figures.reasons[name]
 
     def _leave_out(self) -> None:
         """Leave out what belongs to the model's own lane."""
@@ -260,13 +174,12 @@ class _Fitted:
 
     def _fit_image(self) -> None:
         """Fit the images: pixels, sub-bands, window and polarizations."""
-        self._set("image", "x", list(image_x(self.choice)))
-        self._set("image", "y", list(image_y(self.setup, self.choice)))
-        self._set("image", "spacing", self.choice.fine)
-        window = _window(self.setup, self.model)
-        if window != self.model.image.window:
-            self._set("image", "window", window)
-        if self.setup.aperture:
+        self._set("image", "x", list(self.figures.image_x))
+        self._set("image", "y", list(self.figures.image_y))
+        self._set("image", "spacing", self.figures.fine)
+        if self.figures.window != self.model.image.window:
+            self._set("image", "window", self.figures.window)
+        if self.figures.aperture:
             self._set("image", "frames", "all")
         if self.model.image.polarizations:
             self._set(
@@ -275,7 +188,7 @@ class _Fitted:
                 self._measured(self.model.image.polarizations),
                 "those of the model that the run has",
             )
-        bands = self.choice.bands
+        bands = self.figures.bands
         if bands == self.model.image.subbands:
             return
         reason = ""
@@ -291,24 +204,24 @@ class _Fitted:
 
     def _measured(self, wanted: tuple[str, ...]) -> list[str]:
         """Return the polarizations of the model that the run has, or the best that it has."""
-        labels = [label for label in wanted if label in self.setup.polarizations]
-        return labels or [polarization_of(self.setup.polarizations)]
+        labels = [label for label in wanted if label in self.figures.polarizations]
+        return labels or [self.figures.polarization]
 
     def _fit_background(self) -> None:
         """Fit the self-signature and the pixels of the median."""
         method = "none"
-        if self.setup.drives:
+        if self.figures.drives:
             method = self.model.background.self_signature
             if method == "none":
                 method = "mean"
         self._set("background", "self_signature", method)
-        self._set("background", "median_step", median_step(self.choice), f"{MEDIAN_STEP} m")
+        self._set("background", "median_step", self.figures.median_step, f"{MEDIAN_STEP} m")
 
     def _fit_view(self) -> None:
         """Fit the run-view."""
-        self._set("run_view", "x", list(view_x(self.setup, self.choice)))
-        self._set("run_view", "spacing", self.choice.coarse)
-        self._set("run_view", "y_max", last_look(self.setup, self.choice))
+        self._set("run_view", "x", list(self.figures.view_x))
+        self._set("run_view", "spacing", self.figures.coarse)
+        self._set("run_view", "y_max", self.figures.y_max)
 
     def _fit_map(self) -> None:
         """Fit the map: the array whose signatures are simulated, and the contrast's channels."""
@@ -337,9 +250,9 @@ class _Fitted:
         """Fit the channel of the prescreener; that of a map is the map."""
         if self.model.map is None:
             self._set("prescreen", "polarization", self._polarization("prescreen"))
-            self._set("prescreen", "subband", self.choice.subband)
-        elif len(self.choice.bands) == 1:
-            self._set("prescreen", "subband", self.choice.subband, "there is one sub-band")
+            self._set("prescreen", "subband", self.figures.subband)
+        elif len(self.figures.bands) == 1:
+            self._set("prescreen", "subband", self.figures.subband, "there is one sub-band")
 
     def _polarization(self, table: str) -> str:
         """Return the model's polarization in a table, or the best that the run has."""
@@ -349,15 +262,15 @@ class _Fitted:
     def _fit_contrast(self) -> None:
         """Fit the channel and the pixels of the local contrast."""
         contrast = self.model.contrast
-        spacing = self.choice.coarse
+        spacing = self.figures.coarse
         polarization = self._polarization("contrast")
         if polarization != contrast.polarization:
             reason = f"it has no {contrast.polarization}"
             self._set("contrast", "polarization", polarization, reason)
         if self.model.map is None:
-            self._set("contrast", "subband", self.choice.subband, "the prescreener's")
-        elif contrast.subband not in self.choice.bands:
-            self._set("contrast", "subband", self.choice.subband, "the last of its sub-bands")
+            self._set("contrast", "subband", self.figures.subband, "the prescreener's")
+        elif contrast.subband not in self.figures.bands:
+            self._set("contrast", "subband", self.figures.subband, "the last of its sub-bands")
         if spacing == contrast.spacing:
             return
         self._set("contrast", "spacing", spacing, "the run-view's")
@@ -373,13 +286,13 @@ class _Fitted:
         features = self.model.features
         if features is None:
             return
-        if not allow_features(self.setup.polarizations):
+        if not self.figures.has_features:
             del self.tables["features"]
             self.left_out.append("[features], which are of runs with HH, VV, and HV or VH")
             return
         steps = self.model.image.steps
         lengths = [pixels * step for pixels, step in zip(features.inner, steps, strict=True)]
-        inner = pixels_of(lengths, self.choice.fine)
+        inner = pixels_of(lengths, self.figures.fine)
         if inner != list(features.inner):
             in_metres = " m x ".join(f"{length:g}" for length in lengths)
             self._set("features", "inner", inner, f"{in_metres} m of the image")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from flgpr.chain.recipe_choice import MEAN, MEDIAN_STEP, PATCH, Figures, pixels_of
-from flgpr.chain.recipe_fit import ALARM_RADIUS
+from flgpr.chain.recipe_choice import ALARM_RADIUS, MEAN, MEDIAN_STEP, PATCH, Figures, pixels_of
 
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
 _DENSITY = 0.75  # alarms per area of an alarm
@@ -73,7 +72,7 @@ window = "{figures.window}"  # {figures.reasons["image.window"]}
 def _subbands_table(figures: Figures) -> str:
     """Write the table of the sub-bands."""
     lines = [f"[image.subbands]  # {figures.reasons['image.subbands']}\n"]
-    for name, (low, high) in figures.bands.items():
+    for name, (low, high) in figures.edges.items():
         lines.append(f"{name} = [{low}, {high}]\n")
     return "".join(lines)
 

@@ -23,7 +23,7 @@ class SearchedGround:
 
     lane: Lane  #: searched
     source: str  #: where its borders come from
-    seen: Lane  #: ground that any scan sees, as wide as a lane without borders
+    seen_ground: Lane  #: ground that any scan sees, as wide as a lane without borders
     view_x: tuple[float, float]  #: the run-view's borders across, m
 
     def notes(self) -> list[str]:
@@ -34,22 +34,23 @@ class SearchedGround:
         )
         notes = [f"searched: {borders} ({self.source})"]
 
-        seen_besides = _stretches(self.seen.y_min, self.seen.y_max, lane.y_min, lane.y_max)
-        if seen_besides:
-            notes.append(f"seen and not searched: y {' and '.join(seen_besides)}")
+        seen_y = (self.seen_ground.y_min, self.seen_ground.y_max)
+        not_searched = _stretches(*seen_y, lane.y_min, lane.y_max)
+        if not_searched:
+            notes.append(f"seen and not searched: y {' and '.join(not_searched)}")
 
-        unseen = _stretches(lane.y_min, lane.y_max, self.seen.y_min, self.seen.y_max)
+        unseen = _stretches(lane.y_min, lane.y_max, *seen_y)
         if unseen:
             notes.append(f"in the lane and seen by no scan: y {' and '.join(unseen)}")
 
-        beside = _stretches(lane.x_min, lane.x_max, *self.view_x)
-        if beside:
-            notes.append(f"in the lane and outside the run-view: x {' and '.join(beside)}")
+        outside_view = _stretches(lane.x_min, lane.x_max, *self.view_x)
+        if outside_view:
+            notes.append(f"in the lane and outside the run-view: x {' and '.join(outside_view)}")
         return notes
 
     def as_json(self) -> dict[str, Any]:
         """Return the source of the lane, the ground that is seen, and the notes."""
-        seen_y = [self.seen.y_min, self.seen.y_max]
+        seen_y = [self.seen_ground.y_min, self.seen_ground.y_max]
         return {"source": self.source, "seen_y_m": seen_y, "notes": self.notes()}
 
 

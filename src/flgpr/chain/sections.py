@@ -139,8 +139,20 @@ def plan_sections(
             "give more or take it in sections"
         )
 
+    rows = _rows_within(sizes, recipe, lane, limit, wanted_rows)
+    sections = divide(grid.ny, rows)
+    for section in sections:
+        section_lane(recipe, lane, section)  # refuses a section without any of the lane
+    return sections
+
+
+def _rows_within(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int, most: int
+) -> int:
+    """Return the rows of a section, at most ``most``, that ``limit`` bytes suffice for."""
+    grid = recipe.run_view.grid(lane)
     beyond = 2 * margin(recipe)
-    shortest = min(math.ceil(SHORTEST / grid.dy), wanted_rows, grid.ny)
+    shortest = min(math.ceil(SHORTEST / grid.dy), most, grid.ny)
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:
         raise ValueError(
@@ -152,10 +164,7 @@ def plan_sections(
     per_row = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
     room = limit - least - thread_memory(sizes, recipe)
     longer = int(max(room, 0) / per_row)
-    sections = divide(grid.ny, min(wanted_rows, shortest + longer))
-    for section in sections:
-        section_lane(recipe, lane, section)  # refuses a section without any of the lane
-    return sections
+    return min(most, shortest + longer)
 
 
 def threads_within(
@@ -215,7 +224,7 @@ def noted_section(entry: Mapping[str, Any]) -> tuple[Lane, Section]:
         ) from None
 
 
-def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) -> float:
+def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, pixels_seen: int) -> float:
     """Apply the density rule to a lane (Wang et al. 2007, Sec. II-B).
 
     Parameters
@@ -226,8 +235,8 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) 
         The lane.
     maxima : DataFrame
         Local maxima of its run-view: ``x``, ``y`` (m) and ``magnitude``.
-    seen : int
-        Number of pixels of the run-view that were seen.
+    pixels_seen : int
+        Number of pixels of the run-view that any scan sees.
 
     Returns
     -------
@@ -239,5 +248,5 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) 
         return -math.inf  # the recipe's screen stage has decided already
     screen = recipe.prescreen
     grid = recipe.run_view.grid(lane)
-    area = seen * grid.dx * grid.dy
+    area = pixels_seen * grid.dx * grid.dy
     return view_threshold(maxima, lane, area, screen.radius, screen.density, screen.count)

@@ -69,7 +69,7 @@ class Steps:
         image: ComplexArray,
         gain: FloatArray,
         background: Background,
-        own: bool = False,
+        needs_own_phase: bool = False,
     ) -> CleanedScan:
         """Remove the background from a scan's image (Wang et al. 2007, Eq. 2 to 5).
 
@@ -85,7 +85,7 @@ class Steps:
             The scan's gain.
         background : Background
             Self-signature and gain background.
-        own : bool
+        needs_own_phase : bool
             Asks for the phase with a gain of each polarization's own even where no feature reads
             it.
 
@@ -97,7 +97,7 @@ class Steps:
         rows = self.grid.ny
         table = self.recipe.features
         needs_shared = False
-        needs_own = own or bool(self.stages)
+        needs_own = needs_own_phase or bool(self.stages)
         if table is not None:
             needs_shared = table.gain == "shared" or table.variants
             needs_own = needs_own or table.gain == "own" or table.variants

@@ -168,23 +168,26 @@ def count_in_views(views: Sequence[TrainingView], spent: Sequence[pd.DataFrame])
         Targets in the run-views, those that scans saw in all channels, and how many of these the
         stage learns from.
     """
-    inside = 0
-    seen = 0
-    seen_of_spent = 0
+    in_view = 0
+    in_all_channels = 0
+    spent_in_all_channels = 0
     for number, lane in enumerate(views):
         is_seen = _seen_in_all_channels(lane.view, lane.truth)
-        inside += int(_inside(lane.view, lane.truth).sum())
-        seen += int(is_seen.sum())
+        in_view += int(_inside(lane.view, lane.truth).sum())
+        in_all_channels += int(is_seen.sum())
         if spent:
             is_spent = lane.truth.index.isin(spent[number].index)
-            seen_of_spent += int(is_seen[is_spent].sum())
-    counts = [Tally(inside, "in the run-view"), Tally(seen, "seen in all of its channels")]
+            spent_in_all_channels += int(is_seen[is_spent].sum())
+    counts = [
+        Tally(in_view, "in the run-view"),
+        Tally(in_all_channels, "seen in all of its channels"),
+    ]
     if not spent:
         return counts
     return [
         *counts,
         Tally(sum(map(len, spent)), "taken for this stage"),
-        Tally(seen_of_spent, "of these seen in all channels"),
+        Tally(spent_in_all_channels, "of these seen in all channels"),
     ]
 
 

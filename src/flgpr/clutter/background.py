@@ -1,4 +1,4 @@
-"""Self-signature and gain background, equation by equation (Wang et al. 2007, Sec. II-A).
+"""The background by the paper, to read and compare with (Wang et al. 2007, Sec. II-A, Eq. 2-5).
 
 With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean
 and the standard deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
@@ -9,8 +9,8 @@ and the standard deviation of m_k over its pixels, and r_k the rms of the lowest
 - m''_k = |(v_k/r_k - B1)/B2|  (Eq. 5) is the modulus of :func:`remove_background`.
 
 Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is.
-This module follows the equations one by one; :mod:`flgpr.clutter.streaming` computes the same for
-all channels at once, with one scan in memory at a time.
+A detection runs :mod:`flgpr.clutter.streaming`, which computes the same for all channels at once,
+with one scan in memory at a time; its loops over pixels are in :mod:`flgpr.kernels.background`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Background estimation from the scans so far, for live detection (Wang et al. 2007, Eq. 2 to 4)."""
+"""Background estimation from the scans so far, for live detection (Wang et al. 2007, Eq. 2-4)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Removal of what arrives before the ground that is imaged: direct wave, and ground under the array.
+"""Removal of echoes before the imaged ground: the direct wave, and the ground under the array.
 
 An image of a narrow sub-band resolves little in range: under a Hann window, 0.15 GHz blur an echo
 over 4 m of path to either side. The direct wave and the ground below the array are so strong that

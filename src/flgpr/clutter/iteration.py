@@ -159,33 +159,23 @@ def iterate_suppression(
     _check_masked_regions(points, masked, region_of, iterations, amplitude)
 
     b = np.array(data, dtype=np.complex64)
-    regions = np.unique(region_of[masked])
-    masked_points = [points[masked & (region_of == r)] for r in regions]
-    # One operator images all of the mask at once, which is quicker than region by region.
-    on_mask = operator_on(np.concatenate(masked_points)) if masked_points else None
-    on_mask_of = {}
-    on_region = {}
-    for r, pixels_of_r in zip(regions, masked_points, strict=True):
-        on_mask_of[int(r)] = operator_on(pixels_of_r)
-        on_region[int(r)] = operator_on(points[region_of == r])
-    ends = np.cumsum([len(pixels_of_r) for pixels_of_r in masked_points])[:-1]
-
+    regions = _MaskedRegions(operator_on, points, masked, region_of)
     start = _norms(b) ** 2
     cleaned = [b]
     energy = [np.zeros_like(start)]
     rounding = []
     amplitudes = np.zeros((iterations, int(region_of.max(initial=-1)) + 1, b.shape[-3]))
     for B in amplitudes:
-        images = [] if on_mask is None else np.split(on_mask.adjoint(b), ends, axis=-1)
-        x_hat = dict(zip(on_mask_of, images, strict=True))
-        b_hat = {r: on_mask_of[r].forward(x_hat[r]) for r in x_hat}  # Eq. 5
+        x_hat = regions.images(b)
+        b_hat = {r: regions.on_mask[r].forward(x_hat[r]) for r in x_hat}  # Eq. 5
         all_regions = np.sum(list(b_hat.values()), axis=0) if amplitude == "whole" else None
         subtracted = np.zeros_like(b)
         for r in x_hat:
             response = b_hat[r] if all_regions is None else all_regions
-            x_2 = on_region[r].adjoint(response)  # Eq. 8
+            x_2 = regions.on_region[r].adjoint(response)  # Eq. 8
             B[r] = _ratio(_peaks(x_hat[r]), _peaks(x_2))  # Eq. 7
             subtracted += B[r].astype(np.float32)[:, None, None] * b_hat[r]
+
         change, size = _energy_change(b, subtracted)
         energy.append(energy[-1] + _ratio(change, start))
         rounding.append(_ROUNDING * _ratio(size, start))
@@ -193,6 +183,35 @@ def iterate_suppression(
         cleaned.append(b)
     residual = np.sqrt(np.maximum((start > 0) + np.array(energy), 0.0))
     return Iterated(tuple(cleaned), residual, amplitudes, np.array(energy), np.array(rounding))
+
+
+class _MaskedRegions:
+    """Imaging operators of the sub-regions that a mask touches."""
+
+    def __init__(
+        self,
+        operator_on: OperatorOn,
+        points: NDArray[np.float64],
+        mask: NDArray[np.bool_],
+        region: NDArray[np.int64],
+    ) -> None:
+        numbers = np.unique(region[mask])
+        masked_points = [points[mask & (region == r)] for r in numbers]
+        # One operator images all of the mask at once, which is quicker than region by region.
+        self._on_all = operator_on(np.concatenate(masked_points)) if masked_points else None
+        self._ends = np.cumsum([len(pixels_of_r) for pixels_of_r in masked_points])[:-1]
+        self.on_mask: dict[int, Operator] = {}  # of the part of the mask in each sub-region
+        self.on_region: dict[int, Operator] = {}  # of all pixels of each sub-region
+        for r, pixels_of_r in zip(numbers, masked_points, strict=True):
+            self.on_mask[int(r)] = operator_on(pixels_of_r)
+            self.on_region[int(r)] = operator_on(points[region == r])
+
+    def images(self, data: ComplexArray) -> dict[int, ComplexArray]:
+        """Return the image x̂_r of data under the mask in every sub-region."""
+        if self._on_all is None:
+            return {}
+        images = np.split(self._on_all.adjoint(data), self._ends, axis=-1)
+        return dict(zip(self.on_mask, images, strict=True))
 
 
 def _check_masked_regions(
@@ -217,14 +236,14 @@ def _check_masked_regions(
         raise ValueError(f"mask must lie within the sub-regions, got {outside} pixels outside")
 
 
-def averaged(course: Iterated, combination: int, fall_back: bool = True) -> ComplexArray:
+def averaged(iterated: Iterated, combination: int, fall_back: bool = True) -> ComplexArray:
     """Average the iterations of a combination of Table II.
 
     The mean of images is the image of the mean of their data, so that one image needs to be made.
 
     Parameters
     ----------
-    course : Iterated
+    iterated : Iterated
         From :func:`iterate_suppression`.
     combination : int
         Index in ``TABLE_II``.
@@ -242,16 +261,16 @@ def averaged(course: Iterated, combination: int, fall_back: bool = True) -> Comp
     ValueError
         If there is no such combination, or it needs more iterations than there are.
     """
-    numbers = _averaged_iterations(course, combination)
-    total = np.sum([course.data[number] for number in numbers], axis=0)
+    numbers = _averaged_iterations(iterated, combination)
+    total = np.sum([iterated.data[number] for number in numbers], axis=0)
     mean = np.asarray(total / len(numbers), dtype=np.complex64)
     if fall_back:
-        for polarization, number in fallen_back(course, combination).items():
-            mean[..., polarization, :, :] = course.data[number][..., polarization, :, :]
+        for polarization, number in fallen_back(iterated, combination).items():
+            mean[..., polarization, :, :] = iterated.data[number][..., polarization, :, :]
     return mean
 
 
-def fallen_back(course: Iterated, combination: int) -> dict[int, int]:
+def fallen_back(iterated: Iterated, combination: int) -> dict[int, int]:
     """Return the polarizations whose average of Table II is no good, with the iteration to use.
 
     An average is no good where its last iteration leaves more than an earlier one and so does the
@@ -260,7 +279,7 @@ def fallen_back(course: Iterated, combination: int) -> dict[int, int]:
 
     Parameters
     ----------
-    course : Iterated
+    iterated : Iterated
         From :func:`iterate_suppression`.
     combination : int
         Index in ``TABLE_II``.
@@ -275,32 +294,32 @@ def fallen_back(course: Iterated, combination: int) -> dict[int, int]:
     ValueError
         If there is no such combination, or it needs more iterations than there are.
     """
-    numbers = _averaged_iterations(course, combination)
-    best = course.best(max(numbers))
-    first = course.data[numbers[0]]
-    last = course.data[numbers[-1]]
+    numbers = _averaged_iterations(iterated, combination)
+    best = iterated.best(max(numbers))
+    first = iterated.data[numbers[0]]
+    last = iterated.data[numbers[-1]]
     # |(u + v)/2|² = (|u|² + |v|²)/2 - |u - v|²/4: the energies in it are those that strong echoes
     # elsewhere do not hide.
-    difference = _ratio(_norms(last - first) ** 2, _norms(course.data[0]) ** 2)
-    energy = course.energy[list(numbers)].mean(axis=0) - difference / 4
+    difference = _ratio(_norms(last - first) ** 2, _norms(iterated.data[0]) ** 2)
+    energy = iterated.energy[list(numbers)].mean(axis=0) - difference / 4
     replaced = {}
     for polarization, number in enumerate(best):
-        average_is_worse = energy[polarization] > course.energy[number, polarization]
+        average_is_worse = energy[polarization] > iterated.energy[number, polarization]
         if number < max(numbers) and average_is_worse:
             replaced[polarization] = int(number)
     return replaced
 
 
-def _averaged_iterations(course: Iterated, combination: int) -> tuple[int, ...]:
+def _averaged_iterations(iterated: Iterated, combination: int) -> tuple[int, ...]:
     """Return the iterations that a combination averages, all of which must exist."""
     if combination not in TABLE_II:
         raise ValueError(
             f"combination must be one of {', '.join(map(str, TABLE_II))}, got {combination}"
         )
     numbers = TABLE_II[combination]
-    if max(numbers) > course.iterations:
+    if max(numbers) > iterated.iterations:
         raise ValueError(
-            f"combination {combination} needs {max(numbers)} iterations, got {course.iterations}"
+            f"combination {combination} needs {max(numbers)} iterations, got {iterated.iterations}"
         )
     return numbers
 

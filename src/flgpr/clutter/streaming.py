@@ -1,9 +1,12 @@
-"""Background estimation over runs of any length, with one scan in memory at a time.
+"""The background that a detection computes: all channels, in two passes, one scan in memory.
+
+:mod:`flgpr.clutter.background` has the equations one by one, :mod:`flgpr.kernels.background` the
+loops over pixels.
 
 There are two normalisations. Each polarization and sub-band has its *own* gain, self-signature and
-background (Wang et al. 2007, Eq. 2-5, as in ``background.py``), which serve magnitudes. The
-*shared* ones are common to the polarizations of a sub-band, so that the ratios and phases between
-polarizations, which polarimetry uses, survive.
+background (Wang et al. 2007, Eq. 2-5), which serve magnitudes. The *shared* ones are common to the
+polarizations of a sub-band, so that the ratios and phases between polarizations, which polarimetry
+uses, survive.
 """
 
 from __future__ import annotations

@@ -35,6 +35,11 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     accuracy : float
         Standard deviation of a surveyed coordinate, m.
 
+    Returns
+    -------
+    str
+        The anchor, TOML.
+
     Raises
     ------
     ValueError

@@ -26,6 +26,11 @@ def has_browser(
         As ``sys.platform``.
     is_terminal : bool, optional
         Whether the output is shown on a terminal, by default that of the process.
+
+    Returns
+    -------
+    bool
+        Whether one can open.
     """
     variables = os.environ if environment is None else environment
     if is_terminal is None:

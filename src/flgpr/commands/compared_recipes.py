@@ -19,7 +19,26 @@ DEMO_COMPARISONS = ("mean-self-signature", "median-self-signature", "roadside-su
 
 
 def detect_compared(run: xr.Dataset, name: str, text: str, lane: Lane, track: Track) -> Detection:
-    """Detect on a run by a recipe (TOML) that is compared with a result's own, under its name."""
+    """Detect on a run by a recipe that is compared with a result's own.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    name : str
+        Name of the detection.
+    text : str
+        The recipe, TOML.
+    lane : Lane
+        The lane.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Detection
+        The detection, under its name.
+    """
     from flgpr.chain.method import detect
     from flgpr.chain.recipe import parse_recipe
 

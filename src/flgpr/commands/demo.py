@@ -49,9 +49,9 @@ def _lines(returned: tuple[Result, list[Score]], call: Arguments) -> Iterator[An
 
 def _when(result: Result, score: Score) -> str:
     """Return the words for when targets were found: whether all lie ahead of the last scan."""
-    found = score.outcomes[score.outcomes["found"]]
+    detected = score.outcomes[score.outcomes["found"]]
     last = max(pose[1] for pose in result.manifest["run"]["pose"])
-    is_ahead = len(found) and bool((found["y"] > last).all())
+    is_ahead = len(detected) and bool((detected["y"] > last).all())
     return " before the vehicle reached them" if is_ahead else ""
 
 

@@ -160,7 +160,8 @@ def design(
         return _pages(sensors, output, (band, window, site, page_depth, rms), track)
     from flgpr.chain.progress import silent
     from flgpr.commands.designing import signal_to_clutter_tables
-    from flgpr.design.signal_to_clutter import Viewing, ground_model
+    from flgpr.design.grounds import ground_model
+    from flgpr.design.signal_to_clutter import Viewing
 
     ground = ground_model(
         site,

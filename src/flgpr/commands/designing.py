@@ -8,9 +8,9 @@ from pathlib import Path
 import pandas as pd
 
 from flgpr.chain.progress import Track, silent
+from flgpr.design.grounds import GroundModel
 from flgpr.design.signal_to_clutter import (
     DEPTHS,
-    GroundModel,
     Viewing,
     expected_signal_to_clutter,
     measure_signal_to_clutter,

@@ -61,6 +61,18 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
 
 
 def tell_doubts(table: pd.DataFrame, kind: str, name: str, lanes: LaneLike) -> None:
-    """Print the doubts of :func:`table_doubts` about a table from a file of that name."""
+    """Print the doubts of :func:`table_doubts` about a table.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Alarms or truth.
+    kind : str
+        "alarms" or "truth".
+    name : str
+        Name of the table's file.
+    lanes : Lane or mapping of str to Lane
+        The lane, or lanes by name.
+    """
     for doubt in table_doubts(table, kind, lanes):
         log_note(f"{name}: {doubt}")

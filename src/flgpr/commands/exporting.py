@@ -41,10 +41,28 @@ _SHADED_QUANTILES = (0.5, 0.998)
 
 
 def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) -> Path:
-    """Export a stored run as CPHD; another file at the output is a FileExistsError.
+    """Export a stored run as CPHD.
 
-    ``anchor`` (TOML) ties the lane to the Earth, by default the georeference of the run; without
-    either it is a ValueError.
+    Parameters
+    ----------
+    run : path
+        Run store.
+    output : path
+        File to write.
+    anchor : path, optional
+        TOML that ties the lane to the Earth, by default the georeference of the run.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If the run is not valid, or there is no georeference.
+    FileExistsError
+        If another file is at the output.
     """
     target = check_parent_folder(output)
     dataset = open_run(run)
@@ -71,6 +89,11 @@ def export_sigmf(
     time : str, optional
         When the first scan was recorded, ISO 8601 with a time zone; without it the recording has
         no dates.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
 
     Raises
     ------
@@ -129,6 +152,11 @@ def export_table(
     columns : str, optional
         Columns with other names, such as ``x=Rechts,y=Hoch``.
 
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
     Raises
     ------
     ValueError
@@ -171,6 +199,11 @@ def export_result(
         "main" or the name of a variant.
     time : str, optional
         Time when the data were taken, ISO 8601 with a time zone.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
 
     Raises
     ------
@@ -221,6 +254,11 @@ def export_imsma(
         "main" or the name of a variant of a result.
     columns : str, optional
         Columns of an alarm list with other names, such as ``x=Rechts,y=Hoch``.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
 
     Raises
     ------
@@ -295,6 +333,11 @@ def export_qgis(
         As for :func:`export_result`.
     score : path, optional
         Folder of the result's score, if that is not the result itself.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
 
     Raises
     ------
@@ -376,7 +419,22 @@ def _project(
 
 
 def map_bytes(result: Path, anchor: Path | None, score: Path | None) -> bytes:
-    """Return the zip of :func:`export_qgis`, for the viewer."""
+    """Return the zip of :func:`export_qgis`, for the viewer.
+
+    Parameters
+    ----------
+    result : Path
+        Result folder.
+    anchor : Path or None
+        TOML that ties the lane to the Earth.
+    score : Path or None
+        Folder of the result's score.
+
+    Returns
+    -------
+    bytes
+        Content of the zip.
+    """
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / f"{result.name}-map.zip"
         return export_qgis(result, target, anchor, score=score).read_bytes()

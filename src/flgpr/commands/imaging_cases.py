@@ -73,15 +73,17 @@ def sri_scan() -> Scan:
     sensor = load_sensor("sri-array")
     rng = np.random.default_rng(0)
     height = np.array([0.0, 0.0, sensor.height])
-    tx, rx = (np.asarray(position) + height for position in sensor.pairs())
+    tx_of_pairs, rx_of_pairs = sensor.pairs()
+    tx = np.asarray(tx_of_pairs) + height
+    rx = np.asarray(rx_of_pairs) + height
     frequency = sensor.tones.axis()
     pixels = GRID.points().reshape(-1, 3)
 
     scatterers = rng.uniform([-6, 7, 0], [6, 26, 0], size=(_SCATTERERS, 3))
     amplitude = complex_noise(rng, (3, _SCATTERERS))
-    path = np.linalg.norm(scatterers - tx[:, None], axis=2) + np.linalg.norm(
-        scatterers - rx[:, None], axis=2
-    )
+    from_tx = np.linalg.norm(scatterers - tx[:, None], axis=2)
+    to_rx = np.linalg.norm(scatterers - rx[:, None], axis=2)
+    path = from_tx + to_rx
 
     echoes = []
     for pair_path in path:
@@ -104,7 +106,9 @@ def sri_scan() -> Scan:
 
 def complex_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
     """Return complex normal noise of unit variance in each part."""
-    return np.asarray(rng.normal(size=shape) + 1j * rng.normal(size=shape), dtype=np.complex128)
+    real = rng.normal(size=shape)
+    imaginary = rng.normal(size=shape)
+    return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
 def direct_sums(scan: Scan) -> DirectSums:

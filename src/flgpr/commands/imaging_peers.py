@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import math
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -46,15 +47,20 @@ def peer_cases(scan: Scan, exact: DirectSums) -> list[Case]:
 
 def _paths(scan: Scan) -> NDArray[np.float64]:
     """Return the paths (pair, pixel) by way of every pixel, m."""
-    from_tx = [np.linalg.norm(scan.pixels - antenna, axis=1) for antenna in scan.tx]
-    to_rx = [np.linalg.norm(scan.pixels - antenna, axis=1) for antenna in scan.rx]
-    return np.array(from_tx) + np.array(to_rx)
+    paths = []
+    for tx, rx in zip(scan.tx, scan.rx, strict=True):
+        from_tx = np.linalg.norm(scan.pixels - tx, axis=1)
+        to_rx = np.linalg.norm(scan.pixels - rx, axis=1)
+        paths.append(from_tx + to_rx)
+    return np.array(paths)
 
 
 def _carriers(scan: Scan, paths: NDArray[np.float64]) -> ComplexArray:
     """Return the phase factors (pair, pixel) of the middle tone."""
-    turns = paths * (scan.frequency[scan.frequency.size // 2] / SPEED_OF_LIGHT)
-    return np.exp(2j * np.pi * (turns - np.floor(turns))).astype(np.complex64)
+    middle_tone = scan.frequency[scan.frequency.size // 2]
+    turns = paths * (middle_tone / SPEED_OF_LIGHT)
+    fraction = turns - np.floor(turns)
+    return np.exp(2j * np.pi * fraction).astype(np.complex64)
 
 
 def _angles(scan: Scan, paths: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -67,8 +73,9 @@ def _angles(scan: Scan, paths: NDArray[np.float64]) -> NDArray[np.float32]:
 
 def _subband_data(scan: Scan, pair: int) -> ComplexArray:
     """Return the data (polarization·subband, tone) of a pair, cut to every sub-band."""
-    inside = band_weights(scan.frequency, SUBBANDS, boxcar).astype(np.float32)
-    return (scan.data[:, None, pair] * inside).reshape(-1, scan.frequency.size)
+    weights = band_weights(scan.frequency, SUBBANDS, boxcar).astype(np.float32)
+    of_subbands = scan.data[:, None, pair] * weights
+    return of_subbands.reshape(-1, scan.frequency.size)
 
 
 class _Finufft:
@@ -117,22 +124,29 @@ class _Finufft:
         totals = np.empty((self._threads, many, count), np.complex64)
 
         def image_share(thread: int) -> None:
-            # A plan of a single transform takes arrays without the axis of transforms.
-            image = images[thread] if many > 1 else images[thread, 0]
             for pair in range(thread, len(plans), self._threads):
                 data = data_of(pair)
-                plans[pair].execute(data if many > 1 else data[0], out=image)
+                if many > 1:
+                    plans[pair].execute(data, out=images[thread])
+                else:
+                    # A plan of a single transform takes arrays without the axis of transforms.
+                    plans[pair].execute(data[0], out=images[thread, 0])
                 images[thread] *= self._carrier[pair]
                 totals[thread] += images[thread]
 
         def run() -> ComplexArray:
             totals[:] = 0
-            list(self._pool.map(image_share, range(self._threads)))
+            self._on_all_threads(image_share)
             subbands = max(many // 3, 1)
             total = totals.sum(axis=0).reshape(-1, subbands, count)
             return np.asarray(total, dtype=np.complex64)
 
         return run
+
+    def _on_all_threads(self, work: Callable[[int], None]) -> None:
+        """Call a function with the number of every thread, each on its thread, and wait."""
+        for _ in self._pool.map(work, range(self._threads)):
+            pass
 
     def forward(self) -> Callable[[], ComplexArray]:
         """Return a function that computes the data of an image."""
@@ -146,7 +160,7 @@ class _Finufft:
                 plans[pair].execute(image, out=data[0, pair])
 
         def run() -> ComplexArray:
-            list(self._pool.map(compute_share, range(self._threads)))
+            self._on_all_threads(compute_share)
             return data
 
         return run
@@ -181,7 +195,9 @@ def _numpy_cases(scan: Scan, exact: DirectSums) -> list[Case]:
     paths = _paths(scan)
     pairs, count = paths.shape
     step = scan.frequency[1] - scan.frequency[0]
-    position = (paths * (step / SPEED_OF_LIGHT) % 1) * size
+    # A range profile repeats after the unambiguous path.
+    share = paths * (step / SPEED_OF_LIGHT) % 1
+    position = share * size
     low = position.astype(np.int32)
     fraction = (position - low).astype(np.float32)
     carrier = _carriers(scan, paths)
@@ -192,7 +208,8 @@ def _numpy_cases(scan: Scan, exact: DirectSums) -> list[Case]:
         padded = np.zeros((15, size), np.complex64)
         padded[:, : tones.shape[1] - middle] = tones[:, middle:]
         padded[:, -middle:] = tones[:, :middle]
-        return np.asarray(fft.ifft(padded, axis=1, norm="forward", workers=get_num_threads()))
+        profiles = fft.ifft(padded, axis=1, norm="forward", workers=get_num_threads())
+        return np.asarray(profiles)
 
     def images() -> ComplexArray:
         total = np.zeros((15, count), np.complex64)
@@ -265,6 +282,15 @@ def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any
     One plan per pair, all channels in one call of it; the carrier and the sum over the pairs are a
     kernel of ours. Of both methods and some sizes of bins the fastest counts.
 
+    Parameters
+    ----------
+    scan : Scan
+        The scan that is imaged.
+    exact : DirectSums
+        What images are checked against.
+    rounds : int
+        Rounds, whose medians count.
+
     Returns
     -------
     list of tuple
@@ -282,11 +308,12 @@ def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any
     rows = []
     for work, data, sums in works:
         trials = _cufinufft_trials(peer, data, sums, exact.pixel, rounds)
-        if trials:
-            seconds, code, error = min(trials)
-            updates = len(scan.pixels) * len(scan.tx) * len(data[0])
-            rate = updates / seconds
-            rows.append((f"{work}, on the device", code, seconds, error, rate, np.nan))
+        if not trials:
+            continue
+        seconds, code, error = min(trials)
+        channels = len(data[0])
+        updates = len(scan.pixels) * len(scan.tx) * channels
+        rows.append((f"{work}, on the device", code, seconds, error, updates / seconds, np.nan))
     return rows
 
 
@@ -330,10 +357,11 @@ class _Cufinufft:
         plans = self._plans(many, method, bins)
         if plans is None:
             return None
-        data = [cuda.to_device(np.ascontiguousarray(values)) for values in data_by_pair]
+        data = []
+        for values in data_by_pair:
+            data.append(cuda.to_device(np.ascontiguousarray(values)))
         image = cuda.device_array((many, self._count), np.complex64)
         total = cuda.device_array((many, self._count), np.complex64)
-        blocks = (-(-self._count // gpu.THREADS), many)  # rounded up
 
         times = []
         for _ in range(rounds + 1):
@@ -342,12 +370,21 @@ class _Cufinufft:
                 if many > 1:
                     plan.execute(data[pair], out=image)
                 else:
+                    # A plan of a single transform takes arrays without the axis of transforms.
                     plan.execute(data[pair][0], out=image[0])
-                _add[blocks, (gpu.THREADS, 1)](image, self._carriers[pair], total, int(pair == 0))
+                self._add_pair(image, pair, total)
             cuda.synchronize()
             times.append(time.perf_counter() - start)
         # The first round compiles and is not counted.
         return float(np.median(times[1:])), total.copy_to_host()
+
+    def _add_pair(self, image: Any, pair: int, total: Any) -> None:
+        """Add the channels of a pair (channel, pixel), turned by its carrier, to the total."""
+        channels = image.shape[0]
+        blocks = (math.ceil(self._count / gpu.THREADS), channels)
+        threads = (gpu.THREADS, 1)
+        begins = int(pair == 0)
+        _add[blocks, threads](image, self._carriers[pair], total, begins)
 
     def _plans(self, many: int, method: int, bins: int) -> list[Any] | None:
         """Return a plan for each pair; None where a bin does not fit the device."""

@@ -26,6 +26,7 @@ BATCH = 32
 """Scans in flight on a CUDA device."""
 REPEATS = 10
 """Launches that are timed together on a CUDA device."""
+_DEVICE_STEPS = ("on the device", "interpolation alone")
 _COLUMNS = ["work", "code", "time", "error", "rate", "roofline"]
 _TABLE_HEAD = [
     "| work | code | ms | error | 1e9 updates/s | time / flgpr | of roofline |",
@@ -122,13 +123,34 @@ def _require_device(device: str) -> None:
 
 
 def own_cases(scan: Scan, exact: DirectSums, device: str) -> list[Case]:
-    """Return the cases of this package."""
+    """Return the cases of this package.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan that is imaged.
+    exact : DirectSums
+        What images are checked against.
+    device : str
+        "cpu" or "cuda".
+
+    Returns
+    -------
+    list of Case
+        The cases.
+    """
 
     def operator(
         tolerance: float, pixels: NDArray[np.float64] = scan.pixels, **options: Any
     ) -> ImagingOperator:
         return ImagingOperator(
-            scan.frequency, scan.tx, scan.rx, pixels, tolerance=tolerance, device=device, **options
+            scan.frequency,
+            scan.tx,
+            scan.rx,
+            pixels,
+            tolerance=tolerance,
+            device=device,
+            **options,
         )
 
     operators = _Operators(
@@ -220,11 +242,14 @@ def _row(
     real weight, and eight for the carrier; every image is written once.
     """
     seconds /= case.scans
-    updates = len(scan.pixels) * len(scan.tx) * case.images
-    computing = updates * (4 * case.width + 8) / times.flops
-    moving = 8 * len(scan.pixels) * case.images / times.bandwidth
-    has_roofline = device == "cpu" and case.width > 0
-    share = max(computing, moving) / seconds if has_roofline else np.nan
+    pixels = len(scan.pixels)
+    pairs = len(scan.tx)
+    updates = pixels * pairs * case.images
+    share = np.nan
+    if device == "cpu" and case.width > 0:
+        computing = updates * (4 * case.width + 8) / times.flops
+        moving = 8 * pixels * case.images / times.bandwidth
+        share = max(computing, moving) / seconds
     return (case.work, case.code, seconds, error, updates / seconds, share)
 
 
@@ -238,7 +263,13 @@ def _device_rows(
         ("one channel", 1, None, 1e-3),
     ):
         operator = ImagingOperator(
-            scan.frequency, scan.tx, scan.rx, scan.pixels, bands, tolerance, device="cuda"
+            scan.frequency,
+            scan.tx,
+            scan.rx,
+            scan.pixels,
+            bands,
+            tolerance,
+            device="cuda",
         )
         channels = len(bands) if bands else 1
         updates = len(scan.pixels) * len(scan.tx) * polarizations * channels
@@ -247,11 +278,9 @@ def _device_rows(
             times = []
             for _ in range(rounds):
                 times.append(operator.backend.device_seconds(count, channels, REPEATS))
+            # The data and so the error are those of the same work with transfers.
             _, code, _, error, *_ = rows_by_work[name]
-            medians = np.median(times, axis=0)
-            for step, seconds in zip(
-                ("on the device", "interpolation alone"), medians, strict=True
-            ):
+            for step, seconds in zip(_DEVICE_STEPS, np.median(times, axis=0), strict=True):
                 per_scan = float(seconds) / scans
                 rate = updates / per_scan
                 rows.append((f"{name}, {step}", code, per_scan, error, rate, np.nan))
@@ -264,8 +293,9 @@ def _error(case: Case, exact: DirectSums) -> float:
     if case.scans > 1:
         value = value[-1]
     is_forward = case.work.startswith("forward")
-    checked = value[..., exact.tone if is_forward else exact.pixel]
-    return float(np.linalg.norm(checked - case.exact) / np.linalg.norm(case.exact))
+    indices = exact.tone if is_forward else exact.pixel
+    difference = value[..., indices] - case.exact
+    return float(np.linalg.norm(difference) / np.linalg.norm(case.exact))
 
 
 def _interleaved_times(runs: Sequence[Callable[[], NDArray[Any]]], rounds: int) -> _Times:
@@ -276,8 +306,10 @@ def _interleaved_times(runs: Sequence[Callable[[], NDArray[Any]]], rounds: int) 
     seconds = np.empty((rounds, len(runs)))
     peaks = np.empty((rounds, 2))
     for i in range(rounds):
-        peaks[i] = peak_flops(), peak_bandwidth()
-        for j in np.roll(np.arange(len(runs)), -i).tolist():
+        peaks[i, 0] = peak_flops()
+        peaks[i, 1] = peak_bandwidth()
+        order = np.roll(np.arange(len(runs)), -i)
+        for j in order.tolist():
             start = time.perf_counter()
             runs[j]()
             seconds[i, j] = time.perf_counter() - start
@@ -292,10 +324,17 @@ def format_bench(table: pd.DataFrame) -> str:
     for row in table.to_dict("records"):
         ratio = "" if np.isnan(row["ratio"]) else f"{row['ratio']:.2f}"
         share = "" if np.isnan(row["roofline"]) else f"{row['roofline']:.0%}"
-        milliseconds = f"{row['time'] * 1e3:.1f}"
-        rate = f"{row['rate'] / 1e9:.2f}"
-        cells = (row["work"], row["code"], milliseconds, f"{row['error']:.1e}", rate, ratio, share)
-        lines.append(f"| {' | '.join(cells)} |")
+        cells = (
+            row["work"],
+            row["code"],
+            f"{row['time'] * 1e3:.1f}",
+            f"{row['error']:.1e}",
+            f"{row['rate'] / 1e9:.2f}",
+            ratio,
+            share,
+        )
+        text = " | ".join(cells)
+        lines.append(f"| {text} |")
 
     flops = table.attrs["flops"] / 1e9
     bandwidth = table.attrs["bandwidth"] / 1e9

@@ -62,7 +62,22 @@ def with_doubts(run: xr.Dataset) -> xr.Dataset:
 def store_with_tables(
     run: xr.Dataset, store: Path, tables: Mapping[str, pd.DataFrame | None]
 ) -> list[Path]:
-    """Store a run with tables beside it, ``NAME-truth.csv`` and so on; return what was written."""
+    """Store a run with tables beside it, such as ``NAME-truth.csv``.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    store : Path
+        Run store to write.
+    tables : mapping of str to pandas.DataFrame or None
+        Tables by the end of their file names; None is not written.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
     written = [store]
     # The tables come before the run, whose presence says that all is there.
     if not is_stored(run, store):
@@ -116,7 +131,17 @@ class MappedPositions:
 
 
 def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:
-    """Store a run that was imported by a mapping, and its track beside it."""
+    """Store a run that was imported by a mapping, and its track beside it.
+
+    Parameters
+    ----------
+    imported : Imported
+        The run, and its track if it has one.
+    store : Path
+        Run store to write.
+    anchor : Anchor or None
+        States where the lane lies; stored with the run.
+    """
     run = tied_run(with_doubts(imported.run), anchor)
     # The track is written before the run, which marks a complete import.
     if imported.track is not None and not is_stored(run, store):
@@ -146,7 +171,30 @@ def import_line(
 ) -> xr.Dataset:
     """Import a channel of one line and store the run.
 
-    ``headers`` are the options of :func:`flgpr.formats.gpr_run` in place of the file's headers.
+    Parameters
+    ----------
+    path : path
+        The recording.
+    output : path
+        Run store to write.
+    channel : int
+        The channel.
+    positions : LinePositions
+        Where the line lies.
+    max_memory : int
+        Bytes of memory to use.
+    headers : mapping
+        Options of :func:`flgpr.formats.gpr_run` in place of the file's headers.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError
+        If something is neither in the headers nor given, or does not fit.
     """
     target = check_parent_folder(output)
     section = read_gpr(path, max_memory)
@@ -181,7 +229,28 @@ def import_lines(
 ) -> xr.Dataset:
     """Import lines as one run, all channels of each, and store it.
 
-    ``headers`` are the options of :func:`flgpr.formats.survey_run`.
+    Parameters
+    ----------
+    paths : sequence of path
+        The recordings.
+    output : path
+        Run store to write.
+    positions : LinePositions
+        Where the lines lie.
+    max_memory : int
+        Bytes of memory to use.
+    headers : mapping
+        Options of :func:`flgpr.formats.survey_run` in place of the files' headers.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError
+        If something is neither in the headers nor given, or does not fit.
     """
     target = check_parent_folder(output)
     _check_line_positions(positions)

@@ -110,7 +110,7 @@ def _explain(paths: list[Path], mapping: Path | None) -> Any:
     from flgpr.formats.explain import explain_file
 
     is_group = len(paths) > 1
-    described = explain_files(paths, beside=mapping) if is_group else explain_file(paths[0])
+    described = explain_files(paths, mapping=mapping) if is_group else explain_file(paths[0])
     if mapping is None:
         return described
     if not described.mapping:

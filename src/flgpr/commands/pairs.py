@@ -21,12 +21,12 @@ class PairCommand(TyperCommand):
         return super().parse_args(ctx, split_numbers(args, counts))
 
 
-def split_numbers(words: Sequence[str], counts: Mapping[str, int]) -> list[str]:
+def split_numbers(arguments: Sequence[str], counts: Mapping[str, int]) -> list[str]:
     """Return the words of a command with numbers that are joined by commas as a word each.
 
     Parameters
     ----------
-    words : sequence of str
+    arguments : sequence of str
         Words as they were typed.
     counts : mapping of str to int
         Number of values of each option that takes several.
@@ -38,9 +38,9 @@ def split_numbers(words: Sequence[str], counts: Mapping[str, int]) -> list[str]:
     """
     split: list[str] = []
     option = ""  # the option whose values are next
-    for number, word in enumerate(words):
+    for number, word in enumerate(arguments):
         if word == "--":  # all that follows are arguments
-            return [*split, *words[number:]]
+            return [*split, *arguments[number:]]
         name, equals, joined = word.partition("=")
         if equals and name in counts and _has_numbers(joined, counts[name]):
             split += [name, *joined.split(",")]
@@ -54,10 +54,10 @@ def split_numbers(words: Sequence[str], counts: Mapping[str, int]) -> list[str]:
 
 def _has_numbers(word: str, count: int) -> bool:
     """Return whether a word is so many numbers with commas between them."""
-    parts = word.split(",")
+    numbers = word.split(",")
     try:
-        for part in parts:
-            float(part)
+        for number in numbers:
+            float(number)
     except ValueError:
         return False
-    return len(parts) == count
+    return len(numbers) == count

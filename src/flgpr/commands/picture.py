@@ -69,6 +69,11 @@ def make_picture(
     track : Track
         Shows progress.
 
+    Returns
+    -------
+    Picture
+        The picture.
+
     Raises
     ------
     ValueError
@@ -106,7 +111,30 @@ def picture_of(
 ) -> Picture:
     """Focus a run in memory and find its brightest points.
 
-    ``pixels`` is about the number of pixels where the view does not fix their spacing.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    view : View
+        What is imaged.
+    points : int
+        Number of brightest points.
+    track : Track
+        Shows progress.
+    title : str
+        Title of the picture.
+    pixels : int
+        About how many pixels there are, where the view does not fix their spacing.
+
+    Returns
+    -------
+    Picture
+        The picture.
+
+    Raises
+    ------
+    ValueError
+        If the view does not fit the run.
     """
     focused = focus(run, view, track, title, pixels)
     peaks = image_peaks(focused.image, points)

@@ -191,12 +191,14 @@ def _existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.Data
 
     Without a ``seed`` any plan of the same sorts of targets can be.
     """
+    content = read_named(path)
     if seed is not None:
-        if read_named(path).decode("utf-8", "replace") == table_text(drawn):
+        if content.decode("utf-8", "replace") == table_text(drawn):
             return drawn
     else:
-        plan = parse_table(read_named(path), "truth", path)
-        if list(plan.columns) == list(drawn.columns) and _sorts_of(plan) == _sorts_of(drawn):
+        plan = parse_table(content, "truth", path)
+        has_same_columns = list(plan.columns) == list(drawn.columns)
+        if has_same_columns and _sorts_of(plan) == _sorts_of(drawn):
             plan.attrs = drawn.attrs | {"seed": None}
             return plan
     raise output_exists_error(path, "a plan is drawn once, choose another name for another")
@@ -205,8 +207,8 @@ def _existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.Data
 def _sorts_of(plan: pd.DataFrame) -> list[list[str]]:
     """Return the sorted rows of a plan without positions and names of its targets."""
     drawn_columns = ["x", "y", "target_id", "lane"]
-    rows = plan.drop(columns=drawn_columns, errors="ignore").astype(str).to_numpy().tolist()
-    return sorted(rows)
+    sorts = plan.drop(columns=drawn_columns, errors="ignore").astype(str)
+    return sorted(sorts.to_numpy().tolist())
 
 
 def _line_of_plan(lines: Sequence[Line], entry: Line, path: Path) -> Line | None:
@@ -232,8 +234,10 @@ def _crew_sheet(plan: pd.DataFrame, anchor: Anchor | None) -> pd.DataFrame:
     if anchor is not None:
         ground = np.zeros(len(plan))
         positions = np.stack([plan["x"], plan["y"], ground], axis=-1).astype(float)
-        utm = transform_lonlat(anchor.to_geodetic(positions)[:, :2], anchor.utm())
-        sheet["easting_m"], sheet["northing_m"] = utm.round(3).T
+        lonlat = anchor.to_geodetic(positions)[:, :2]
+        utm = transform_lonlat(lonlat, anchor.utm()).round(3)  # to a millimetre
+        sheet["easting_m"] = utm[:, 0]
+        sheet["northing_m"] = utm[:, 1]
     return sheet.assign(**dict.fromkeys(CREW_COLUMNS, ""))
 
 

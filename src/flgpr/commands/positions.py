@@ -26,7 +26,27 @@ def read_optional_anchor(anchor: PathLike | Anchor | None) -> Anchor | None:
 def needed_anchor(
     anchor: PathLike | None, reference: Mapping[str, Any] | None, source: PathLike
 ) -> Anchor:
-    """Read an anchor, or make one from the georeference of a run; neither is a ValueError."""
+    """Read an anchor, or make one from the georeference of a run.
+
+    Parameters
+    ----------
+    anchor : path or None
+        TOML that ties the lane to the Earth.
+    reference : mapping or None
+        Attribute ``georeference`` of the run.
+    source : path
+        The run or result, for the error.
+
+    Returns
+    -------
+    Anchor
+        The anchor.
+
+    Raises
+    ------
+    ValueError
+        If there is neither.
+    """
     if anchor is not None:
         return read_anchor(anchor)
     if reference is None:
@@ -44,8 +64,19 @@ def table_reading(
 ) -> TableReading | None:
     """Return how a table is read; None where no option says anything of it.
 
-    ``columns`` are such as ``x=Rechts,y=Hoch``; ``anchor`` (TOML) ties its geographic positions to
-    the lane; ``unranked`` lets alarms lack confidences.
+    Parameters
+    ----------
+    columns : str, optional
+        Columns with other names, such as ``x=Rechts,y=Hoch``.
+    anchor : path, optional
+        TOML that ties geographic positions to the lane.
+    unranked : bool
+        Whether alarms may lack confidences.
+
+    Returns
+    -------
+    TableReading or None
+        How it is read.
     """
     if columns is None and anchor is None and not unranked:
         return None
@@ -62,8 +93,28 @@ def track_of(
 ) -> pd.DataFrame:
     """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log.
 
-    ``body``, ``axes`` and ``max_gap`` (s) are of takes of OptiTrack Motive. An NMEA log without an
-    anchor is a ValueError.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    anchor : path, Anchor or None
+        Ties positions on the Earth to the lane; an NMEA log needs it.
+    body : str, optional
+        Body of a take of OptiTrack Motive.
+    axes : sequence of str, optional
+        Axes of the lane in those of the take.
+    max_gap : float
+        Longest gap of a take that is bridged, s.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The track (:func:`flgpr.model.track.make_track`).
+
+    Raises
+    ------
+    ValueError
+        If the file is not valid, or an NMEA log has no anchor.
     """
     from flgpr.formats.tracks import read_nmea, read_track  # the readers of array files are slow
 

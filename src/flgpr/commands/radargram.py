@@ -96,6 +96,11 @@ def make_radargram(
     max_memory : int
         Largest array that is read, bytes.
 
+    Returns
+    -------
+    Radargram
+        What was drawn.
+
     Raises
     ------
     ValueError

@@ -11,6 +11,7 @@ import json
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -91,8 +92,12 @@ class RawRun:
 
     def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
         is_recording = Path(path).is_file() and is_gpr(Path(path))
-        self._run = preview_run(path, max_memory) if is_recording else open_run(path, max_memory)
-        self._limits = {} if is_recording else read_limits(path)
+        if is_recording:
+            self._run = preview_run(path, max_memory)
+            self._limits: Mapping[str, Any] = {}
+        else:
+            self._run = open_run(path, max_memory)
+            self._limits = read_limits(path)
         self._max_memory = max_memory
         self._lock = threading.Lock()
         self._last_polarization: tuple[str, xr.Dataset] | None = None
@@ -126,7 +131,8 @@ class RawRun:
         signal = channel["signal"].values[:, 0, 0]
         frequency = channel["frequency"].values
         # Recordings begin before their time zero.
-        start = min(float(self._run.attrs.get("first_sample_s", 0.0)), 0.0)
+        first_sample = float(self._run.attrs.get("first_sample_s", 0.0))
+        start = min(first_sample, 0.0)
         bins = _delay_bins(query, len(signal), frequency, start)
 
         values = range_profiles(signal, frequency, bins, amplitude=query.scale == "db")
@@ -134,7 +140,9 @@ class RawRun:
         values[is_missing] = np.nan
 
         amplitudes = np.abs(values[~is_missing])
-        top = float(np.percentile(amplitudes, _TOP_PERCENTILE)) if amplitudes.size else 0.0
+        top = 0.0
+        if amplitudes.size:
+            top = float(np.percentile(amplitudes, _TOP_PERCENTILE))
 
         unit = 1.0
         if query.scale == "db":
@@ -173,10 +181,10 @@ class RawRun:
         rx = self._run["rx_position"].values[query.pair]
         height = float(np.median(self._run["pose"].values[:, 2]))
         ends = []
-        for path, words in _simulated_paths(self._limits, tx, rx, height):
+        for path, reason in _simulated_paths(self._limits, tx, rx, height):
             delay = path / SPEED_OF_LIGHT - shift
             if bins.start < delay < bins.stop:
-                ends.append({"delay_ns": round(delay * 1e9, 2), "words": words})
+                ends.append({"delay_ns": round(delay * 1e9, 2), "words": reason})
         return ends
 
     def spectrum(self, query: _Query) -> dict[str, Any]:
@@ -230,15 +238,19 @@ class RawRun:
                 "all of them do"
             )
 
-        pixels = int(np.clip(_UPDATES / (run.sizes["scan"] * run.sizes["pair"]), *_PIXELS))
-        picture = picture_of(run, View(permittivity=query.permittivity), pixels=pixels)
+        sweeps = run.sizes["scan"] * run.sizes["pair"]
+        pixels = int(np.clip(_UPDATES / sweeps, *_PIXELS))
+        view = View(permittivity=query.permittivity)
+        picture = picture_of(run, view, pixels=pixels)
         return _image_answer(picture) | {"toml": _toml(self._steps(query.steps))}
 
     def health(self) -> dict[str, Any]:
         """Return the health of every channel as ``flgpr info`` judges it, with its warnings."""
         stride = self._stride(self._run["signal"].nbytes)
-        table = channel_health(self._run.isel(scan=slice(None, None, stride)).compute())
-        table["missing"] = (~self._run["valid"].values).sum(axis=0).ravel()
+        every_nth = self._run.isel(scan=slice(None, None, stride))
+        table = channel_health(every_nth.compute())
+        is_missing = ~self._run["valid"].values  # of all scans: it takes no memory
+        table["missing"] = is_missing.sum(axis=0).ravel()
 
         channels: dict[str, list[Any]] = {}
         for name in ("polarization", "pair", "missing", "dead"):
@@ -254,8 +266,9 @@ class RawRun:
     def _stride(self, size: int) -> int:
         """Return every how many scans are taken, of a run whose scans hold so many bytes."""
         scans = self._run.sizes["scan"]
-        fitting = max(int(self._max_memory * scans / (_COPIES * size)), 1)
-        return math.ceil(scans / min(fitting, MOST_SCANS))
+        most_by_memory = max(int(self._max_memory * scans / (_COPIES * size)), 1)
+        most = min(most_by_memory, MOST_SCANS)
+        return math.ceil(scans / most)
 
     def _steps(self, text: str) -> list[Step]:
         """Parse the steps of a query; one that would read another file is a ValueError."""
@@ -409,9 +422,12 @@ def _simulated_paths(
     footprint = _numbers_of(limits.get("footprint_m"), 4)
     if footprint:
         x_min, x_max, y_min, y_max = footprint
-        corners = np.array([(x, y, -height) for x in (x_min, x_max) for y in (y_min, y_max)])
-        paths = np.linalg.norm(corners - tx, axis=1) + np.linalg.norm(corners - rx, axis=1)
-        yield float(paths.max()), f"the simulated ground ends, {y_max:g} m ahead of the array"
+        sides = product((x_min, x_max), (y_min, y_max))
+        corners = np.array([(x, y, -height) for x, y in sides])
+        from_tx = np.linalg.norm(corners - tx, axis=1)
+        to_rx = np.linalg.norm(corners - rx, axis=1)
+        longest = float((from_tx + to_rx).max())
+        yield longest, f"the simulated ground ends, {y_max:g} m ahead of the array"
     for own_path in _numbers_of([limits.get("own_echoes_path_m")], 1):
         yield own_path, "the simulated echoes of the vehicle itself end; beyond is noise"
 
@@ -462,7 +478,8 @@ def _image_answer(picture: Picture) -> dict[str, Any]:
 def _halves(values: NDArray[np.floating]) -> str:
     """Return values as 16-bit floats in base 64, those that are too large clipped."""
     clipped = np.clip(values, -_LARGEST_HALF, _LARGEST_HALF)
-    return base64.b64encode(np.ascontiguousarray(clipped, "<f2").tobytes()).decode()
+    halves = np.ascontiguousarray(clipped, "<f2")
+    return base64.b64encode(halves.tobytes()).decode()
 
 
 def _numbers(values: NDArray[np.float64]) -> list[float | None]:
@@ -477,7 +494,8 @@ def _toml(steps: list[Step]) -> str:
     """Write steps as ``flgpr prepare --steps`` reads them."""
     tables = []
     for step in steps:
-        entries = step.model_dump(exclude_none=True, exclude_defaults=True) | {"do": step.do}
+        entries = step.model_dump(exclude_none=True, exclude_defaults=True)
+        entries["do"] = step.do  # a default, which is left out
         lines = ["[[step]]"]
         for name, value in sorted(entries.items()):
             lines.append(f"{name} = {json.dumps(value)}")

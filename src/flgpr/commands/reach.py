@@ -68,17 +68,32 @@ def targets_in_reach(
 
 
 def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> NDArray[np.bool_]:
-    """Return which rows lie in their lane or at most a margin (m) outside, (row,)."""
+    """Return which rows of a table lie in their lane or a little outside.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Positions ``x`` and ``y``, m, and ``lane`` where there are several.
+    lanes : Lane or mapping of str to Lane
+        The lane, or lanes by name.
+    margin : float
+        How far outside a row may lie, m.
+
+    Returns
+    -------
+    (row,) ndarray of bool
+        Which rows do.
+    """
     lanes_by_name = as_lanes(lanes)
     x = table["x"].to_numpy(np.float64)
     y = table["y"].to_numpy(np.float64)
-    near = np.zeros(len(table), dtype=np.bool_)
+    in_reach = np.zeros(len(table), dtype=np.bool_)
     for lane_name, lane in lanes_by_name.items():
         is_near = lane.distance(x, y) <= margin
         if "lane" in table.columns and list(lanes_by_name) != [""]:
             is_near &= (table["lane"].astype(str) == lane_name).to_numpy()
-        near |= is_near
-    return near
+        in_reach |= is_near
+    return in_reach
 
 
 def _borders(lanes: LaneLike) -> str:

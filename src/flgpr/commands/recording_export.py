@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -48,9 +48,22 @@ _MOST_CELLS = 2**24  # of the run-view of the lane that is written at the end
 _WIDEST = 2**16  # pixels across a run-view
 _FARTHEST_ROW = 2**31
 _ALARM_MEMBERS = (
-    "alarm_id", "state", "scan", "x", "y", "confidence", "magnitude", "scans", "left_m",
-    "in_time", "margin_m", "p", "latitude", "longitude",
-)  # fmt: skip
+    "alarm_id",
+    "state",
+    "scan",
+    "x",
+    "y",
+    "confidence",
+    "magnitude",
+    "scans",
+    "left_m",
+    "in_time",
+    "margin_m",
+    "p",
+    "latitude",
+    "longitude",
+)
+_UNTIMED_SPACING = _SECOND  # from scan to scan of a result, which has no times
 
 
 def export_recording(
@@ -70,6 +83,11 @@ def export_recording(
         File to write.
     anchor, detection, time
         As for :func:`record_result`; a live run has its own.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
 
     Raises
     ------
@@ -206,8 +224,8 @@ class LiveRecorder:
         if len(pose) != len(("x", "y", "z", "heading", "pitch", "roll")):
             return
         if all(math.isfinite(value) for value in pose):
-            self._add("/flgpr/pose", foxglove.pose_message(self._now, pose))
-            self._add("/flgpr/transform", foxglove.transform_message(self._now, pose))
+            for topic, message in _pose_messages(self._now, pose):
+                self._add(topic, message)
 
     def _view(self, event: Mapping[str, Any]) -> None:
         """Write the rows of the run-view that a scan changed, and keep them."""
@@ -341,14 +359,17 @@ def record_result(
         for topic, message in _result_messages(loaded, chosen, alarms, begin):
             writer.add(topic, TOPICS[topic], begin, message)
         for number, pose in enumerate(loaded.manifest["run"].get("pose", ())):
-            moment = begin + number * _SECOND
-            for topic, build in (
-                ("/flgpr/pose", foxglove.pose_message),
-                ("/flgpr/transform", foxglove.transform_message),
-            ):
-                writer.add(topic, TOPICS[topic], moment, build(moment, pose))
+            moment = begin + number * _UNTIMED_SPACING
+            for topic, message in _pose_messages(moment, pose):
+                writer.add(topic, TOPICS[topic], moment, message)
         writer.describe("flgpr", {"source": "result", "statement": STATEMENT})
     return target
+
+
+def _pose_messages(moment: int, pose: Sequence[float]) -> Iterator[tuple[str, foxglove.Message]]:
+    """Yield the messages of a pose at a time, ns: the pose, and the transform it stands for."""
+    yield "/flgpr/pose", foxglove.pose_message(moment, pose)
+    yield "/flgpr/transform", foxglove.transform_message(moment, pose)
 
 
 def _nanoseconds(time: str) -> int:
@@ -387,10 +408,13 @@ def _result_messages(
     """Yield the messages that stand from the beginning: run-view, alarms and map."""
     view = detection.view
     rows, columns = view.shape[2:]
-    magnitude = view.values.reshape(-1, rows, columns)[alarm_channel(result, detection)]
-    levels = decibels(magnitude)
-    seen = np.isfinite(levels)
-    median_db = float(np.median(levels[seen].astype(np.float32))) if seen.any() else 0.0
+    channels = view.values.reshape(-1, rows, columns)
+    levels = decibels(channels[alarm_channel(result, detection)])
+    # The colours of players are relative to the median of the ground that was seen.
+    measured = levels[np.isfinite(levels)]
+    median_db = 0.0
+    if measured.size:
+        median_db = float(np.median(measured.astype(np.float32)))
     x = view["x"].values
     y = view["y"].values
     spacing = (float(x[1] - x[0]), float(y[1] - y[0]))

@@ -15,11 +15,12 @@ import pandas as pd
 
 from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
-from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
-from flgpr.results.result import MODEL, read_result_manifest
+from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, parse_json, read_named
+from flgpr.results.manifest import read_result_manifest
+from flgpr.results.result import MODEL
 from flgpr.results.sections import SECTIONS, read_sections, results_at
 from flgpr.store.dialects import TableReading
-from flgpr.store.files import existing, listed_files
+from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_own_table, parse_table
 from flgpr.trials import (
@@ -93,6 +94,11 @@ def find_entrant(
         Packaged recipe or file. A result states its recipe itself; this must be the same.
     reading : TableReading, optional
         Columns of a list that is not of a result.
+
+    Returns
+    -------
+    Entrant
+        List, recipe and model.
 
     Raises
     ------
@@ -243,8 +249,24 @@ def heads_of_reports(
 ) -> dict[PathLike, dict[str, Any]]:
     """Return how many lines of a register each report of a score knows, and the last one's hash.
 
-    ``reports`` are ``roc.json`` or ``comparison.json`` of scores, or their folders. A line that a
-    report knows and the register lacks is a ValueError.
+    Parameters
+    ----------
+    lines : sequence of dict
+        The register's lines.
+    register : path or WitnessedRegister
+        The register, for errors.
+    reports : sequence of path
+        ``roc.json`` or ``comparison.json`` of scores, or their folders.
+
+    Returns
+    -------
+    dict of path to dict
+        ``lines`` and ``head`` by report.
+
+    Raises
+    ------
+    ValueError
+        If a report knows a line that the register lacks.
     """
     path, _ = register_paths(register)
     kinds = _kinds_of(lines)

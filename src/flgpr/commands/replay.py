@@ -125,8 +125,9 @@ def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
     same_positions = True
     for first, second in zip(old.detections, new.detections, strict=True):
         difference = max(difference, _difference(first.view.values, second.view.values))
-        positions = first.alarms[["x", "y"]]
-        same_positions = same_positions and positions.equals(second.alarms[["x", "y"]])
+        old_positions = first.alarms[["x", "y"]]
+        new_positions = second.alarms[["x", "y"]]
+        same_positions &= old_positions.equals(new_positions)
     return {
         "identical": not differing,
         "agrees": same_positions and difference <= tolerance,
@@ -155,7 +156,9 @@ def _difference(old: Any, new: Any) -> float:
     """Return the relative L2 difference of two run-views; infinity where they do not fit."""
     import numpy as np
 
+    # Ground that no scan has seen is NaN, and must be the same ground.
     if old.shape != new.shape or not np.array_equal(np.isnan(old), np.isnan(new)):
         return float("inf")
     change = np.linalg.norm(np.nan_to_num(new - old))
-    return float(change / np.linalg.norm(np.nan_to_num(old)))
+    size = np.linalg.norm(np.nan_to_num(old))
+    return float(change / size)

@@ -21,10 +21,10 @@ _PLAIN |= {"└": "+", "┘": "+", "→": ">"}
 
 @dataclass(frozen=True)
 class Mark:
-    """What is drawn at some places: a character, and its words in the legend."""
+    """What is drawn at some places: a character, and its label in the legend."""
 
     character: str
-    words: str
+    label: str
     places: pd.DataFrame  #: ``x``, ``y``, m
 
 
@@ -42,7 +42,8 @@ def road_lines(scored: Score, encoding: str | None = None) -> list[str]:
     lane = next(iter(scored.matched.lanes.values()))
     threshold = scored.point["threshold"]
     labels = scored.labels[scored.matched.alarm_lane == 0]
-    is_false = (labels["label"] == "false") & (labels["confidence"] >= threshold)
+    is_false = labels["label"] == "false"
+    is_false &= labels["confidence"] >= threshold
     targets = scored.outcomes[scored.matched.target_lane == 0]
     noun = scored.noun
     marks = [
@@ -59,24 +60,35 @@ def _drawn(lane: Lane, marks: list[Mark]) -> list[str]:
     """Return the road with its marks, driving to the right, and the legend."""
     width = lane.x_max - lane.x_min
     length = lane.y_max - lane.y_min
-    rows = round(_COLUMNS * width / length / _CHARACTER)
-    rows = min(max(rows, _LEAST_ROWS), _MOST_ROWS)
+    # Rows to scale; a long lane would have none, a square one more than a terminal shows.
+    rows_to_scale = round(_COLUMNS * width / length / _CHARACTER)
+    rows = min(max(rows_to_scale, _LEAST_ROWS), _MOST_ROWS)
     ground = [[" "] * _COLUMNS for _ in range(rows)]
     for mark in marks:
-        for place in mark.places.to_dict("records"):
-            row = _cell(place["x"] - lane.x_min, width, rows)
-            column = _cell(place["y"] - lane.y_min, length, _COLUMNS)
+        for mark_place in mark.places.to_dict("records"):
+            row = _cell(mark_place["x"] - lane.x_min, width, rows)
+            column = _cell(mark_place["y"] - lane.y_min, length, _COLUMNS)
             ground[row][column] = mark.character
     edge = "─" * _COLUMNS
-    lines = [f"┌{edge}┐", *(f"│{''.join(row)}│" for row in ground), f"└{edge}┘"]
-    legend = [f"{mark.character} {mark.words}" for mark in reversed(marks) if len(mark.places)]
-    scale = f"{width:.3g} m by {length:.3g} m of road, driving →"
-    return [*lines, "   ".join([*legend, scale])]
+    lines = [f"┌{edge}┐"]
+    for cells_of_row in ground:
+        cells = "".join(cells_of_row)
+        lines.append(f"│{cells}│")
+    lines.append(f"└{edge}┘")
+
+    legend = []
+    for mark in reversed(marks):
+        if len(mark.places):
+            legend.append(f"{mark.character} {mark.label}")
+    legend.append(f"{width:.3g} m by {length:.3g} m of road, driving →")
+    lines.append("   ".join(legend))
+    return lines
 
 
 def _cell(distance: float, extent: float, count: int) -> int:
     """Return the cell of a distance along an extent, m; what lies beyond is at the border."""
-    return min(max(int(count * distance / extent), 0), count - 1)
+    cell = int(count * distance / extent)
+    return min(max(cell, 0), count - 1)
 
 
 def _plain(line: str, characters: Mapping[str, str] = _PLAIN) -> str:

@@ -19,7 +19,28 @@ def run_options(
     note: Any = None,
     pass_cache: PathLike | None = None,
 ) -> RunOptions:
-    """Return the options of a run; what is None keeps its default."""
+    """Return the options of a run; what is None keeps its default.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes.
+    scheduler : str, optional
+        Address of a Dask scheduler.
+    max_memory : int or str
+        Memory of each process, such as "2GB".
+    track : Track, optional
+        Shows progress.
+    note : callable, optional
+        Takes a report of every piece of work that was done.
+    pass_cache : path, optional
+        Folder of backgrounds and run-views that other recipes share.
+
+    Returns
+    -------
+    RunOptions
+        The options.
+    """
     from flgpr.execution.workers import RunOptions
 
     reporting: dict[str, Any] = {}

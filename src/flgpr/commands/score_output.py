@@ -17,7 +17,19 @@ Files = Mapping[str, bytes | str]
 def write_score_files(folder: Path, files: Files, overwrite: bool = True) -> None:
     """Write files into a folder, one process after the other.
 
-    Without ``overwrite`` files that are there with other content are a FileExistsError.
+    Parameters
+    ----------
+    folder : Path
+        The folder, made if need be.
+    files : mapping of str to str or bytes
+        Content by name.
+    overwrite : bool
+        Whether files with other content may be replaced.
+
+    Raises
+    ------
+    FileExistsError
+        If files with other content are there and are not to be replaced.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with locked_folder(folder, wait=True):
@@ -30,10 +42,29 @@ def write_score_files(folder: Path, files: Files, overwrite: bool = True) -> Non
 
 
 def must_write(folder: Path, files: Files, overwrite: bool, last_file: str = "") -> bool:
-    """Return whether files must be written, or are all there; other content is a FileExistsError.
+    """Return whether files must be written, or are all there.
 
-    ``last_file`` names the file that is written last. Where it is missing, the others belong to no
-    score, or to one that was interrupted: they are written again, whatever they hold.
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    files : mapping of str to str or bytes
+        Content by name.
+    overwrite : bool
+        Whether files with other content may be replaced.
+    last_file : str
+        Name of the file that is written last. Where it is missing, the others belong to no score,
+        or to one that was interrupted: they are written again, whatever they hold.
+
+    Returns
+    -------
+    bool
+        Whether they must.
+
+    Raises
+    ------
+    FileExistsError
+        If files with other content are there and are not to be replaced.
     """
     if overwrite:
         return True

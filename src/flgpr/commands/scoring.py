@@ -167,16 +167,17 @@ def score_result(
     target = score_folder(result_folder) if output is None else Path(output)
     other_objects = None if objects is None else read_table(objects, "objects")
 
-    rules = {"halo": result.recipe.score.halo, "far": far}
+    halo = result.recipe.score.halo
+    rules = {"halo": halo, "far": far}
     entrant = find_entrant(result_folder, recipe)
     lane_borders = borders(result.lane)
+    # After all that may be wrong: the opening is entered in the register.
     targets, [provenance] = open_truth(
         truth, [entrant], lane_borders, rules, register, truth_reading
     )
-    tell_doubts(targets, "truth", Path(truth).name, result.lane)
-    targets, outside = targets_in_reach(
-        targets, result.lane, result.recipe.score.halo, Path(truth).name
-    )
+    truth_name = Path(truth).name
+    tell_doubts(targets, "truth", truth_name, result.lane)
+    targets, outside = targets_in_reach(targets, result.lane, halo, truth_name)
     provenance |= outside
     if card is not None:
         provenance |= card.notes(0, entrant)
@@ -196,8 +197,13 @@ def score_result(
             files |= score_files(of_frames, provenance, title=of_frames[0].title)
         else:
             files |= score_files(
-                of_lane, provenance, result=result, objects=other_objects, sections=pages
+                of_lane,
+                provenance,
+                result=result,
+                objects=other_objects,
+                sections=pages,
             )
+    # The viewer shows a lane in one piece, and its alarms, whatever the report is of.
     if is_one_piece:
         files[VIEW_SCORE] = view_score(result, of_lane, other_objects)
 
@@ -221,7 +227,9 @@ def _read_result(folder: Path, lane_folders: Sequence[Path]) -> Result:
 def _add_to_result(folder: Path, files: Mapping[str, bytes | str], overwrite: bool) -> None:
     """Add the files of a score to the result itself, ``roc.json`` last."""
     ordered = with_last(files, "roc.json")
-    if must_write(folder, ordered, overwrite, last_file="roc.json") or not are_settled(folder):
+    has_other_files = must_write(folder, ordered, overwrite, last_file="roc.json")
+    # Where adding them was interrupted before, files may be old although they look complete.
+    if has_other_files or not are_settled(folder):
         add_files(folder, ordered)
 
 
@@ -259,8 +267,8 @@ def score_alarms(
 ) -> list[Score]:
     """Score an alarm list of any detector and write the report.
 
-    A list whose alarms rank equal has a single operating point, at its own false alarm rate: targets
-    count as found there, unless ``far`` is given.
+    A list whose alarms rank equal has a single operating point, at its own false alarm rate:
+    targets count as found there, unless ``far`` is given.
 
     Parameters
     ----------
@@ -309,21 +317,24 @@ def score_alarms(
     targets, [provenance] = open_truth(
         truth, [entrant], borders(lanes), entered, register, truth_reading
     )
-    tell_doubts(targets, "truth", Path(truth).name, lanes)
-    targets, outside = targets_in_reach(targets, lanes, score_rules.halo, Path(truth).name)
+    truth_name = Path(truth).name
+    tell_doubts(targets, "truth", truth_name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, score_rules.halo, truth_name)
     provenance |= outside
 
-    provenance |= _reading_notes(table, targets) | ranking_notes(table)
+    provenance |= _reading_notes(table, targets)
+    provenance |= ranking_notes(table)
     if card is not None:
         provenance |= card.notes(0, entrant)
     scored = score_list(table, targets, lanes, score_rules)
-    own_far = _only_far(table, scored)
-    if own_far and "far" not in rules:
-        far_max = max(score_rules.far_max, own_far)  # the figures reach the only point
-        own_rules = dataclasses.replace(score_rules, far=own_far, far_max=far_max)
-        scored = score_list(table, targets, lanes, own_rules)
+    only_far = _only_far(table, scored)
+    if only_far and "far" not in rules:
+        far_max = max(score_rules.far_max, only_far)  # the figures reach the only point
+        rules_of_point = dataclasses.replace(score_rules, far=only_far, far_max=far_max)
+        scored = score_list(table, targets, lanes, rules_of_point)
     scores = [scored]
-    write_score_files(Path(output), score_files(scores, provenance, title=title), overwrite)
+    files = score_files(scores, provenance, title=title)
+    write_score_files(Path(output), files, overwrite)
     return scores
 
 
@@ -429,12 +440,15 @@ def compare_alarms(
     scores = {}
     provenance_by_name = {}
     only_fars = set()
-    for number, (name, table, of_list) in enumerate(zip(names, tables, provenance, strict=True)):
+    lists = zip(names, entrants, tables, provenance, strict=True)
+    for number, (name, entrant, table, of_list) in enumerate(lists):
         scores[name] = score_list(table, targets, lanes, rules)
         only_fars.add(_only_far(table, scores[name]))
-        notes = of_list | outside | _reading_notes(table, targets) | ranking_notes(table)
+        notes = of_list | outside
+        notes |= _reading_notes(table, targets)
+        notes |= ranking_notes(table)
         if card is not None:
-            notes |= card.notes(number, entrants[number])
+            notes |= card.notes(number, entrant)
         provenance_by_name[name] = notes
 
     first_score = scores[names[0]]
@@ -492,16 +506,38 @@ def _common_lanes_and_rules(
 
 def _lane_and_halo(folder: Path) -> tuple[Lane, float]:
     """Return the lane of a result, or of one in sections, and its recipe's halo, m."""
-    first_result = read_result(results_at(folder)[0])
-    is_in_sections = Folder(folder).has(SECTIONS)
-    lane = read_sections(folder).lane() if is_in_sections else first_result.lane
+    first_folder = results_at(folder)[0]
+    first_result = read_result(first_folder)
+    lane = first_result.lane
+    if Folder(folder).has(SECTIONS):
+        lane = read_sections(folder).lane()
     return lane, first_result.recipe.score.halo
 
 
 def find_entrants(
     alarms: Sequence[PathLike], recipes: Sequence[PathLike], reading: TableReading | None = None
 ) -> list[Entrant]:
-    """Find the alarm lists that are compared; there is a recipe for each of them or none."""
+    """Find the alarm lists that are compared.
+
+    Parameters
+    ----------
+    alarms : sequence of path
+        Alarm lists (CSV) or result folders.
+    recipes : sequence of path
+        A recipe for each list, or none.
+    reading : TableReading, optional
+        Columns of the lists.
+
+    Returns
+    -------
+    list of Entrant
+        List, recipe and model of each.
+
+    Raises
+    ------
+    ValueError
+        If there are recipes, but not one for each list, or one does not fit its list.
+    """
     if recipes and len(recipes) != len(alarms):
         raise ValueError(
             f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists"
@@ -515,8 +551,9 @@ def find_entrants(
 def entrant_names(entrants: Sequence[Entrant]) -> list[str]:
     """Name alarm lists by file or result folder, or by full paths where those are equal."""
     paths = [entrant.path for entrant in entrants]
-    if len({path.resolve() for path in paths}) < len(paths):
-        listed = ", ".join(str(path) for path in paths)
+    different_files = {path.resolve() for path in paths}
+    if len(different_files) < len(paths):
+        listed = ", ".join(map(str, paths))
         raise ValueError(f"alarms must be different lists to be compared, got {listed}")
     short_names = []
     for entrant in entrants:
@@ -538,7 +575,30 @@ def write_comparison(
     overwrite: bool = True,
     lanes: Mapping[str, Lane] | None = None,
 ) -> None:
-    """Write the page and the JSON of a comparison; lanes that are secret are not given."""
+    """Write the page and the JSON of a comparison.
+
+    Parameters
+    ----------
+    output : path
+        The folder.
+    comparison : SideBySide
+        Points, pairs and means.
+    curves : mapping of str to pandas.DataFrame
+        ROC curves by list; empty where they are secret.
+    rules : mapping
+        Rules of the scores.
+    provenance : mapping
+        Provenance of every list.
+    overwrite : bool
+        Whether another comparison may be replaced.
+    lanes : mapping of str to Lane, optional
+        The lanes; none where they are secret.
+
+    Raises
+    ------
+    FileExistsError
+        If another comparison is there and is not to be replaced.
+    """
     files = {
         "comparison.html": comparison_html(comparison, curves, rules, provenance, lanes),
         "comparison.json": comparison_json(comparison, rules, provenance),

@@ -262,9 +262,33 @@ def compare_sealed(
 ) -> SideBySide:
     """Compare alarm lists against a sealed truth; each of them is a look.
 
-    Only points and counts of all targets are returned. Parameters are those of
-    :func:`score_sealed` and :func:`flgpr.commands.scoring.compare_alarms`; the files are those of
-    the latter.
+    Only points and counts of all targets are returned; the files are those of
+    :func:`flgpr.commands.scoring.compare_alarms`.
+
+    Parameters
+    ----------
+    alarms : sequence of path
+        Alarm lists (CSV) or result folders.
+    sealed : path
+        Sealed truth.
+    passphrase : str or callable
+        Passphrase, or a function that asks for it.
+    output : path
+        Folder of the page and ``comparison.json``.
+    log, witness, reading, card
+        As for :func:`score_sealed`.
+    recipes, register
+        As for :func:`flgpr.commands.scoring.compare_alarms`.
+
+    Returns
+    -------
+    SideBySide
+        Points of each list and differences of every two.
+
+    Raises
+    ------
+    ValueError
+        As :func:`flgpr.trials.score_blind`.
     """
     entrants = find_entrants(alarms, recipes, reading)
     check_registered(entrants, register)
@@ -279,9 +303,17 @@ def compare_sealed(
 
     matches = {}
     provenance = {}
-    for name, entrant, table, notes in zip(names, entrants, tables, stated, strict=True):
+    lists = zip(names, entrants, tables, stated, strict=True)
+    for name, entrant, table, notes in lists:
         registration = registration_of(entrant, register)
-        blind_look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
+        blind_look = match_blind(
+            table,
+            path,
+            phrase,
+            log,
+            registered=registration,
+            witness=witness,
+        )
         matches[name] = blind_look.matched
         provenance[name] = {
             **entrant.provenance(blind_look.line),
@@ -318,12 +350,33 @@ def holds_sealed_score(
 ) -> bool:
     """Return, before anybody looks, whether a folder has this very score against a sealed truth.
 
-    A folder with another score, one of other recipes in the register, or one of another version is
-    a FileExistsError.
+    Parameters
+    ----------
+    alarms : sequence of path
+        Alarm lists (CSV) or result folders.
+    sealed : path
+        Sealed truth.
+    output : path
+        The folder.
+    recipes : sequence of path
+        A recipe for each list, or none.
+    register : path or WitnessedRegister, optional
+        Register of the recipes.
+
+    Returns
+    -------
+    bool
+        Whether it has; False where there is no score.
+
+    Raises
+    ------
+    FileExistsError
+        If the score there is another one, of other recipes in the register, or of another version.
     """
     folder = Path(output)
     is_comparison = len(alarms) > 1
-    file = folder / ("comparison.json" if is_comparison else "roc.json")
+    name = "comparison.json" if is_comparison else "roc.json"
+    file = folder / name
     if not os.path.lexists(file):
         return False
 

@@ -225,6 +225,7 @@ def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:
             arguments[name] = value
     with ExitStack() as stack:
         if described.compiles_kernels:
+            # By another process, while this one reads the data: a first run waits for the compiler.
             from flgpr.kernels.ahead import compiled_beside
 
             stack.enter_context(compiled_beside())

@@ -88,9 +88,11 @@ def shell_type(annotation: Any) -> Any:
     """
     origin = get_origin(annotation)
     if origin in (Union, types.UnionType):
-        members = [member for member in get_args(annotation) if member is not type(None)]
+        all_members = get_args(annotation)
+        members = [member for member in all_members if member is not type(None)]
         chosen = _member_of_shell(members)
-        return chosen | None if len(members) < len(get_args(annotation)) else chosen
+        is_optional = len(members) < len(all_members)
+        return chosen | None if is_optional else chosen
     if origin in (Sequence, list):
         return list[shell_type(get_args(annotation)[0])]  # type: ignore[misc]
     return annotation

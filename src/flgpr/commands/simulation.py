@@ -41,8 +41,24 @@ PathLike = str | Path
 def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
     """Draw a scene from above and in section, before anything is simulated.
 
-    A scene that holds more than can be drawn in reasonable memory and time is a ValueError, unless
-    ``force`` is given.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    seed : int
+        Of everything random in it.
+    force : bool
+        Whether a scene is drawn that takes much memory and time.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    ValueError
+        If the scene holds more than can be drawn in reasonable memory and time.
     """
     preview = preview_scene(scene, seed, force)
     return scene_figure(
@@ -56,7 +72,24 @@ def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
 
 
 def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
-    """Draw a scene and write it as PNG."""
+    """Draw a scene and write it as PNG.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    seed : int
+        Of everything random in it.
+    path : path
+        PNG to write.
+    force : bool
+        As for :func:`preview_figure`.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+    """
     from flgpr.report import figure_png  # loads what pages are made with
 
     target = Path(path)

@@ -56,6 +56,11 @@ def make_slices(
     track : Track
         Shows progress.
 
+    Returns
+    -------
+    Slices
+        The slices.
+
     Raises
     ------
     ValueError

@@ -82,28 +82,37 @@ def register_survey(
 
     truth, offset = _read_sheet(sheet, planned, within)
     text = table_text(truth)
+    entry = _survey_entry(plan_line, offset, len(planned) - len(truth), text)
 
-    entry: Line = {"event": "survey"}
-    for name in ("plan", "lanes", "rules"):
-        if name in plan_line:
-            entry[name] = plan_line[name]
-    entry["moved"] = int((offset > 0).sum())
-    entry["largest_offset"] = round(float(offset.max()), 3)
-    entry["left_out"] = len(planned) - len(truth)
-    entry["truth"] = content_hash(text)
-
-    same = [line for line in lines if entry.items() <= line.items()]
-    if not same:
+    # The same survey may have been entered, and its truth be missing: it is written again.
+    earlier = [line for line in lines if entry.items() <= line.items()]
+    if not earlier:
         require_unopened(lines, too_late)
     write_new(Path(output), text)
-    if same:
-        return truth, same[-1]
+    if earlier:
+        return truth, earlier[-1]
 
     def entry_unless_opened(lines_now: list[Line]) -> Line:
         require_unopened(lines_now, too_late)
         return entry
 
     return truth, enter(path, entry_unless_opened)[-1]
+
+
+def _survey_entry(plan_line: Line, offset: NDArray[np.float64], left_out: int, text: str) -> Line:
+    """Return the register entry of a survey: its plan, how far targets lie off it, and the truth.
+
+    ``offset`` are the distances of the targets from the plan, m; ``text`` is the truth as written.
+    """
+    entry: Line = {"event": "survey"}
+    for name in ("plan", "lanes", "rules"):
+        if name in plan_line:
+            entry[name] = plan_line[name]
+    entry["moved"] = int((offset > 0).sum())
+    entry["largest_offset"] = round(float(offset.max()), 3)
+    entry["left_out"] = left_out
+    entry["truth"] = content_hash(text)
+    return entry
 
 
 def _entered_plan(lines: Sequence[Line], digest: str) -> Line | None:
@@ -122,12 +131,9 @@ def _read_sheet(
     with faults_of(path):
         filled_in = read_columns(path, "target_id", "lane", "emplaced", "remark")
         truth = _emplaced_targets(planned, filled_in, within)
-    planned_x = truth.pop("planned_x")
-    planned_y = truth.pop("planned_y")
-    offset = np.hypot(
-        truth["x"].to_numpy() - planned_x.to_numpy(), truth["y"].to_numpy() - planned_y.to_numpy()
-    )
-    return truth, offset
+    offset_x = (truth["x"] - truth.pop("planned_x")).to_numpy()
+    offset_y = (truth["y"] - truth.pop("planned_y")).to_numpy()
+    return truth, np.hypot(offset_x, offset_y)
 
 
 def _emplaced_targets(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.DataFrame:
@@ -160,9 +166,8 @@ def _target_keys(plan: pd.DataFrame, sheet: pd.DataFrame) -> list[tuple[str, ...
     names = _key_columns(plan)
     missing = [name for name in (*names, *CREW_COLUMNS[:-1]) if name not in sheet]
     if missing:
-        raise ValueError(
-            f"sheet must have the columns {', '.join(missing)}; got {', '.join(map(str, sheet))}"
-        )
+        columns = ", ".join(map(str, sheet))
+        raise ValueError(f"sheet must have the columns {', '.join(missing)}; got {columns}")
     return _keys_of(plan, names)
 
 

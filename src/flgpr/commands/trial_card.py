@@ -110,6 +110,11 @@ def day_of_score(folder: Path, report: str, overwrite: bool) -> str:
         Its JSON, "roc.json" or "comparison.json".
     overwrite : bool
         Whether the score is made anew.
+
+    Returns
+    -------
+    str
+        The day, ISO 8601.
     """
     today = datetime.now(UTC).date().isoformat()
     if overwrite or not (folder / report).is_file():

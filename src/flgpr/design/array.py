@@ -11,13 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
+from flgpr.design.grounds import GroundModel, ground_model
 from flgpr.design.point_spread import PointSpread, ground_plane
-from flgpr.design.signal_to_clutter import (
-    GroundModel,
-    Viewing,
-    expected_signal_to_clutter,
-    ground_model,
-)
+from flgpr.design.signal_to_clutter import Viewing, expected_signal_to_clutter
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
@@ -33,6 +29,8 @@ _REACH = 1.0  # m around a position from which its clutter is taken
 _CLUTTER_STEP = 0.15  # pixel of the clutter's image, m
 _MOST_PIXELS = 400  # of a response over the ground, along an axis
 _CORE = 2.5  # half-power widths around the peak that do not count as a lobe
+# Least distance of the maps, in heights: an image starts where the array looks down at 40°.
+_NEAREST = 1.2
 
 
 @dataclass(frozen=True)
@@ -89,6 +87,11 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     track : callable
         Shows the progress.
 
+    Returns
+    -------
+    Design
+        Maps and figures of the array.
+
     Raises
     ------
     ValueError
@@ -99,16 +102,19 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
         raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
     ground = ground_model(asked.site, rms_height=asked.rms_height)
     spread = PointSpread(sensor, asked.band, asked.window)
+
     x_min, x_max, y_min, y_max = sensor.footprint
-    near = max(y_min, 1.2 * sensor.height)
+    nearest = max(y_min, _NEAREST * sensor.height)
     x = np.linspace(max(x_min, -4.0), min(x_max, 4.0), 9)
-    y = np.linspace(near, y_max, 13)
+    y = np.linspace(nearest, y_max, 13)
     down = np.empty((y.size, x.size))
     cross = np.empty((y.size, x.size))
     pixels = list(np.ndindex(y.size, x.size))
     for i, j in track(pixels, f"{sensor.name}: resolution", len(pixels)):
-        down[i, j], cross[i, j] = spread.widths(np.array([x[j], y[i], 0.0]))
+        pixel = np.array([x[j], y[i], 0.0])
+        down[i, j], cross[i, j] = spread.widths(pixel)
     design = Design(sensor, _facts(sensor, spread), x, y, down, cross)
+
     middle = (x[0] + x[-1]) / 2
     distances = [float(y[k]) for k in (1, y.size // 2, y.size - 2)]
     for distance in track(distances, f"{sensor.name}: point spread", len(distances)):
@@ -116,6 +122,7 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
         design.close[distance] = _close_response(spread, source)
         design.responses[distance] = _ground_response(spread, source, sensor)
         design.lobes.append(_highest_lobe(spread, source, design.responses[distance]))
+
     _simulate_ratio(design, sensor, ground, asked, track)
     _set_expected(design, ground, asked)
     return design
@@ -168,10 +175,13 @@ def _set_expected(design: Design, ground: GroundModel, asked: Question) -> None:
 def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
     """Return the numbers of antennas and tones, and the ranges and angles that follow from them."""
     tx, rx = sensor.pairs()
+    # A pair acts like one antenna for both ways in the middle between its two.
     midpoints = np.unique(np.round((tx + rx)[:, 0] / 2, 6))
     gap = float(np.diff(midpoints).max()) if midpoints.size > 1 else 0.0
-    shortest = SPEED_OF_LIGHT / spread.tones[-1]
-    sine = shortest / (2 * gap) if gap > 0 else math.inf
+
+    # Two-way grating lobe: sin θ = λ/2d at the shortest wavelength; none where that is over one.
+    shortest_wavelength = SPEED_OF_LIGHT / spread.tones[-1]
+    sine = shortest_wavelength / (2 * gap) if gap > 0 else math.inf
     return {
         "transmitters": float(len(np.unique(tx, axis=0))),
         "receivers": float(len(np.unique(rx, axis=0))),
@@ -192,19 +202,22 @@ def _close_response(spread: PointSpread, source: FloatArray) -> Response:
     down, cross = spread.expected_widths(source)
     y = np.linspace(-5, 5, 161) * down
     x = np.linspace(-5, 5, 161) * cross
-    return y, x, _decibels(spread(ground_plane(x + source[0], y + source[1]), source))
+    points = ground_plane(x + source[0], y + source[1])
+    return y, x, _decibels(spread(points, source))
 
 
 def _ground_response(spread: PointSpread, source: FloatArray, sensor: Sensor) -> Response:
     """Return the response over the footprint to a point."""
     x_min, x_max, y_min, y_max = sensor.footprint
-    nearest = np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0])
+    # The response is narrowest at the nearest point: the step is set there.
+    nearest = np.array([0.0, max(y_min, _NEAREST * sensor.height), 0.0])
     down, cross = spread.expected_widths(nearest)
     rows = math.ceil((y_max - y_min) / (0.4 * down))
     columns = math.ceil((x_max - x_min) / (0.4 * cross))
     y = np.linspace(y_min, y_max, min(_MOST_PIXELS, rows))
     x = np.linspace(x_min, x_max, min(_MOST_PIXELS, columns))
-    return y, x, _decibels(spread(ground_plane(x, y), source))
+    points = ground_plane(x, y)
+    return y, x, _decibels(spread(points, source))
 
 
 def _highest_lobe(spread: PointSpread, source: FloatArray, response: Response) -> dict[str, float]:
@@ -216,6 +229,7 @@ def _highest_lobe(spread: PointSpread, source: FloatArray, response: Response) -
         down = expected_down
     if not math.isfinite(cross):
         cross = expected_cross
+
     core_rows = np.abs(y - source[1]) < _CORE * down
     core_columns = np.abs(x - source[0]) < _CORE * cross
     core = core_rows[:, None] & core_columns
@@ -248,13 +262,14 @@ def _simulate_ratio(
     band = {"band": asked.band or (float(tones[0]), float(tones[-1]))}
     design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
     design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
+
     clutter = _clutter(design, sensor, ground, asked, band)
+    shape = (design.ratio_y.size, design.ratio_x.size)
     steps = [(kind, column) for kind in KINDS for column in range(design.ratio_x.size)]
     for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
         x = float(design.ratio_x[column])
         peaks = _peaks(design, sensor, ground, asked, band, kind, x)
         for p, label in enumerate(copolar):
-            shape = (design.ratio_y.size, design.ratio_x.size)
             ratio = design.ratio.setdefault((kind, label), np.empty(shape))
             ratio[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
 
@@ -273,6 +288,7 @@ def _clutter(
     band: Band,
 ) -> FloatArray:
     """Return the mean power (polarization, y, x) of bare ground around positions of the ratio."""
+    # So far apart that no two looks share ground.
     apart = design.y[-1] + 60.0
     scene = _bare_scene(
         ground,
@@ -281,6 +297,7 @@ def _clutter(
         track={"positions": tuple(k * apart for k in range(_LOOKS))},
     )
     run = Simulator(scene, sensor, 1, errors=False).run()
+
     x_edges = (float(design.ratio_x[0] - _REACH), float(design.ratio_x[-1] + _REACH))
     y_edges = (float(design.ratio_y[0] - _REACH), float(design.ratio_y[-1] + _REACH))
     grid = Grid.spanning(x_edges, y_edges, _CLUTTER_STEP)
@@ -288,6 +305,7 @@ def _clutter(
     for image in ScanImager(run, grid, band, asked.window):
         scan_power.append(np.abs(image.values[:, 0]) ** 2)
     power = np.mean(scan_power, axis=0)
+
     clutter = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
     for i, j in np.ndindex(*clutter.shape[1:]):
         rows = np.abs(grid.y - design.ratio_y[i]) <= _REACH
@@ -318,12 +336,15 @@ def _peaks(
         track={"positions": tuple(far - float(y) for y in design.ratio_y)},
     )
     run = Simulator(scene, sensor, 1, errors=False).run(bodies=True)
-    peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
+
     narrowest = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross)))
     step = max(narrowest / 3, 0.01)
+    peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
     for scan, distance in enumerate(design.ratio_y):
+        # A buried mine appears behind its position: the wave is slower in the ground.
         y_edges = (float(distance) - 0.5, float(distance) + 0.8)
         grid = Grid.spanning((x - 0.5, x + 0.5), y_edges, step)
-        image = ScanImager(run.isel(scan=[scan]), grid, band, asked.window).image(0)
-        peaks[scan] = (np.abs(image.values[:, 0]) ** 2).max(axis=(1, 2))
+        imager = ScanImager(run.isel(scan=[scan]), grid, band, asked.window)
+        power = np.abs(imager.image(0).values[:, 0]) ** 2
+        peaks[scan] = power.max(axis=(1, 2))
     return peaks

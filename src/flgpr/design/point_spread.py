@@ -1,7 +1,4 @@
-"""Image of a point on the ground by an array that stands level.
-
-Its shape, its widths and the area of its cell.
-"""
+"""Image of a point on the ground by an array that stands level: shape, widths and cell area."""
 
 from __future__ import annotations
 
@@ -64,24 +61,41 @@ class PointSpread:
         weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
         if response is not None:
             weight = weight * np.asarray(response, dtype=np.float64)[chosen]
+
         up = np.array([0.0, 0.0, sensor.height])
         tx, rx = sensor.pairs()
         self.tx = tx + up
         self.rx = rx + up
+
+        # The sum over tones about the middle one, over one period of path. The first value is
+        # repeated at the end, for the interpolation.
         count = 1 << math.ceil(math.log2(_OVERSAMPLING * self.tones.size))
         middle = self.tones.size // 2
+        slots = (np.arange(self.tones.size) - middle) % count
         spectrum = np.zeros(count, complex)
-        spectrum[(np.arange(self.tones.size) - middle) % count] = weight
+        spectrum[slots] = weight
         self._table = np.append(np.fft.ifft(spectrum) * count, 0)
         self._table[-1] = self._table[0]
+
         self._period = SPEED_OF_LIGHT / sensor.tones.step
         self._carrier = float(self.tones[middle])
         self._peak = weight.sum() * len(tx)
 
     def paths(self, points: ArrayLike) -> FloatArray:
-        """Return the paths (pair, ...) from transmitter to points (..., 3) to receiver, m."""
+        """Return the lengths of the paths of all pairs over points.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like
+            Points, m.
+
+        Returns
+        -------
+        (pair, ...) ndarray
+            Lengths from transmitter to point to receiver, m.
+        """
         p = np.asarray(points, dtype=np.float64)
-        shape = (-1, *[1] * (p.ndim - 1), 3)
+        shape = (-1, *[1] * (p.ndim - 1), 3)  # antennas along an axis before those of the points
         outward = np.linalg.norm(p - self.tx.reshape(shape), axis=-1)
         back = np.linalg.norm(p - self.rx.reshape(shape), axis=-1)
         return np.asarray(outward + back, dtype=np.float64)
@@ -99,18 +113,32 @@ class PointSpread:
             The point, m.
         gain : (pair, ...) ndarray of float, optional
             Amplitude of each pair's contribution; one by default.
+
+        Returns
+        -------
+        (...) ndarray
+            Amplitude.
         """
         p = np.asarray(points, dtype=np.float64)
         source_paths = self.paths(np.asarray(source, dtype=np.float64))
         total = np.zeros(p.shape[:-1], complex)
-        for pair, (tx, rx, own_path) in enumerate(zip(self.tx, self.rx, source_paths, strict=True)):
-            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - own_path
-            index = path / self._period % 1.0 * (self._table.size - 1)
-            cell = np.minimum(index.astype(np.intp), self._table.size - 2)
-            value = self._table[cell] + (index - cell) * (self._table[cell + 1] - self._table[cell])
-            value = value * np.exp(2j * np.pi * (self._carrier / SPEED_OF_LIGHT * path % 1.0))
+        antennas = zip(self.tx, self.rx, source_paths, strict=True)
+        for pair, (tx, rx, source_path) in enumerate(antennas):
+            outward = np.linalg.norm(p - tx, axis=-1)
+            back = np.linalg.norm(p - rx, axis=-1)
+            longer = outward + back - source_path
+            value = self._sum_over_tones(longer)
             total += value if gain is None else gain[pair] * value
         return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
+
+    def _sum_over_tones(self, longer: FloatArray) -> NDArray[np.complex128]:
+        """Return ``Σ_f w(f)·exp(+j2πfd/c)`` for differences d of paths, m, from the table."""
+        index = longer / self._period % 1.0 * (self._table.size - 1)
+        cell = np.minimum(index.astype(np.intp), self._table.size - 2)
+        first = self._table[cell]
+        envelope = first + (index - cell) * (self._table[cell + 1] - first)
+        turns = self._carrier / SPEED_OF_LIGHT * longer % 1.0
+        return np.asarray(envelope * np.exp(2j * np.pi * turns))
 
     def cell_area(self, source: ArrayLike, beam: Beam | None = None) -> float:
         """Return the area of the resolution cell at a point of the ground, m²: ``∫|spread|² dA``.
@@ -127,6 +155,11 @@ class PointSpread:
             Returns the amplitude (pair, point) with which each pair sees points (point, 3). With
             None all points count alike, so that grating lobes far to the side count as in image
             formation.
+
+        Returns
+        -------
+        float
+            Area, m².
         """
         centre = np.asarray(source, dtype=np.float64)
         down, cross = self.expected_widths(centre)
@@ -134,10 +167,13 @@ class PointSpread:
         x = np.arange(x_min, x_max, min(_CELL_STEP * cross, (x_max - x_min) / 50))
         y = np.arange(y_min, y_max, _CELL_STEP * down)
         points = ground_plane(x, y).reshape(-1, 3)
+
         middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
         slant = np.linalg.norm(points - middle, axis=1)
+        source_slant = np.linalg.norm(centre - middle)
         range_cell = SPEED_OF_LIGHT / (2 * np.ptp(self.tones))
-        points = points[np.abs(slant - np.linalg.norm(centre - middle)) < _CELL_REACH * range_cell]
+        points = points[np.abs(slant - source_slant) < _CELL_REACH * range_cell]
+
         if beam is None:
             amplitude = self(points, centre)
         else:
@@ -148,14 +184,23 @@ class PointSpread:
     def expected_widths(self, source: FloatArray) -> tuple[float, float]:
         """Return rough widths down-range and cross-range, m.
 
-        ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``.
+        They are ``c/(2B·sinθ)``, with θ the angle of incidence on the ground, and
+        ``λR/(D_t + D_r)``, with D the lengths of the arrays.
+
+        Parameters
+        ----------
+        source : (3,) ndarray
+            Point of the ground, m.
         """
         middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
         slant = float(np.linalg.norm(source - middle))
         ground = float(np.hypot(*(source - middle)[:2]))
         down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
+
+        # At least 5 cm: a single pair has no aperture, and its image no width across.
         aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
-        cross = SPEED_OF_LIGHT / self.tones.mean() * slant / aperture
+        wavelength = SPEED_OF_LIGHT / self.tones.mean()
+        cross = wavelength * slant / aperture
         return float(down), float(cross)
 
     def widths(self, source: ArrayLike) -> tuple[float, float]:
@@ -178,7 +223,17 @@ class PointSpread:
 def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
     """Return the full width between the first half-power points on both sides of offset zero.
 
-    The points are interpolated linearly. The width is NaN where a side does not fall to half power.
+    Parameters
+    ----------
+    offset : (n,) ndarray
+        Increasing positions, the middle one zero.
+    amplitude : (n,) ndarray
+        Amplitudes relative to the peak, interpolated linearly.
+
+    Returns
+    -------
+    float
+        Width in units of the offset; NaN where a side does not fall to half power.
     """
     middle = offset.size // 2
     level = math.sqrt(0.5)

@@ -111,15 +111,30 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 def class_moments(
     X: FloatArray, label: NDArray[Any], weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute the weighted means of the classes 0 and 1 and the within-class scatter S_w.
+    """Compute the weighted means of two classes and their within-class scatter.
 
-    S_w is Eq. 21 of Wang et al. 2007.
+    Parameters
+    ----------
+    X : (sample, feature) ndarray
+        Features.
+    label : (sample,) ndarray
+        Classes, 0 or 1.
+    weight : (sample,) ndarray
+        Weights of the samples.
+
+    Returns
+    -------
+    means : (2, feature) ndarray
+        Means of the classes.
+    scatter : (feature, feature) ndarray
+        S_w of Wang et al. 2007, Eq. 21.
     """
     mean_0 = np.average(X[label == 0], axis=0, weights=weight[label == 0])
     mean_1 = np.average(X[label == 1], axis=0, weights=weight[label == 1])
     means = np.stack([mean_0, mean_1])
     centred = X - means[label.astype(np.intp)]
-    return means, (centred * weight[:, None]).T @ centred / weight.sum()
+    weighted = centred * weight[:, None]
+    return means, weighted.T @ centred / weight.sum()
 
 
 def _solve(scatter: FloatArray, difference: FloatArray, rcond: float) -> FloatArray:
@@ -196,10 +211,14 @@ def hit_weights(
         return weights
     if not (np.isfinite(d[hit]).all() and (d[hit] >= 0).all()):
         raise ValueError("distance must be finite and not negative for every hit")
+
+    # w of Eq. 19: a hit's share of its target's weight.
     _, group = np.unique(hit_of[hit], return_inverse=True)
     proximity = np.exp(-((d[hit] / label_radius) ** 2))
-    share = proximity / np.bincount(group, proximity)[group]
-    weights[hit] = np.maximum(1, np.floor(w0 * factor[hit] * share + 0.5).astype(np.int64))
+    of_target = np.bincount(group, proximity)
+    share = proximity / of_target[group]
+    rounded = np.floor(w0 * factor[hit] * share + 0.5)
+    weights[hit] = np.maximum(1, rounded.astype(np.int64))  # Eq. 18
     return weights
 
 
@@ -260,8 +279,10 @@ def _knots(values: FloatArray, weight: FloatArray) -> FloatArray:
     if total > 1:
         level = np.arange(total) / max(total - 1, 1)
     b = ndtri(ndtr(-1.0) + level * (ndtr(1.0) - ndtr(-1.0)))
+    # Equal values share the mean of their b.
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
-    return np.stack([a, np.add.reduceat(b, start) / count])
+    mean_b = np.add.reduceat(b, start) / count
+    return np.stack([a, mean_b])
 
 
 def _follow(values: FloatArray, knots: FloatArray) -> FloatArray:

@@ -14,7 +14,29 @@ from flgpr.kernels.correlate import correlate_bank
 
 
 def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]:
-    """Return checked samples, real or complex, in double precision; a fit resets the features."""
+    """Return checked samples, real or complex, in double precision.
+
+    Scikit-learn's own check refuses complex numbers: their parts are checked one by one.
+
+    Parameters
+    ----------
+    estimator : BaseEstimator
+        Estimator that is fitted or used.
+    X : (n_samples, n_features) array_like
+        Samples.
+    reset : bool
+        Whether the estimator takes its number of features from these samples, as in a fit.
+
+    Returns
+    -------
+    (n_samples, n_features) ndarray
+        Samples, float64 or complex128.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit, or a value is not finite.
+    """
     if not np.iscomplexobj(np.asarray(X)):
         return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64))
     values = np.asarray(X, dtype=np.complex128)
@@ -27,7 +49,8 @@ def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]
 class LinearQuadraticForm:
     """Evaluate ``T(x) = Σ_j s_j |u_j^H x - o_j|² + 2 Re(b^H x) + k``.
 
-    This is Eq. 4 and 12 of Cosgrove et al. 2004.
+    These are Eq. 4 and 12 of Cosgrove et al. 2004. Unlike there, each projection has an offset, so
+    that the mean of a whitening needs no pass over the samples (:meth:`after`).
     """
 
     strength: NDArray[np.float64]  #: weights s_j, of either sign
@@ -50,7 +73,17 @@ class LinearQuadraticForm:
         return np.asarray(quadratic + linear + self.constant, dtype=np.float64)
 
     def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
-        """Return the form of raw samples y that equals this one at ``x = matrix (y - mean)``."""
+        """Return the form of raw samples y that equals this one at ``x = matrix (y - mean)``.
+
+        With W the matrix and μ the mean, ``u^H x = (W^H u)^H y - (W^H u)^H μ``, and likewise for b.
+
+        Parameters
+        ----------
+        mean : (n_raw,) ndarray
+            Mean μ of the samples.
+        matrix : (n_features, n_raw) ndarray
+            Whitening W.
+        """
         vectors = self.vectors @ matrix.conj()
         linear = matrix.conj().T @ self.linear
         offset = self.offset + vectors.conj() @ mean
@@ -92,21 +125,24 @@ class LinearQuadraticForm:
             return value
         is_complex = np.iscomplexobj(image) or np.iscomplexobj(self.linear)
         dtype = np.complex64 if is_complex else np.float32
+
         # The total is finite only if all pixels are: the common case needs no mask.
         broken = None if np.isfinite(image.sum()) else ~np.isfinite(image).all(axis=0)
         finite = image if broken is None else np.where(broken, 0, image)
         inner = self._correlate(np.asarray(finite, dtype=dtype), shape)
-        value[v // 2 : v // 2 + inner.shape[0], u // 2 : u // 2 + inner.shape[1]] = inner
+        value[_around_middles(inner.shape, shape)] = inner
         if broken is None:
             return value
         return np.where(_chip_holds(broken, shape), np.nan, value)
 
     def _correlate(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
         """Return the values of all chips inside an image, by correlation with the vectors."""
-        scaled = self.vectors * np.sqrt(np.abs(self.strength))[:, None]
+        # The roots of the strengths go into the vectors; their signs are left for the sum.
+        root_strength = np.sqrt(np.abs(self.strength))
+        scaled = self.vectors * root_strength[:, None]
         bank = np.concatenate([scaled, self.linear[None]]).reshape(-1, image.shape[0], *shape)
         answer = correlate_bank(image, bank.astype(np.complex64))
-        shift = (self.offset * np.sqrt(np.abs(self.strength))).astype(np.complex64)
+        shift = (self.offset * root_strength).astype(np.complex64)
         value = np.float32(2) * answer[-1].real + np.float32(self.constant)
         for j in range(self.rank):
             projection = answer[j] - shift[j] if shift[j] else answer[j]
@@ -132,12 +168,33 @@ def hermitian_form(
 ) -> LinearQuadraticForm:
     """Return ``x^H A x + 2 Re(b^H x)`` by eigenvectors of A (Cosgrove et al. 2004, Eq. 9-12).
 
-    The ``rank`` largest eigenvalues are used, or the largest in magnitude; None uses all.
+    Parameters
+    ----------
+    A : (n, n) ndarray
+        Hermitian matrix.
+    b : (n,) ndarray
+        Linear part.
+    rank : int, optional
+        Number of largest eigenvalues that are used; None uses all.
+    by_magnitude : bool
+        Whether eigenvalues are compared by magnitude.
+
+    Returns
+    -------
+    LinearQuadraticForm
+        The form.
     """
     values, vectors = np.linalg.eigh(A)
     size = np.abs(values) if by_magnitude else values
     order = np.argsort(-size, kind="stable")[:rank]
-    return LinearQuadraticForm(values[order], vectors[:, order].T.copy(), b, np.zeros(order.size))
+    chosen = vectors[:, order].T.copy()
+    return LinearQuadraticForm(values[order], chosen, b, np.zeros(order.size))
+
+
+def _around_middles(inner: tuple[int, ...], shape: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the pixels of an image that are the middles of its chips, ``inner`` in number."""
+    v, u = shape
+    return slice(v // 2, v // 2 + inner[0]), slice(u // 2, u // 2 + inner[1])
 
 
 def _chip_holds(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -148,7 +205,7 @@ def _chip_holds(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np
     table[1:, 1:] = broken.cumsum(0).cumsum(1)
     count = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
     holds = np.zeros(broken.shape, dtype=bool)
-    holds[v // 2 : v // 2 + count.shape[0], u // 2 : u // 2 + count.shape[1]] = count > 0
+    holds[_around_middles(count.shape, shape)] = count > 0
     return holds
 
 

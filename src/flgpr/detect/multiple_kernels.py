@@ -135,6 +135,7 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             )
             machine.fit(kernels.weighted(weights), y)
             coefficients = machine.dual_coef_[0]
+            # A weight is in proportion to the norm of its kernel's share of the solution.
             norms = weights * kernels.norms(machine.support_, coefficients)
             # Without a single support vector there is nothing that a weight could add to.
             new_weights = norms / norms.sum() if norms.sum() > 0 else weights

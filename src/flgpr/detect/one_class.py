@@ -129,12 +129,16 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         self._set_scale(X)
         Z = self._prepared(X)
         target = np.ones(len(Z))
-        if self.formulation == "reference":
+        has_reference = self.formulation == "reference"
+        if has_reference:
             extra = self._prepared(self._reference(X))
             Z = np.vstack([Z, extra])
             target = np.append(target, np.zeros(len(extra)))
-        offset = float(np.log(self.p0 / (1 - self.p0))) if self.formulation == "offset" else 0.0
-        self._solve(Z, target, self.formulation == "reference", offset, None)
+        # Log odds of p0, which hold where a local kernel has died away.
+        offset = 0.0
+        if self.formulation == "offset":
+            offset = float(np.log(self.p0 / (1 - self.p0)))
+        self._solve(Z, target, has_reference, offset, None)
         self.offset_ = float(np.quantile(self.score_samples(X), self.reject))
         return self
 
@@ -150,6 +154,7 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
 
     def _reference(self, X: FloatArray) -> FloatArray:
         """Draw the reference points uniformly over the box."""
+        # The range of the mines, widened by half on either side.
         least = X.min(axis=0)
         greatest = X.max(axis=0)
         low = 1.5 * least - 0.5 * greatest

@@ -65,19 +65,40 @@ def fit_sparse(
 ) -> SparseFit:
     """Fit p(t = 1) = σ(Σ w_i φ_i + offset) with w_i ~ N(0, 1/α_i) and α maximising the evidence.
 
-    ``design`` is (sample, basis), ``target`` 0 or 1. "fast" adds and removes basis functions one by
-    one (Tipping & Faul 2003). The evidence has many local maxima, so it starts ``n_starts`` times,
-    once by the best single action at a time and else from different first functions, and exchanges
-    members of the best models; a ``start`` takes the place of all but the first. "ard" begins with
-    all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the
-    last digits of the precisions come from the fast ascent, no function entering.
+    The evidence has many local maxima. The model may be empty: then nothing is to be gained over
+    the offset alone.
 
-    ``rate`` is that of the exponential prior exp(-rate/(2α)) on the variances, which makes the
-    weights' priors Laplacian with scale 1/sqrt(rate); 0 is ARD, and "auto" takes the rate that
-    makes the variances of the ARD fit most likely. ``tol`` is the largest gain of log evidence by a
-    function's entering, and the largest change of log α, that is left; the change does not count
-    once 50 rounds of it gain less than a hundredth of ``tol``. The model may be empty: then nothing
-    is to be gained over the offset alone.
+    Parameters
+    ----------
+    design : (sample, basis) array_like
+        Basis functions φ at the samples.
+    target : (sample,) array_like
+        Labels t, 0 or 1.
+    offset : float
+        Log odds where all weights are zero.
+    algorithm : {"fast", "ard"}
+        "fast" adds and removes basis functions one by one (Tipping & Faul 2003). "ard" begins with
+        all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the
+        last digits of the precisions come from the fast ascent, no function entering.
+    rate : float or "auto"
+        Rate of the exponential prior exp(-rate/(2α)) on the variances, which makes the weights'
+        priors Laplacian with scale 1/sqrt(rate). 0 is ARD; "auto" takes the rate that makes the
+        variances of the ARD fit most likely.
+    n_starts : int
+        Number of starts of "fast": one by the best single action at a time, the others from
+        different first functions; members of the best models are exchanged.
+    start : SparseFit, optional
+        Model to begin with, in place of all starts but the first.
+    tol : float
+        Largest gain of log evidence by a function's entering, and largest change of log α, that is
+        left. The change does not count once 50 rounds of it gain less than a hundredth of ``tol``.
+    max_iter : int
+        Most iterations of a start.
+
+    Returns
+    -------
+    SparseFit
+        The model.
     """
     # Rows of basis functions, contiguous, because every sum over samples runs along them.
     rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
@@ -115,16 +136,32 @@ def fit_laplacian_map(
 ) -> SparseFit:
     """Fit p(t = 1) = σ(Σ w_i φ_i + offset) at the mode of the weights under a Laplacian prior.
 
-    The prior is p(w_i) = λ/2 · exp(-λ |w_i|).
-    The prior lies on the weights themselves, and its mode has weights that are exactly zero: that
-    is what keeps few. The posterior has one mode, wherever the search begins. ``rate`` is λ², as in
-    :func:`fit_sparse`, whose exponential prior on the variances is this prior once the variances
-    are integrated out.
+    The prior is p(w_i) = λ/2 · exp(-λ |w_i|). It lies on the weights themselves, and its mode has
+    weights that are exactly zero: that is what keeps few. The posterior has one mode, wherever the
+    search begins.
 
-    At the mode each weight that is not zero is also that of a normal prior with the precision
-    λ/|w_i|; ``alpha``, ``covariance`` and ``log_evidence`` are of these precisions. ``design`` is
-    (sample, basis), ``target`` 0 or 1. ``tol`` is the largest error of a weight's condition in
-    units of λ, ``max_iter`` how often a weight may enter. The model may be empty.
+    Parameters
+    ----------
+    design : (sample, basis) array_like
+        Basis functions φ at the samples.
+    target : (sample,) array_like
+        Labels t, 0 or 1.
+    offset : float
+        Log odds where all weights are zero.
+    rate : float
+        λ², as in :func:`fit_sparse`, whose exponential prior on the variances is this prior once
+        the variances are integrated out.
+    tol : float
+        Largest error of a weight's condition, in units of λ.
+    max_iter : int
+        How often a weight may enter.
+
+    Returns
+    -------
+    SparseFit
+        The model, which may be empty. At the mode each weight that is not zero is also that of a
+        normal prior with the precision λ/|w_i|; ``alpha``, ``covariance`` and ``log_evidence`` are
+        of these precisions.
     """
     rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
     t = np.ascontiguousarray(target, dtype=np.float64)
@@ -163,7 +200,9 @@ def _ascend(
     def penalised(fit: relevance.Ascent) -> float:
         return float(relevance.penalised(fit, rate))
 
-    fits = [relevance.ascend(*fixed, *relevance.climb(*fixed, max_iter), every, tol, max_iter)]
+    # The best single action at a time, and then all precisions together.
+    climbed = relevance.climb(*fixed, max_iter)
+    fits = [relevance.ascend(*fixed, *climbed, every, tol, max_iter)]
     if start is not None:
         fits.append(
             relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter)
@@ -199,10 +238,10 @@ def _exchange(
     best = fit
     while tried < len(best.active):
         number %= len(best.active)
-        others = np.arange(len(best.active)) != number
+        remaining = np.arange(len(best.active)) != number
         first = allowed.copy()
         first[best.active[number]] = False
-        start = (best.active[others], best.alpha[others], best.mean[others])
+        start = (best.active[remaining], best.alpha[remaining], best.mean[remaining])
         trial = relevance.ascend(*fixed, *start, first, tol, max_iter)
         iterations += trial.iterations
         rise = relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE
@@ -267,6 +306,7 @@ def _prune(
         iteration += 1
         posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
         mean = posterior.mean
+        # γ = 1 - αΣ: how well the examples determine a weight, from 0 to 1.
         determined = np.maximum(1 - alpha * np.diag(posterior.covariance), 1e-12)
         power = np.maximum(mean**2, 1e-300)
         new = (determined + np.sqrt(determined**2 + 4 * power * rate)) / (2 * power)
@@ -299,9 +339,19 @@ def _sorted(fit: relevance.Ascent, iterations: int, rate: float) -> SparseFit:
 
 
 def resolve_gamma(gamma: float | str, X: FloatArray) -> float:
-    """Return the width of a kernel.
+    """Return the width γ of a kernel.
 
-    It is a number, "scale" for 1 / (n_features · variance of X), or "auto" for 1 / n_features.
+    Parameters
+    ----------
+    gamma : float or {"scale", "auto"}
+        A number, "scale" for 1 / (n_features · variance of X), or "auto" for 1 / n_features.
+    X : (n_samples, n_features) ndarray
+        Samples.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
     """
     if gamma == "scale":
         variance = float(X.var())
@@ -316,11 +366,27 @@ def resolve_gamma(gamma: float | str, X: FloatArray) -> float:
 def evaluate_kernel(
     kernel: Kernel, X: FloatArray, centres: FloatArray, gamma: float, degree: float, coef0: float
 ) -> FloatArray:
-    """Evaluate K(x, centre) as (n, m); the kernel need not be a Mercer kernel, nor symmetric.
+    """Evaluate a kernel, which need not be a Mercer kernel, nor symmetric.
 
-    It is a name in ``KERNELS`` with the parameters of
-    :func:`sklearn.metrics.pairwise.pairwise_kernels`, or a function of two arrays (n, feature), (m,
-    feature). "precomputed" takes the values as ``X``.
+    Parameters
+    ----------
+    kernel : str or callable
+        A name in ``KERNELS``, a function of two arrays (n, feature) and (m, feature), or
+        "precomputed", which takes the values as ``X``.
+    X, centres : (n, feature), (m, feature) ndarray
+        Samples and centres.
+    gamma, degree, coef0 : float
+        Parameters of :func:`sklearn.metrics.pairwise.pairwise_kernels`.
+
+    Returns
+    -------
+    (n, m) ndarray
+        Values.
+
+    Raises
+    ------
+    ValueError
+        If the kernel is unknown, or a function returns another shape.
     """
     if callable(kernel):
         values = np.asarray(kernel(X, centres), dtype=np.float64)

@@ -351,6 +351,7 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
         If the folder holds what no work folder holds.
     """
     output = _output_of(folder)
+    content = canonical_json({"format": "flgpr-work", "version": 2, "job": job}) + b"\n"
     with naming_output(output):  # nobody has typed the name of the work folder
         folder.mkdir(exist_ok=True)
         with _locked(folder / _LOCK) as alone:
@@ -359,8 +360,7 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
                     f"{output}: another process is at work on it: wait until it is done, "
                     "or choose another output"
                 )
-            content = {"format": "flgpr-work", "version": 2, "job": job}
-            _prepare(folder, canonical_json(content) + b"\n")
+            _prepare(folder, content)
             checkpoint = Checkpoint(folder, most)
             checkpoint.drop_damaged()
             yield checkpoint

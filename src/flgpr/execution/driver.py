@@ -27,18 +27,16 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold, plan_sections, threads_within
 from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
-from flgpr.execution.finished import holds_result, is_done, is_whole
+from flgpr.execution.finished import is_done, keeps_result, whole_results
 from flgpr.execution.job import LaneJob
 from flgpr.execution.pass_cache import PassCache
 from flgpr.execution.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.execution.workers import Executor, OnReport, Report, ignore_report
 from flgpr.model import Lane
-from flgpr.results.result import check_free, read_result_manifest
-from flgpr.results.sections import results_at, section_names, write_sections
-from flgpr.store import lane_text, open_run, write_table
-from flgpr.store.files import listed_files, replace_folder, write_whole
+from flgpr.results.sections import join_results, section_names
+from flgpr.store import open_run
+from flgpr.store.files import replace_folder
 from flgpr.store.outputs import OVERWRITE, log_finished
-from flgpr.store.tables import parse_own_table
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,7 @@ class LanePlan:
 
     lane: LaneSetup  #: the lane, which reads the results of passes in the job's work folder
     sections: list[Section]  #: that it is taken in; one for a lane in one piece
+    folders: list[Path]  #: the result folder of each section
     threads: int  #: of a process that may take blocks at once
 
 
@@ -57,6 +56,7 @@ def detect_lane(
     note: OnReport = ignore_report,
     longest: float | None = None,
     overwrite: bool = True,
+    label: str = "",
 ) -> list[Path]:
     """Run a recipe on a stored lane, block by block.
 
@@ -79,6 +79,8 @@ def detect_lane(
     overwrite : bool
         Whether another result is overwritten. Otherwise a whole result of this job and version is
         left as it is.
+    label : str
+        What stands before the titles of the passes where progress is shown.
 
     Returns
     -------
@@ -92,17 +94,17 @@ def detect_lane(
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
-    folder = check_free(job.folder)
     plan = plan_lane(job, longest)
-    if not overwrite and holds_result(job, plan.sections):
-        log_finished(folder, OVERWRITE)
-        return results_at(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    runner = PassRunner(executor, track, note, plan.threads)
+    if keeps_result(job, plan.sections, overwrite):
+        log_finished(job.folder, OVERWRITE)
+        return plan.folders
+    job.folder.parent.mkdir(parents=True, exist_ok=True)
+    runner = PassRunner(executor, track, note, plan.threads, label)
     if len(plan.sections) > 1:
-        return run_sections(job, plan.lane, plan.sections, runner)
-    run_lane(job, plan.lane, runner)
-    return [folder]
+        run_sections(job, plan, runner)
+    else:
+        run_lane(job, plan.lane, runner)
+    return plan.folders
 
 
 def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
@@ -120,7 +122,10 @@ def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
     threads = 1
     if lane.concurrent:
         threads = threads_within(sizes, lane.recipe, lane.lane, sections, job.max_memory)
-    return LanePlan(lane, sections, threads)
+    folders = [job.folder]
+    if len(sections) > 1:
+        folders = [job.folder / name for name in section_names(len(sections))]
+    return LanePlan(lane, sections, folders, threads)
 
 
 def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True) -> None:
@@ -142,12 +147,10 @@ def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
-    check_free(job.folder)
     recipe = parse_recipe(job.recipe)
     sizes = sizes_of(as_imaged(open_run(job.run, job.max_memory), recipe))
     sections = plan_sections(sizes, recipe, Lane(*job.lane), job.max_memory, longest)
-    if not overwrite:
-        holds_result(job, sections)
+    keeps_result(job, sections, overwrite)
 
 
 def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
@@ -183,8 +186,8 @@ def passes_of_lane(
     job = replace(job, explains=False)
     plan = plan_lane(job, math.inf)
     with begin_work(job) as work:
-        runner = PassRunner(executor, track, note, plan.threads)
-        runner.run(job, work, passes_to_run(job, plan.lane), label)
+        runner = PassRunner(executor, track, note, plan.threads, label)
+        runner.run(job, work, passes_to_run(job, plan.lane))
         yield plan.lane
 
 
@@ -228,13 +231,18 @@ class PassRunner:
         Takes a report of every piece of work that was done.
     threads : int
         How many threads of a process may take blocks at once.
+    label : str
+        What stands before all that progress is shown of, such as the name of a lane.
     """
 
-    def __init__(self, executor: Executor, track: Track, note: OnReport, threads: int) -> None:
+    def __init__(
+        self, executor: Executor, track: Track, note: OnReport, threads: int, label: str = ""
+    ) -> None:
         self.executor = executor
         self.track = track
         self.note = note
         self.threads = threads
+        self.label = label
 
     def run(
         self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun], label: str = ""
@@ -252,19 +260,21 @@ class PassRunner:
         label : str
             What stands before the titles of the passes where progress is shown.
         """
+        cache = PassCache(job)
         for planned in passes:
             if planned.name not in work:
-                self._run_pass(job, work, planned, label)
+                self._run_pass(job, work, cache, planned, label)
 
     def finish(self, job: LaneJob, label: str = "") -> None:
         """Write the result folder of a job whose passes are done."""
         done = self.executor.run(do_finish, [(job,)])
-        for report in self.track(done, f"{label}writing the result", 1):
+        for report in self.track(done, f"{self.label}{label}writing the result", 1):
             self.note(report)
 
-    def _run_pass(self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str) -> None:
+    def _run_pass(
+        self, job: LaneJob, work: Checkpoint, cache: PassCache, planned: PassToRun, label: str
+    ) -> None:
         """Do one pass: its blocks and then their merge, unless another recipe left its result."""
-        cache = PassCache(job)
         shared_name = cache.name_of(planned.name, planned.cache_key())
         if shared_name is not None:
             cost = cache.take(shared_name, work, planned.name)
@@ -287,20 +297,18 @@ class PassRunner:
         reports: list[Report] = []
         if not pieces:
             return reports
+        title = f"{self.label}{label}{planned.title}"
         with closing(self.executor.run(do_block, pieces, self.threads)) as done:
-            for report in self.track(done, label + planned.title, len(pieces)):
+            for report in self.track(done, title, len(pieces)):
                 self.note(report)
                 reports.append(report)
         return reports
 
 
-# A lane in sections: a folder with a result folder per section, ``alarms.csv`` with all alarms
-# ranked together, ``lane.toml``, and ``sections.json``, which lists them with their digests.
+# A lane in sections
 
 
-def run_sections(
-    job: LaneJob, lane: LaneSetup, sections: Sequence[Section], runner: PassRunner
-) -> list[Path]:
+def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
     """Take a lane in sections.
 
     First come the passes that all sections share, then the run-view of every section, and then,
@@ -310,52 +318,36 @@ def run_sections(
     ----------
     job : LaneJob
         The job of the lane.
-    lane : LaneSetup
-        The lane of the job.
-    sections : sequence of Section
-        Its sections.
+    plan : LanePlan
+        The lane of the job, its sections and their folders.
     runner : PassRunner
         Runs the passes.
-
-    Returns
-    -------
-    list of Path
-        The result folders of the sections, in their order.
     """
     gathering = job.folder.with_name(f"{job.name}.sections")
-    names = section_names(len(sections))
-    folders = [job.folder / name for name in names]
-    with work_until_done(job, sections) as shared:
+    names = [folder.name for folder in plan.folders]
+    section_jobs = []
+    for name, section in zip(names, plan.sections, strict=True):
+        output = str(gathering / name)
+        section_jobs.append(replace(job, output=output, section=section, shared=str(job.work)))
+
+    with work_until_done(job, plan.sections) as shared:
         stopped_after_last_step = (
-            "threshold" in shared
-            and not gathering.exists()
-            and is_whole(job)
-            and results_at(job.folder) == folders
+            "threshold" in shared and not gathering.exists() and whole_results(job) == plan.folders
         )
         if stopped_after_last_step:
-            return folders
+            return
 
         _prepare(gathering, names if len(shared) else ())
-        shared_passes = [item for item in passes_to_run(job, lane) if item.all_scans]
+        shared_passes = [item for item in passes_to_run(job, plan.lane) if item.all_scans]
         runner.run(job, shared, shared_passes)
-        section_jobs = _section_jobs(job, sections, gathering)
         if "threshold" not in shared:
-            threshold = _find_threshold(lane, section_jobs, runner)
+            threshold = _find_threshold(plan.lane, section_jobs, runner)
             shared["threshold"] = {"threshold": np.array(threshold)}
         threshold = float(shared["threshold"]["threshold"])
         for section_job in section_jobs:
-            _finish_section(lane, section_job, threshold, runner)
-        _bring_together(job, gathering, names)
-    return folders
-
-
-def _section_jobs(job: LaneJob, sections: Sequence[Section], gathering: Path) -> list[LaneJob]:
-    """Return the jobs of the sections, whose results are gathered in a folder."""
-    jobs = []
-    for name, section in zip(section_names(len(sections)), sections, strict=True):
-        output = str(gathering / name)
-        jobs.append(replace(job, output=output, section=section, shared=str(job.work)))
-    return jobs
+            _finish_section(plan.lane, section_job, threshold, runner)
+        join_results(gathering, names, Lane(*job.lane), job.lasting_identity)
+        replace_folder(gathering, job.folder)
 
 
 def _section_of(lane: LaneSetup, job: LaneJob, work: Checkpoint) -> LaneSetup:
@@ -415,26 +407,3 @@ def _prepare(gathering: Path, names: Sequence[str]) -> None:
             shutil.rmtree(path)
         else:
             path.unlink()
-
-
-def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None:
-    """Write the table of all alarms and the list of sections, and move all into place."""
-    tables = []
-    for name in names:
-        table = _alarms_of(gathering / name)
-        table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
-        tables.append(table)
-    # Columns of tables without rows would change the types of the others.
-    filled = [table for table in tables if len(table)] or tables[:1]
-    alarms = pd.concat(filled, ignore_index=True)
-    alarms = alarms.sort_values("confidence", ascending=False, kind="stable")
-    write_table(alarms, gathering / "alarms.csv")
-    write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
-    write_sections(gathering, names, job.lasting_identity)
-    replace_folder(gathering, job.folder)
-
-
-def _alarms_of(folder: Path) -> pd.DataFrame:
-    """Read the alarms of a result that is whole, and nothing else of it."""
-    files = listed_files(folder, read_result_manifest(folder))
-    return parse_own_table(files.read("alarms.csv"), "alarms", folder / "alarms.csv")

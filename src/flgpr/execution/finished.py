@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import flgpr
 from flgpr.chain.model import MODEL_FILE
 from flgpr.chain.sections import Section
-from flgpr.door import Folder
 from flgpr.execution.checkpoint import work_until_done
 from flgpr.execution.job import LaneJob
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.results.result import MODEL, Result, read_result
-from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.results.manifest import MANIFEST
+from flgpr.results.result import MODEL, check_free, read_result
+from flgpr.results.sections import SECTIONS, sections_at
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, output_exists_error
 
@@ -25,13 +26,14 @@ def is_done(job: LaneJob) -> bool:
 
     It must be of the same run, recipe, lane, model and rows, and no work on it may be left.
     """
-    return not job.work.exists() and is_whole(job)
+    return not job.work.exists() and bool(whole_results(job))
 
 
-def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
-    """Return whether the output of a job is whole, and delete what a kill left beside it.
+def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = False) -> bool:
+    """Return whether the output of a job is whole and stays, and refuse what must not be replaced.
 
-    Nothing there, or a result of this job that lacks its report, does not count as a result.
+    What a kill left beside a result that stays is deleted. Nothing there, or a result of this job
+    that lacks its report, does not count as a result.
 
     Parameters
     ----------
@@ -39,15 +41,18 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
         The job.
     sections : sequence of Section
         The sections that the lane is to be taken in.
+    overwrite : bool
+        Whether any result is replaced.
 
     Raises
     ------
     FileExistsError
-        If the output holds any other result.
+        If the output holds anything but a result, or another result that is not to be overwritten.
     """
-    if not any((job.folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+    check_free(job.folder)
+    if overwrite or not any((job.folder / name).is_file() for name in (MANIFEST, SECTIONS)):
         return False
-    manifests = _own_manifests(job)
+    manifests = list(_own_manifests(job).values())
     rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
     versions = {manifest["flgpr"] for manifest in manifests}
     if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
@@ -74,31 +79,33 @@ def _delete_leftovers(job: LaneJob) -> None:
             pass  # all of it is done
 
 
-def is_whole(job: LaneJob) -> bool:
-    """Return whether the output of a job is a whole result of it."""
+def whole_results(job: LaneJob) -> list[Path]:
+    """Return the folder of the whole result of a job, or those of its sections in order.
+
+    There is none if the result is not whole, lacks its report or was made of anything else.
+    """
     manifests = _own_manifests(job)
-    return bool(manifests) and not _lacks_report(job, manifests)
+    if not manifests or _lacks_report(job, list(manifests.values())):
+        return []
+    return list(manifests)
 
 
-def _own_manifests(job: LaneJob) -> list[dict[str, Any]]:
-    """Return the manifest of the whole result of a job, or those of its sections in order.
+def _own_manifests(job: LaneJob) -> dict[Path, dict[str, Any]]:
+    """Return the manifests of the whole result of a job, or of its sections in order, by folder.
 
     There is none if the result is not whole or was made of anything else.
     """
-    manifests = []
     try:
-        if Folder(job.folder).has(SECTIONS):
-            sections = read_sections(job.folder)
-            if sections.identity == job.lasting_identity:
-                for folder in sections.homes:
-                    manifests.append(read_result(folder).manifest)
-        else:
-            result = read_result(job.folder)
-            if _is_result_of(job, result):
-                manifests.append(result.manifest)
+        sections = sections_at(job.folder)
+        if sections is None:
+            manifest = read_result(job.folder).manifest
+            return {job.folder: manifest} if _is_result_of(job, manifest) else {}
+        if sections.identity != job.lasting_identity:
+            return {}
+        # One at a time, as a result holds its run-views.
+        return {folder: read_result(folder).manifest for folder in sections.homes}
     except ResultError:
-        return []
-    return manifests
+        return {}
 
 
 def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
@@ -108,12 +115,11 @@ def _lacks_report(job: LaneJob, manifests: Sequence[Mapping[str, Any]]) -> bool:
     return None in manifests[0]["added"].get("report.html", [None])
 
 
-def _is_result_of(job: LaneJob, result: Result) -> bool:
+def _is_result_of(job: LaneJob, manifest: Mapping[str, Any]) -> bool:
     """Return whether a result was made of what a job names, with a report or without."""
-    manifest = result.manifest
     identity = job.identity
     section = manifest.get("section", {})
-    lane = result.lane
+    lane = Lane(**manifest["lane"])
     if job.section is not None:
         # The lane of a section's result is its part of the whole lane.
         lane = Lane(**section.get("lane", manifest["lane"]))

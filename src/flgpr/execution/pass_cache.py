@@ -33,6 +33,8 @@ class PassCache:
     def __init__(self, job: LaneJob) -> None:
         self._job = job
         self._folder = Path(job.pass_cache)
+        self._results = Checkpoint(self._folder, job.largest)
+        self._reports = Folder(self._folder)
 
     def name_of(self, name: str, depends_on: Mapping[str, Any] | None) -> str | None:
         """Return the name that the result of a pass has in the cache.
@@ -64,9 +66,9 @@ class PassCache:
         Report or None
             What it cost the first job; None if the cache does not hold the result.
         """
-        if not work.take(Checkpoint(self._folder, self._job.largest), shared_name, name):
+        if not work.take(self._results, shared_name, name):
             return None
-        report: Report = Folder(self._folder).json(f"{shared_name}.json")
+        report: Report = self._reports.json(f"{shared_name}.json")
         return report | {"lane": self._job.name}
 
     def leave(
@@ -79,4 +81,4 @@ class PassCache:
             cost[entry] = sum(report[entry] for report in reports)
         cost["peak_bytes"] = max(report["peak_bytes"] for report in reports)
         write_whole(self._folder / f"{shared_name}.json", json.dumps(cost))
-        Checkpoint(self._folder, self._job.largest).take(work, name, shared_name)
+        self._results.take(work, name, shared_name)

@@ -15,13 +15,11 @@ from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any
 
-import pandas as pd
-
 from flgpr import system
 from flgpr.chain.engine import Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import Model, load_model, read_model, trained_on
+from flgpr.chain.model import load_model, read_model, trained_on
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.searched import searched_ground
 from flgpr.chain.sections import section_lane, section_note
@@ -201,22 +199,20 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
     ValueError
         If this process sees others, or the recipe does not fit.
     """
-    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
-        if read_manifest(path)["sha256"] != digest:
-            raise ValueError(
-                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
-                f"{path}"
-            )
-    work = Checkpoint(job.work, job.largest)
-    model = None if job.model is None else _model_of(job, job.model)
+    truth_data = _read_as_seen(job)
+    model = None if job.model is None else load_model(job.model, job.model_sha256)
+    truth = None if truth_data is None else parse_table(truth_data, "truth", job.truth[0])
+    recipe = parse_recipe(job.recipe)
+    run = open_run(job.run, job.max_memory)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
-    truth = _truth_of(job) if job.truth[0] else None
+    work = Checkpoint(job.work, job.largest)
+    results = work.with_shared(job.shared)
     lane = LaneSetup(
-        run=open_run(job.run, job.max_memory),
-        recipe=parse_recipe(job.recipe),
+        run=run,
+        recipe=recipe,
         lane=Lane(*job.lane),
         model=model,
-        results=work.with_shared(job.shared),
+        results=results,
         section=job.section,
         others=others,
         truth=truth,
@@ -225,25 +221,26 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
     return lane, work
 
 
-def _model_of(job: LaneJob, folder: str) -> Model:
-    """Load the model of a job."""
-    if sha256(read_model(folder)) != job.model_sha256:
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the model of the driver, got another at "
-            f"{folder}"
-        )
-    return load_model(folder, job.model_sha256)
+def _read_as_seen(job: LaneJob) -> bytes | None:
+    """Refuse files that are not those that the driver saw; return those of the truth, if any."""
+    seen = [("run", job.run, read_manifest(job.run)["sha256"], job.store_sha256)]
+    for name, path, digest in job.others:
+        seen.append((name, path, read_manifest(path)["sha256"], digest))
+    if job.model is not None:
+        seen.append(("model", job.model, sha256(read_model(job.model)), job.model_sha256))
+    truth_path, truth_digest = job.truth
+    truth_data = None
+    if truth_path:
+        truth_data = read_named(truth_path)
+        seen.append(("truth", truth_path, sha256(truth_data), truth_digest))
 
-
-def _truth_of(job: LaneJob) -> pd.DataFrame:
-    """Read the targets of a training lane."""
-    path, digest = job.truth
-    data = read_named(path)
-    if sha256(data) != digest:
-        raise ValueError(
-            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
-        )
-    return parse_table(data, "truth", path)
+    for name, path, actual, expected in seen:
+        if actual != expected:
+            raise ValueError(
+                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
+                f"{path}"
+            )
+    return truth_data
 
 
 # Reports

@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from flgpr.chain.progress import Track
 from flgpr.chain.recipe import parse_recipe
 from flgpr.door import read_named
 from flgpr.execution.driver import check_job, detect_lane
@@ -96,8 +95,8 @@ def detect_survey(
         log_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
-        track = _labelled(options.track, job.name)
-        detect_lane(job, executor, track, options.note, section, overwrite)
+        label = f"{job.name}: "
+        detect_lane(job, executor, options.track, options.note, section, overwrite, label)
 
     with executor:
         if at_once == 1:
@@ -214,12 +213,3 @@ def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str
             }
         )
     return rows
-
-
-def _labelled(track: Track, name: str) -> Track:
-    """Return what shows progress with the name of a lane before its labels."""
-
-    def labelled(items: Any, label: str, total: int) -> Any:
-        return track(items, f"{name}: {label}", total)
-
-    return labelled

@@ -111,6 +111,9 @@ class FeatureSums:
         self._index = alarms.index
         self._centres = ground_points(alarms)
         self._coherent = self._polarimetric_bands()
+
+        # Eq. 7, 8 and 11 to 17 are means over scans: numerators by feature, and denominators under
+        # the names HH and VV (of the peaks) and weight (of the polarimetric values).
         shape = (len(alarms), len(self.subbands))
         sums = ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")
         angles = ("P_H", "P_alpha", "P_tau", "P_psi", "weight")
@@ -157,6 +160,7 @@ class FeatureSums:
         statistics = np.concatenate([scan.statistics for scan in samples])
         patch = np.concatenate([scan.patch for scan in samples], axis=2)
         has_patch = np.concatenate([scan.has_patch for scan in samples])
+
         self._add_incoherent(alarm, statistics)
         weight = statistics[has_patch, self._hh, self._coherent, PEAK]
         self._add_coherent(alarm[has_patch], weight, patch)
@@ -186,9 +190,17 @@ class FeatureSums:
         self._scans[row] += state["scans"]
 
     def psi(self, mean: Literal["circular", "linear"]) -> FloatArray:
-        """Return P_psi (alarm, subband), rad, by a mean of directions or of numbers.
+        """Return P_psi by a mean of directions or of numbers.
 
-        It is NaN where no scan counts.
+        Parameters
+        ----------
+        mean : {"circular", "linear"}
+            Mean of directions, modulo 180°, or of numbers as in the paper (Eq. 17).
+
+        Returns
+        -------
+        (alarm, subband) ndarray
+            P_psi, rad; NaN where no scan counts.
         """
         weight = self._angle["weight"]
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -230,9 +242,12 @@ class FeatureSums:
         local = lane_to_scan(self._centres, pose)[:, :2]
         row = (local[:, 1] - grid.y_min) / grid.dy
         column = (local[:, 0] - grid.x_min) / grid.dx
-        in_reach = (local[:, 1] <= self.settings.y_max) & (row >= 0) & (row <= grid.ny - 1)
+        in_reach = local[:, 1] <= self.settings.y_max
+        in_reach &= (row >= 0) & (row <= grid.ny - 1)
         in_reach &= (column >= 0) & (column <= grid.nx - 1)
         alarm = np.flatnonzero(in_reach)
+
+        # A patch whose inner region leaves the image has no statistics, and does not count.
         statistics = self._statistics(magnitude, row[alarm], column[alarm])
         known = np.isfinite(statistics).all(axis=(1, 2, 3))
         alarm = alarm[known]
@@ -258,11 +273,16 @@ class FeatureSums:
         The patches are (polarization, subband, alarm, y, x). They are not interpolated: the phase
         turns by up to a cycle from pixel to pixel.
         """
-        half = _WINDOW // 2
-        nx, ny = (n // 2 + half for n in self.settings.inner)
+        # Half of a patch: the inner region, and the window of <·> about its outermost pixels.
+        half_window = _WINDOW // 2
+        inner_x, inner_y = self.settings.inner
+        nx = inner_x // 2 + half_window
+        ny = inner_y // 2 + half_window
+
         y = np.rint(row).astype(np.intp)
         x = np.rint(column).astype(np.intp)
-        fits = (y - ny >= 0) & (y + ny < self.grid.ny) & (x - nx >= 0) & (x + nx < self.grid.nx)
+        fits = (y - ny >= 0) & (y + ny < self.grid.ny)
+        fits &= (x - nx >= 0) & (x + nx < self.grid.nx)
         rows = y[fits, None, None] + np.arange(-ny, ny + 1)[:, None]
         columns = x[fits, None, None] + np.arange(-nx, nx + 1)
         return coherent[:, self._coherent, rows, columns], fits
@@ -292,7 +312,8 @@ class FeatureSums:
         hv = patch[self._hv].astype(np.complex128)
         vv = patch[self._vv].astype(np.complex128)
         inner = (Ellipsis, slice(half, -half), slice(half, -half))
-        H, alpha = entropy_alpha_of(_valid_mean(coherency(hh, hv, vv), _WINDOW))  # Eq. 10
+        mean_coherency = _valid_mean(coherency(hh, hv, vv), _WINDOW)  # Eq. 10
+        H, alpha = entropy_alpha_of(mean_coherency)
         tau, psi = cameron(hh[inner], hv[inner], vv[inner])  # Eq. 13 to 15
 
         def add(total: NDArray[Any], value: NDArray[Any]) -> None:
@@ -321,8 +342,9 @@ def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex
     """Average over the windows of ``size`` pixels that lie wholly in (..., y, x, 3, 3)."""
     ny = matrix.shape[-4] - size + 1
     nx = matrix.shape[-3] - size + 1
-    down = np.sum([matrix[..., i : i + ny, :, :, :] for i in range(size)], axis=0)
-    across: NDArray[np.complex128] = np.sum(
-        [down[..., i : i + nx, :, :] for i in range(size)], axis=0
-    )
+    # A square window is a sum along y of sums along x.
+    shifted_rows = [matrix[..., i : i + ny, :, :, :] for i in range(size)]
+    down = np.sum(shifted_rows, axis=0)
+    shifted_columns = [down[..., i : i + nx, :, :] for i in range(size)]
+    across: NDArray[np.complex128] = np.sum(shifted_columns, axis=0)
     return across / size**2

@@ -65,14 +65,14 @@ def learn_whitening(descriptors: FloatArray, directions: int) -> Whitening:
     return Whitening(mean, np.ascontiguousarray((vectors * scale).T))
 
 
-def learn_words(descriptors: FloatArray, words: int, seed: int) -> FloatArray:
-    """Return the words of a dictionary, the centres of k-means.
+def learn_words(descriptors: FloatArray, count: int, seed: int) -> FloatArray:
+    """Return the visual words of a dictionary, the centres of k-means.
 
     Parameters
     ----------
     descriptors : (n, direction) ndarray
         Examples, at least as many as words.
-    words : int
+    count : int
         Number of words.
     seed : int
         Of the centres that it begins with.
@@ -82,7 +82,7 @@ def learn_words(descriptors: FloatArray, words: int, seed: int) -> FloatArray:
     (word, direction) ndarray
         The words.
     """
-    means = KMeans(words, n_init=_STARTS, max_iter=_ROUNDS, random_state=seed)
+    means = KMeans(count, n_init=_STARTS, max_iter=_ROUNDS, random_state=seed)
     with threadpool_limits(1), warnings.catch_warnings():
         # Fewer different examples than words: some words are then the same.
         warnings.simplefilter("ignore", ConvergenceWarning)
@@ -116,8 +116,8 @@ def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture
     )
 
 
-def word_histograms(descriptors: FloatArray, words: FloatArray, parts: int) -> FloatArray:
-    """Return how often every word is the nearest one in each part of a patch.
+def word_histograms(descriptors: FloatArray, dictionary: FloatArray, divisions: int) -> FloatArray:
+    """Return how often every visual word is the nearest one in each part of a patch.
 
     That is the bag of visual words (Csurka, Dance, Fan, Willamowski & Bray, "Visual categorization
     with bags of keypoints", ECCV workshop on statistical learning in computer vision, 2004), of
@@ -128,9 +128,9 @@ def word_histograms(descriptors: FloatArray, words: FloatArray, parts: int) -> F
     ----------
     descriptors : (n, row, column, direction) ndarray
         Local descriptors of patches, on a grid.
-    words : (word, direction) ndarray
-        The dictionary.
-    parts : int
+    dictionary : (word, direction) ndarray
+        The words.
+    divisions : int
         Parts of a patch each way.
 
     Returns
@@ -139,10 +139,11 @@ def word_histograms(descriptors: FloatArray, words: FloatArray, parts: int) -> F
         Square roots of shares.
     """
     with blas_on_one_thread():
-        distance = (words**2).sum(axis=1) - 2 * descriptors @ words.T
+        # Squared distances, less the descriptors' own squares, which are alike for all words.
+        distance = (dictionary**2).sum(axis=1) - 2 * descriptors @ dictionary.T
     nearest = distance.argmin(axis=-1)
-    is_word = (nearest[..., None] == np.arange(len(words))).astype(np.float64)
-    shares = [part.mean(axis=-2) for part in split_grid(is_word, parts)]
+    is_word = (nearest[..., None] == np.arange(len(dictionary))).astype(np.float64)
+    shares = [block.mean(axis=-2) for block in split_grid(is_word, divisions)]
     return np.sqrt(np.stack(shares, axis=1))
 
 
@@ -155,7 +156,7 @@ def fisher_vectors(descriptors: FloatArray, mixture: Mixture) -> FloatArray:
 
     Parameters
     ----------
-    descriptors : (..., place, direction) ndarray
+    descriptors : (..., position, direction) ndarray
         Local descriptors.
     mixture : Mixture
         The Gaussians.
@@ -167,6 +168,8 @@ def fisher_vectors(descriptors: FloatArray, mixture: Mixture) -> FloatArray:
     """
     share = mixture.share[:, None]
     off = (descriptors[..., None, :] - mixture.mean) / mixture.deviation
+
+    # Posterior of every Gaussian; the largest density is taken out so that none overflows.
     log_density = np.log(mixture.share) - np.log(mixture.deviation).sum(axis=1)
     log_density = log_density - 0.5 * (off**2).sum(axis=-1)
     log_density -= log_density.max(axis=-1, keepdims=True)

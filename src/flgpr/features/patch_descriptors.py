@@ -23,7 +23,7 @@ LOCAL_BINS = 8
 """Directions of its histograms (Lowe 2004)."""
 
 
-def normalize_by_border(patches: NDArray[Any], seen: NDArray[np.bool_]) -> FloatArray:
+def normalize_by_border(patches: NDArray[Any], known: NDArray[np.bool_]) -> FloatArray:
     """Bring patches to zero mean and unit deviation of their borders.
 
     The border is what lies outside of the central half, both ways: there the ground is, not what
@@ -35,7 +35,7 @@ def normalize_by_border(patches: NDArray[Any], seen: NDArray[np.bool_]) -> Float
     ----------
     patches : (..., v, u) ndarray
         Magnitudes.
-    seen : (..., v, u) ndarray of bool
+    known : (..., v, u) ndarray of bool
         Which pixels have one; it is broadcast.
 
     Returns
@@ -47,16 +47,16 @@ def normalize_by_border(patches: NDArray[Any], seen: NDArray[np.bool_]) -> Float
     v, u = patches.shape[-2:]
     border = np.ones((v, u), dtype=bool)
     border[v // 4 : v - v // 4, u // 4 : u - u // 4] = False
-    border_seen = np.broadcast_to(seen & border, patches.shape)
-    count = border_seen.sum(axis=(-2, -1), keepdims=True)
-    values = np.where(seen, patches, 0.0).astype(np.float64)
+    known_border = np.broadcast_to(known & border, patches.shape)
+    count = known_border.sum(axis=(-2, -1), keepdims=True)
+    values = np.where(known, patches, 0.0).astype(np.float64)
 
-    mean = np.where(border_seen, values, 0.0).sum(axis=(-2, -1), keepdims=True)
+    mean = np.where(known_border, values, 0.0).sum(axis=(-2, -1), keepdims=True)
     mean = mean / np.maximum(count, 1)
-    squares = np.where(border_seen, (values - mean) ** 2, 0.0).sum(axis=(-2, -1), keepdims=True)
+    squares = np.where(known_border, (values - mean) ** 2, 0.0).sum(axis=(-2, -1), keepdims=True)
     deviation = np.sqrt(squares / np.maximum(count, 1))
     deviation = np.where(deviation > 0, deviation, 1.0)
-    return np.asarray(np.where(seen & (count > 0), (values - mean) / deviation, 0.0))
+    return np.asarray(np.where(known & (count > 0), (values - mean) / deviation, 0.0))
 
 
 def oriented_gradients(patches: FloatArray, bins: int, signed: bool) -> FloatArray:
@@ -86,7 +86,8 @@ def oriented_gradients(patches: FloatArray, bins: int, signed: bool) -> FloatArr
     direction = np.rad2deg(np.arctan2(along_v, along_u)) % turn
     number = np.minimum((direction * (bins / turn)).astype(np.int64), bins - 1)
     in_bin = number[..., None, :, :] == np.arange(bins)[:, None, None]
-    return np.asarray(np.where(in_bin, np.hypot(along_v, along_u)[..., None, :, :], 0.0))
+    magnitude = np.hypot(along_v, along_u)
+    return np.asarray(np.where(in_bin, magnitude[..., None, :, :], 0.0))
 
 
 def hog(patches: FloatArray, cell: int, block: int = 2, bins: int = 9) -> FloatArray:
@@ -168,12 +169,14 @@ def local_binary_patterns(patches: FloatArray) -> NDArray[np.int64]:
     offset = np.sqrt(0.5)  # of a neighbour on a diagonal, pixels
 
     def shifted(down: int, right: int) -> FloatArray:
+        """Return the pixel at an offset from every inner pixel."""
         return patches[..., 1 + down : v - 1 + down, 1 + right : u - 1 + right]
 
     def diagonal(down: int, right: int) -> FloatArray:
+        """Return the value one pixel away on a diagonal, bilinear between four pixels."""
         sides = shifted(down, 0) + shifted(0, right)
-        near = (1 - offset) ** 2 * centre + offset * (1 - offset) * sides
-        return np.asarray(near + offset**2 * shifted(down, right))
+        without_corner = (1 - offset) ** 2 * centre + offset * (1 - offset) * sides
+        return np.asarray(without_corner + offset**2 * shifted(down, right))
 
     neighbours = [
         shifted(0, 1),
@@ -190,14 +193,14 @@ def local_binary_patterns(patches: FloatArray) -> NDArray[np.int64]:
     return np.where(changes <= 2, bits.sum(axis=0), _NEIGHBOURS + 1)
 
 
-def lbp_histograms(patches: FloatArray, parts: int) -> FloatArray:
+def lbp_histograms(patches: FloatArray, divisions: int) -> FloatArray:
     """Return how often each local binary pattern is in each part of a patch.
 
     Parameters
     ----------
     patches : (..., v, u) ndarray
         Images.
-    parts : int
+    divisions : int
         Parts of a patch each way, as equal as pixels allow (Ahonen, Hadid & Pietikäinen, IEEE
         Trans. Pattern Analysis and Machine Intelligence 28(12), 2006).
 
@@ -208,23 +211,24 @@ def lbp_histograms(patches: FloatArray, parts: int) -> FloatArray:
     """
     codes = local_binary_patterns(patches)
     is_code = codes[..., None] == np.arange(LBP_CODES)
-    shares = [part.mean(axis=-2) for part in split_grid(is_code.astype(np.float64), parts)]
+    blocks = split_grid(is_code.astype(np.float64), divisions)
+    shares = [block.mean(axis=-2) for block in blocks]
     return np.stack(shares, axis=-2).reshape(*patches.shape[:-2], -1)
 
 
-def split_grid(values: FloatArray, parts: int) -> list[FloatArray]:
-    """Split what lies on a grid into parts each way, as equal as can be.
+def split_grid(values: FloatArray, divisions: int) -> list[FloatArray]:
+    """Split values on a grid into parts each way, as equal as can be.
 
     Parameters
     ----------
     values : (..., row, column, component) ndarray
-        What lies there.
-    parts : int
+        Values.
+    divisions : int
         Parts each way.
 
     Returns
     -------
-    list of (..., place, component) ndarray
+    list of (..., position, component) ndarray
         The parts, row after row.
 
     Raises
@@ -233,12 +237,14 @@ def split_grid(values: FloatArray, parts: int) -> list[FloatArray]:
         If the grid has fewer rows or columns than parts.
     """
     rows, columns = values.shape[-3:-1]
-    if min(rows, columns) < parts:
-        raise ValueError(f"grid must have {parts} places or more each way, got {rows} x {columns}")
+    if min(rows, columns) < divisions:
+        raise ValueError(
+            f"grid must have {divisions} places or more each way, got {rows} x {columns}"
+        )
     split = []
-    for of_rows in np.array_split(values, parts, axis=-3):
-        for part in np.array_split(of_rows, parts, axis=-2):
-            split.append(part.reshape(*part.shape[:-3], -1, part.shape[-1]))
+    for band in np.array_split(values, divisions, axis=-3):
+        for block in np.array_split(band, divisions, axis=-2):
+            split.append(block.reshape(*block.shape[:-3], -1, block.shape[-1]))
     return split
 
 

@@ -35,6 +35,7 @@ _SCENE_HALF = 10.0  # m, half the side of the scene that is taken where none is 
 _AHEAD = 10.0  # m, from an antenna on the ground to the centre of that scene
 _LARGEST_MOTION = 1e-3  # m, of antennas in an array that keeps its form
 _UNEVEN = 1e-6  # share of a step by which tones may differ
+_SWATH = 0.4  # of the unambiguous delay, to either side of the reference point
 
 
 class _Channel(NamedTuple):
@@ -84,24 +85,19 @@ def write_cphd(
     scene = scene or _scene_ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
     time = _times(run)
-    names = []
     signals = {}
     vectors = {}
     for number, label in enumerate(run["polarization"].values):
         for pair in range(run.sizes["pair"]):
             name = f"{pair}_{label}"
-            names.append(name)
             signals[name], vectors[name] = _channel(run, pair, number, time, anchor, center)
 
+    names = list(signals)
     with _without_sarkits_warnings():
         tree = metadata_tree(run, names, vectors, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
-    records = {}
-    for name in names:
-        records[name] = np.zeros(len(time), dtype)
-        for parameter, values in vectors[name].items():
-            records[name][parameter] = values
+    records = {name: _vector_records(vectors[name], dtype, len(time)) for name in names}
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, records[names[0]])
@@ -116,6 +112,14 @@ def write_cphd(
             writer.write_signal(name, signals[name])
             writer.write_pvp(name, records[name])
     return path
+
+
+def _vector_records(vectors: Vectors, dtype: np.dtype[Any], scans: int) -> NDArray[Any]:
+    """Return the records (scan,) of a channel's vectors; parameters that it lacks are 0."""
+    records = np.zeros(scans, dtype)
+    for parameter, values in vectors.items():
+        records[parameter] = values
+    return records
 
 
 def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
@@ -230,16 +234,18 @@ def _channel(
     rx = vehicle_to_lane(run["rx_position"].values[pair, None], pose)[:, 0]
     range_tx = np.linalg.norm(tx - center, axis=1)
     range_rx = np.linalg.norm(rx - center, axis=1)
+    path = range_tx + range_rx
 
     valid = run["valid"].values[:, polarization, pair]
     signal = run["signal"].values[:, polarization, pair]
-    compensated = lengthen(signal, frequency, -(range_tx + range_rx))
+    compensated = lengthen(signal, frequency, -path)
     signal = np.where(valid[:, None], compensated, 0).astype(np.complex64)
 
     step = float((frequency[-1] - frequency[0]) / (frequency.size - 1))
     scans = len(pose)
     velocity_tx = _velocity(tx, time)
     velocity_rx = _velocity(rx, time)
+    # The rate of the mean of both ranges, from which CPHD has aFDOP.
     closing = np.zeros(scans)
     closing += _along(velocity_tx, tx - center, range_tx)
     closing += _along(velocity_rx, rx - center, range_rx)
@@ -249,7 +255,7 @@ def _channel(
         "TxTime": time,
         "TxPos": anchor.to_geocentric(tx),
         "TxVel": anchor.turn(velocity_tx),
-        "RcvTime": time + (range_tx + range_rx) / SPEED_OF_LIGHT,
+        "RcvTime": time + path / SPEED_OF_LIGHT,
         "RcvPos": anchor.to_geocentric(rx),
         "RcvVel": anchor.turn(velocity_rx),
         "SRPPos": np.broadcast_to(anchor.to_geocentric(center), (scans, 3)),
@@ -258,8 +264,8 @@ def _channel(
         "aFRR2": np.zeros(scans),
         "FX1": np.full(scans, frequency[0]),
         "FX2": np.full(scans, frequency[-1]),
-        "TOA1": np.full(scans, -0.4 / step),
-        "TOA2": np.full(scans, 0.4 / step),
+        "TOA1": np.full(scans, -_SWATH / step),
+        "TOA2": np.full(scans, _SWATH / step),
         "TDTropoSRP": np.zeros(scans),
         "SC0": np.full(scans, frequency[0]),
         "SCSS": np.full(scans, step),
@@ -338,16 +344,20 @@ def _assembled(
     for name, (samples, vectors) in channels.items():
         polarization, pair = position_of[name]
         path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
-        if "AmpSF" in (vectors.dtype.names or ()):
+        known = vectors.dtype.names or ()
+        if "AmpSF" in known:
             samples = samples * vectors["AmpSF"][:, None]
         # SGN is the sign of the phase of a delay: a run has -1.
-        values = lengthen(samples.conj() if sign > 0 else samples, frequency, path)
+        if sign > 0:
+            samples = samples.conj()
+        values = lengthen(samples, frequency, path)
         usable = np.ones(len(first), bool)
-        if "SIGNAL" in (vectors.dtype.names or ()):
+        if "SIGNAL" in known:
             usable = vectors["SIGNAL"] == 1
         signal[usable, polarization, pair] = values[usable]
 
-    if all(name in parameters for name in ADDED) and "flgpr_tx_position" in added:
+    is_of_flgpr = "flgpr_tx_position" in added and set(ADDED) <= set(parameters)
+    if is_of_flgpr:
         pose = np.stack([first[name] for name in ADDED], axis=1)
         tx = np.array(parse_json(added["flgpr_tx_position"]))
         rx = np.array(parse_json(added["flgpr_rx_position"]))
@@ -356,7 +366,10 @@ def _assembled(
         attrs = parse_json(added["flgpr_attrs"])
         return make_run(signal, frequency, labels, tx, rx, pose, time, attrs)
 
-    vectors_of_pair = {position_of[name][1]: channels[name].vectors for name in channels}
+    vectors_of_pair = {}
+    for name, channel in channels.items():
+        _, pair = position_of[name]
+        vectors_of_pair[pair] = channel.vectors
     tx, rx, pose = _geometry(vectors_of_pair, anchor)
     attrs = {
         "title": tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD",
@@ -438,10 +451,13 @@ def _channel_order(
 
 def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArray:
     """Return the tones (frequency,) of all vectors, Hz."""
-    start = np.concatenate([channel.vectors["SC0"] for channel in channels.values()])
-    step = np.concatenate([channel.vectors["SCSS"] for channel in channels.values()])
-    count = next(iter(channels.values())).signal.shape[1]
-    if not (np.isfinite(start).all() and np.isfinite(step).all()):
+    starts = [channel.vectors["SC0"] for channel in channels.values()]
+    steps = [channel.vectors["SCSS"] for channel in channels.values()]
+    start = np.concatenate(starts)
+    step = np.concatenate(steps)
+    first_channel = next(iter(channels.values()))
+    count = first_channel.signal.shape[1]
+    if not np.isfinite([start, step]).all():
         raise ValueError("SC0 and SCSS must be finite")
     largest = _UNEVEN * abs(step[0])
     if np.ptp(start) > largest or np.ptp(step) * count > largest:

@@ -44,6 +44,8 @@ _ORDER = (
 )
 ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 TIME = "flgpr_time"
+_LONGEST_TITLE = 200  # characters
+_WORD = 8  # bytes
 _CORNERS = ((-1, 1), (1, 1), (1, -1), (-1, -1))
 """Signs of x and y from the centre of the scene, clockwise as CPHD has them."""
 
@@ -56,12 +58,39 @@ def metadata_tree(
     scene: Grid,
     time: FloatArray,
 ) -> Any:
-    """Return the XML tree of a run's channels."""
+    """Return the XML tree of a run's channels.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    names : list of str
+        Names of the channels, ``PAIR_POLARIZATION``.
+    vectors : dict of str to dict
+        Parameters of the vectors of every channel.
+    anchor : Anchor
+        States where the lane lies.
+    scene : Grid
+        The ground the data are about, in the lane frame.
+    time : (scan,) ndarray of float
+        Times of the scans, s.
+
+    Returns
+    -------
+    lxml.etree._ElementTree
+        The tree, complete but for the reference geometry.
+
+    Raises
+    ------
+    MissingExtraError
+        If sarkit is not installed.
+    """
     root = _empty()
     first = vectors[names[0]]
+    title = str(run.attrs.get("title", "run"))
     root["CollectionID"] = {
         "CollectorName": "flgpr",
-        "CoreName": str(run.attrs.get("title", "run"))[:200] or "run",
+        "CoreName": title[:_LONGEST_TITLE] or "run",
         "CollectType": "BISTATIC",
         "RadarMode": {"ModeType": "DYNAMIC STRIPMAP"},
         "Classification": "UNCLASSIFIED",
@@ -102,9 +131,11 @@ def _dwell(first: Vectors) -> tuple[float, float]:
     """Return the middle and the length of the time in which the reference point is seen, s."""
     out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
     back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
-    middle = first["TxTime"] + out / (out + back) * (first["RcvTime"] - first["TxTime"])
-    center = float((middle[0] + middle[-1]) / 2)
-    duration = float(middle[-1] - middle[0])
+    # The pulse is at the reference point after the way out, a share of the time there and back.
+    two_way_time = first["RcvTime"] - first["TxTime"]
+    reached = first["TxTime"] + out / (out + back) * two_way_time
+    center = float((reached[0] + reached[-1]) / 2)
+    duration = float(reached[-1] - reached[0])
     return center, duration
 
 
@@ -118,21 +149,36 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
     for side_x, side_y in _CORNERS:
         corners.append(center + [side_x * half[0], side_y * half[1], 0])
     corners_lat_lon = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
+    middle_pixel = np.array([(scene.nx - 1) / 2, (scene.ny - 1) / 2])
     root["SceneCoordinates"] = {
         "EarthModel": "WGS_84",
-        "IARP": {"ECF": anchor.to_geocentric(center), "LLH": np.array([lat, lon, height])},
+        "IARP": {
+            "ECF": anchor.to_geocentric(center),
+            "LLH": np.array([lat, lon, height]),
+        },
         "ReferenceSurface": {
             "Planar": {
                 "uIAX": anchor.turn([1.0, 0, 0]),
                 "uIAY": anchor.turn([0, 1.0, 0]),
             }
         },
-        "ImageArea": {"X1Y1": -half, "X2Y2": half},
+        "ImageArea": {
+            "X1Y1": -half,
+            "X2Y2": half,
+        },
         "ImageAreaCornerPoints": corners_lat_lon,
         "ImageGrid": {
-            "IARPLocation": np.array([(scene.nx - 1) / 2, (scene.ny - 1) / 2]),
-            "IAXExtent": {"LineSpacing": scene.dx, "FirstLine": 0, "NumLines": scene.nx},
-            "IAYExtent": {"SampleSpacing": scene.dy, "FirstSample": 0, "NumSamples": scene.ny},
+            "IARPLocation": middle_pixel,
+            "IAXExtent": {
+                "LineSpacing": scene.dx,
+                "FirstLine": 0,
+                "NumLines": scene.nx,
+            },
+            "IAYExtent": {
+                "SampleSpacing": scene.dy,
+                "FirstSample": 0,
+                "NumSamples": scene.ny,
+            },
         },
     }
 
@@ -145,11 +191,10 @@ def _empty() -> Any:
 
 
 def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[Any]:
-    """Yield a block's elements of a name, each of a tree of its own.
-
-    In a single tree, every value is looked up among all.
-    """
+    """Yield a block's elements of a name, each of a tree of its own."""
     for record in records:
+        # In a single tree sarkit looks every value up among all, so that the time grows as their
+        # square.
         root = _empty()
         root[block] = {name: [record]}
         yield root.elem[0][0]
@@ -157,20 +202,23 @@ def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[
 
 def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
     """Add how the arrays of the channels lie in the file."""
-    vector_words = len(_ORDER) + 2 * len(_VECTORS) + len(ADDED)  # of 8 bytes in a vector
+    # A parameter is a word of 8 bytes; one that is a vector has two words more.
+    words = len(_ORDER) + 2 * len(_VECTORS) + len(ADDED)
+    bytes_of_vector = _WORD * words
+    bytes_of_signal = scans * tones * _WORD  # complex numbers of two floats
     channels = []
     for number, name in enumerate(names):
         channel = {
             "Identifier": name,
             "NumVectors": scans,
             "NumSamples": tones,
-            "SignalArrayByteOffset": number * scans * tones * 8,
-            "PVPArrayByteOffset": number * scans * vector_words * 8,
+            "SignalArrayByteOffset": number * bytes_of_signal,
+            "PVPArrayByteOffset": number * scans * bytes_of_vector,
         }
         channels.append(channel)
     root["Data"] = {
         "SignalArrayFormat": "CF8",
-        "NumBytesPVP": 8 * vector_words,
+        "NumBytesPVP": bytes_of_vector,
         "NumCPHDChannels": len(names),
         "Channel": _elements("Data", "Channel", channels),
         "NumSupportArrays": 0,
@@ -181,10 +229,12 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: Vectors) -> N
     """Add the parameters of the channels, and what of a run has no element in CPHD."""
     valid = run["valid"].values
     labels = [str(label) for label in run["polarization"].values]
+    lowest = first["FX1"][0]
+    highest = first["FX2"][0]
     parameters = []
     for name in names:
         pair, label = name.split("_")[:2]
-        polarization = labels.index(label)
+        sweeps = valid[:, labels.index(label), int(pair)]
         parameters.append(
             {
                 "Identifier": name,
@@ -192,17 +242,20 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: Vectors) -> N
                 "FXFixed": True,
                 "TOAFixed": True,
                 "SRPFixed": True,
-                "SignalNormal": bool(valid[:, polarization, int(pair)].all()),
+                "SignalNormal": bool(sweeps.all()),
                 "Polarization": {"TxPol": label[0], "RcvPol": label[1]},
-                "FxC": float(first["FX1"][0] + first["FX2"][0]) / 2,
-                "FxBW": float(first["FX2"][0] - first["FX1"][0]),
+                "FxC": float(lowest + highest) / 2,
+                "FxBW": float(highest - lowest),
                 "TOASaved": float(first["TOA2"][0] - first["TOA1"][0]),
                 "DwellTimes": {"CODId": "all", "DwellId": "all"},
             }
         )
 
     attrs = {str(name): value for name, value in run.attrs.items()}
-    times = [time if math.isfinite(time) else None for time in run["time"].values.tolist()]
+    times = []
+    for time in run["time"].values.tolist():
+        # JSON has no NaN.
+        times.append(time if math.isfinite(time) else None)
     added = [
         ("flgpr_attrs", canonical_json(attrs).decode()),
         ("flgpr_tx_position", json.dumps(run["tx_position"].values.tolist())),

@@ -81,20 +81,21 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
         pattern = re.sub(r"\d+", "*", path.name)
         by_name.setdefault((str(path.parent), pattern), []).append(path)
     groups: list[FileGroup] = []
-    for alike in by_name.values():
-        alike.sort(key=_numbers_in)
-        first = alike[0]
+    for paths in by_name.values():
+        paths.sort(key=_numbers_in)
+        first, *others = paths
         opened = open_arrays(first, limit)
-        for path in alike[1:]:
+        expected = list(opened.arrays)
+        for path in others:
             names = list(open_arrays(path, limit).arrays)
-            if names != list(opened.arrays):
+            if names != expected:
                 raise ValueError(
                     f"{path}: files of one kind must hold the same arrays, got {', '.join(names)} "
-                    f"beside {', '.join(opened.arrays)} of {first.name}"
+                    f"beside {', '.join(expected)} of {first.name}"
                 )
         texts = _text_columns(first) if first.suffix.lower() in TABLES else {}
         key = _key(first, {group.key for group in groups})
-        groups.append(FileGroup(key, alike, opened, texts))
+        groups.append(FileGroup(key, paths, opened, texts))
     return groups
 
 
@@ -126,7 +127,9 @@ def _text_columns(path: Path) -> dict[str, list[str]]:
     header, *rows = (row for row in reader if row)
     columns: dict[str, list[str]] = {}
     for number, name in enumerate(header):
-        cells = [row[number].strip() if number < len(row) else "" for row in rows]
+        cells = []
+        for row in rows:
+            cells.append(row[number].strip() if number < len(row) else "")
         if any(re.search(r"[A-Za-z]", cell) for cell in cells):
             columns[name.strip()] = cells
     return columns

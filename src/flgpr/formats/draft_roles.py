@@ -136,10 +136,13 @@ class Roles:
                 continue
             if longest is not None and source.count <= longest.count:
                 continue
+            # Last, because it reads the array.
             values = source.values()
             if values.dtype.kind in "fiu" and _increases(values):
                 longest = source
-        return None if longest is None else self._take(longest)
+        if longest is None:
+            return None
+        return self._take(longest)
 
     def _find_antennas(self) -> dict[str, Antennas]:
         """Find the positions of transmitters and receivers, or of pairs."""
@@ -155,7 +158,9 @@ class Roles:
                 continue
             unit, reason = self._length_unit(source, source.values())
             antennas[side] = Antennas(self._take(source), shape[0], unit, reason)
-        if {"tx", "rx"} <= set(antennas) or "antenna" in antennas:
+
+        are_complete = {"tx", "rx"} <= set(antennas) or "antenna" in antennas
+        if are_complete:
             return antennas
         return self._antennas_of_lists() or antennas
 
@@ -172,7 +177,9 @@ class Roles:
             return "tx"
         if _RX_NAMES.search(name):
             return "rx"
-        if source.group.texts or source.group.paths[0].suffix.lower() in TABLES:
+        # A table without such a name may be anything with three columns, such as a track.
+        is_table = source.group.paths[0].suffix.lower() in TABLES
+        if source.group.texts or is_table:
             return None
         return "antenna" if source.info.shape[0] in self.sizes else None
 
@@ -231,12 +238,16 @@ class Roles:
         if {"x", "y", "z"} <= set(name_of):
             sides = []
             for axis in "xyz":
-                sides.append(group.opened.read(name_of[axis]).astype(np.float64).ravel())
-            if len({side.size for side in sides}) == 1:
+                values = group.opened.read(name_of[axis])
+                sides.append(values.astype(np.float64).ravel())
+            sizes = {side.size for side in sides}
+            if len(sizes) == 1:
                 source = ArraySource(group, arrays[name_of["x"]])
                 lists.append((source, np.stack(sides, axis=-1)))
+
         for info in arrays.values():
-            if len(info.shape) == 2 and info.shape[1] == 3 and info.shape[0] <= _SMALL:
+            has_three_columns = len(info.shape) == 2 and info.shape[1] == 3
+            if has_three_columns and info.shape[0] <= _SMALL:
                 points = group.opened.read(info.name).astype(np.float64)
                 lists.append((ArraySource(group, info), points))
         return lists
@@ -262,13 +273,16 @@ class Roles:
         lowest = self._lowest_frequency()
         if lowest is None or spread == 0:
             return stated, ""
-        # Were it centimetres, the whole array would be smaller than half a wavelength.
-        if spread <= _LONGEST_ARRAY and 0.01 * spread < 0.5 * SPEED_OF_LIGHT / lowest:
-            reason = (
-                f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength"
-            )
-            return "m", reason
-        return stated, ""
+        # Were it centimetres, the array would be smaller than half a wavelength: it would see no
+        # direction.
+        half_wavelength = 0.5 * SPEED_OF_LIGHT / lowest
+        spread_if_cm = 0.01 * spread
+        if spread > _LONGEST_ARRAY or spread_if_cm >= half_wavelength:
+            return stated, ""
+        reason = (
+            f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength"
+        )
+        return "m", reason
 
     def _lowest_frequency(self) -> float | None:
         """Return the lowest tone, Hz; None if no array holds the tones."""
@@ -283,7 +297,8 @@ class Roles:
         if self.frequency is None:
             return "Hz?", ""
         unit = unit_of(self.frequency.group.opened, self.frequency.info, "Hz")
-        if unit == "Hz?" and float(np.max(self.frequency.values())) >= _CERTAIN_HERTZ:
+        highest = float(np.max(self.frequency.values()))
+        if unit == "Hz?" and highest >= _CERTAIN_HERTZ:
             return "Hz", "by their size"
         return unit, ""
 
@@ -291,14 +306,15 @@ class Roles:
         """Find the arrays of where the vehicle was, all of one file."""
         best: dict[str, ArraySource] = {}
         for group in self.groups:
-            holds_antennas = any(
-                antennas.source.group is group for antennas in self.antennas.values()
-            )
+            # The x, y and z of a list of antennas are no track.
+            groups_of_antennas = [antennas.source.group for antennas in self.antennas.values()]
+            holds_antennas = any(other is group for other in groups_of_antennas)
             if holds_antennas and group is not self.data:
                 continue
             columns = self._pose_columns_in(group)
-            has_places = {"longitude", "latitude"} <= set(columns) or {"x", "y"} <= set(columns)
-            if has_places and len(columns) > len(best):
+            is_geodetic = {"longitude", "latitude"} <= set(columns)
+            is_in_lane = {"x", "y"} <= set(columns)
+            if (is_geodetic or is_in_lane) and len(columns) > len(best):
                 best = columns
         return best
 
@@ -336,22 +352,35 @@ class Roles:
         for number, size in enumerate(self.sizes):
             if not names[number] and size == 1:
                 names[number] = "single"
+
         unnamed = [number for number, name in enumerate(names) if not name]
-        if len(unnamed) == 1:
-            rows = self.fix_count()
-            scans = self.sizes[unnamed[0]] * len(self.data.paths)
-            names[unnamed[0]] = "scan" if rows == scans else "scan?"
-        else:
+        if len(unnamed) != 1:
             for number in unnamed:
                 names[number] = "scan, polarization, pair, tx, rx or single?"
+            return names
+        number = unnamed[0]
+        scans = self.sizes[number] * len(self.data.paths)
+        # As many fixes as scans leave no doubt.
+        names[number] = "scan" if self.fix_count() == scans else "scan?"
         return names
 
     def _name_axis(self, names: list[str], count: int, name: str) -> None:
         """Name an axis of that length; others of the same length leave a doubt."""
-        free = [k for k, size in enumerate(self.sizes) if size == count and not names[k]]
-        if free:
-            number = free[-1] if name in ("frequency", "sample") else free[0]
-            names[number] = name if self.sizes.count(count) == 1 else f"{name}?"
+        free = self._unnamed_axes(names, count)
+        if not free:
+            return
+        # Recorders write a sweep in one piece: its axis is rather the last.
+        number = free[-1] if name in ("frequency", "sample") else free[0]
+        is_only = self.sizes.count(count) == 1
+        names[number] = name if is_only else f"{name}?"
+
+    def _unnamed_axes(self, names: list[str], count: int) -> list[int]:
+        """Return the numbers of the axes of that length that have no name yet."""
+        axes = []
+        for number, size in enumerate(self.sizes):
+            if size == count and not names[number]:
+                axes.append(number)
+        return axes
 
     def _name_antenna_axes(self, names: list[str]) -> None:
         """Name the axes of transmitters and receivers, or of pairs."""
@@ -366,15 +395,19 @@ class Roles:
                 self._name_axis(names, tx.count, "pair")
         elif "antenna" in self.antennas:
             count = self.antennas["antenna"].count
-            sides = ("tx", "rx") if free.count(count) == 2 else ("pair",)  # each sends and receives
+            # With two axes of that length every antenna sends, and every one receives.
+            sides = ("tx", "rx") if free.count(count) == 2 else ("pair",)
             for name in sides:
-                axes = [k for k, size in enumerate(self.sizes) if size == count and not names[k]]
+                axes = self._unnamed_axes(names, count)
                 if axes:  # else the one axis of that length is another's
                     names[axes[0]] = name
 
     def fix_count(self) -> int | None:
         """Count the rows of where the vehicle was; None without any."""
-        return next(iter(self.pose_columns.values())).count if self.pose_columns else None
+        if not self.pose_columns:
+            return None
+        first = next(iter(self.pose_columns.values()))
+        return first.count
 
     def position_unit(self) -> tuple[str, str]:
         """Return the unit of the vehicle's positions, and why.

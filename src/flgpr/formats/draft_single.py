@@ -135,6 +135,7 @@ def draft_of_file(opened: ArrayFile) -> str:
     if imaginary:
         draft.used.add(imaginary)
 
+    # Every find takes its arrays out of those that the next ones look among: the order counts.
     sizes = list(signal.shape)
     axis = _find_signal_axis(draft, sizes)
     tones = math.prod(axis.info.shape) if axis.info is not None else 0
@@ -144,26 +145,14 @@ def draft_of_file(opened: ArrayFile) -> str:
     if track is None:
         components = _find_pose(draft, positions, sizes, tones)
     positions.pop("way", None)
-
-    scan_sizes = list(sizes)  # lengths that scans may have
-    if tones in scan_sizes:
-        scan_sizes.remove(tones)
-    stamp = _find_axis(draft.opened, draft.unused(), ("time", "stamp", "t_"), scan_sizes)
-    if stamp is not None:
-        draft.used.add(stamp.name)
+    stamp = _find_stamp(draft, sizes, tones)
 
     labels = labels_of(opened, sizes)
     dims = _dims(sizes, axis, positions, stamp, labels, components)
     lines = _head_lines(opened, signal, imaginary, labels, dims, axis)
     lines += _axis_lines(opened, axis)
     lines += _position_lines(opened, positions, "pair" in dims)
-    if stamp is not None:
-        lines += [
-            "[time]",
-            f"variable = {json.dumps(stamp.name)}",
-            f'unit = "{unit_of(opened, stamp, "s")}"',
-            "",
-        ]
+    lines += _stamp_lines(opened, stamp)
     # Positions per scan are in the lane frame, and poses follow from them.
     in_lane = any(len(infos[0].shape) == 3 for infos in positions.values())
     if track is not None:
@@ -171,6 +160,25 @@ def draft_of_file(opened: ArrayFile) -> str:
     elif not in_lane:
         lines += _pose_lines(draft, components)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _find_stamp(draft: _Draft, sizes: list[int], tones: int) -> ArrayInfo | None:
+    """Find the times of the scans, and mark their array as used."""
+    scan_sizes = list(sizes)  # lengths that scans may have
+    if tones in scan_sizes:
+        scan_sizes.remove(tones)
+    stamp = _find_axis(draft.opened, draft.unused(), ("time", "stamp", "t_"), scan_sizes)
+    if stamp is not None:
+        draft.used.add(stamp.name)
+    return stamp
+
+
+def _stamp_lines(opened: ArrayFile, stamp: ArrayInfo | None) -> list[str]:
+    """Return the table of the scans' times, if there are any."""
+    if stamp is None:
+        return []
+    unit = unit_of(opened, stamp, "s")
+    return ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{unit}"', ""]
 
 
 def _head_lines(
@@ -196,7 +204,8 @@ def _head_lines(
     ]
     if imaginary:
         lines.append(f"imaginary = {json.dumps(imaginary)}")
-    lines.append(f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, signal.shape))}")
+    lengths = " x ".join(map(str, signal.shape))
+    lines.append(f"dims = {json.dumps(dims)}  # of {lengths}")
     is_complex = imaginary is not None or signal.dtype.startswith("complex")
     if axis.info is None and not is_complex:
         lines += [
@@ -415,9 +424,10 @@ def _pose_lines(draft: _Draft, components: dict[str, ArrayInfo]) -> list[str]:
         for name in "xyz":
             lines.append(f"{name} = {_guess(components, name, '0?' if known else '?')}")
         lines.append(f'unit = "{_common_unit(draft, components, known, "m")}"')
-    has_place = position is not None or "y" in components or "longitude" in components
+    # Without a heading the course over ground stands for it, if there are positions.
+    has_positions = position is not None or "y" in components or "longitude" in components
     heading = "?"
-    if has_place:
+    if has_positions:
         heading = "course?"
     elif components:
         heading = "0?"
@@ -425,7 +435,8 @@ def _pose_lines(draft: _Draft, components: dict[str, ArrayInfo]) -> list[str]:
         without = heading if name == "heading" else "0?"
         lines.append(f"{name} = {_guess(components, name, without)}")
     angles = [name for name in _ANGLES if name in components]
-    return [*lines, f'angle_unit = "{_common_unit(draft, components, angles, "rad")}"']
+    unit = _common_unit(draft, components, angles, "rad")
+    return [*lines, f'angle_unit = "{unit}"']
 
 
 def _geodetic_line(components: dict[str, ArrayInfo]) -> str:
@@ -441,8 +452,9 @@ def _guess(components: dict[str, ArrayInfo], name: str, without: str) -> str:
     if name not in components:
         return json.dumps(without)
     variable = components[name].name
-    last = re.split(r"[/.]", variable.lower())[-1].split("_")[0]
-    return json.dumps(variable if last == name else f"{variable}?")
+    last_word = re.split(r"[/.]", variable.lower())[-1]
+    is_called_so = last_word.split("_")[0] == name
+    return json.dumps(variable if is_called_so else f"{variable}?")
 
 
 def _common_unit(
@@ -518,22 +530,34 @@ def _dims(
         _name_axis(names, sizes, math.prod(stamp.shape), "scan")
     if labels[0] != "HH?":
         _name_axis(names, sizes, len(labels), "polarization")
-    apart = False  # whether transmitters and receivers differ in their number
+    _name_antenna_axes(names, sizes, positions)
+    if components and not _has_scans(names):
+        first = next(iter(components.values()))
+        _name_axis(names, sizes, max(first.shape), "scan")
+    if names.count("?") == 1 and not _has_scans(names):
+        names[names.index("?")] = "scan?"
+    return [_ANY_AXIS if name == "?" else name for name in names]
+
+
+def _has_scans(names: list[str]) -> bool:
+    """Return whether one of the axes is, or may be, that of the scans."""
+    return "scan" in names or "scan?" in names
+
+
+def _name_antenna_axes(
+    names: list[str], sizes: list[int], positions: dict[str, list[ArrayInfo]]
+) -> None:
+    """Name the axes of transmitters and receivers, or of pairs, by the lengths of positions."""
+    are_apart = False  # whether transmitters and receivers differ in their number
     if {"tx", "rx"} <= set(positions):
-        apart = positions["tx"][0].shape != positions["rx"][0].shape
+        are_apart = positions["tx"][0].shape != positions["rx"][0].shape
     for side, infos in positions.items():
         shape = infos[0].shape
         rows = math.prod(shape) if side == "xyz" else shape[-2]
         if len(shape) == 3:
             _name_axis(names, sizes, shape[0], "scan")
-        _name_axis(names, sizes, rows, side if apart and side != "antenna" else "pair")
-    has_scans = {"scan", "scan?"} & set(names)
-    if components and not has_scans:
-        _name_axis(names, sizes, max(next(iter(components.values())).shape), "scan")
-        has_scans = {"scan", "scan?"} & set(names)
-    if names.count("?") == 1 and not has_scans:
-        names[names.index("?")] = "scan?"
-    return [_ANY_AXIS if name == "?" else name for name in names]
+        name = side if are_apart and side != "antenna" else "pair"
+        _name_axis(names, sizes, rows, name)
 
 
 def _name_axis(names: list[str], sizes: list[int], count: int, name: str) -> None:

@@ -31,9 +31,21 @@ _LONG_UNITS = {
 
 
 def small_values(opened: ArrayFile, info: ArrayInfo) -> Any:
-    """Read a small array; None if it is large or cannot be read.
+    """Read a small array.
 
     An array that cannot be read keeps no other from being explained.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+    info : ArrayInfo
+        The array.
+
+    Returns
+    -------
+    (...) ndarray or None
+        Its values; None if it is large or cannot be read.
     """
     if math.prod(info.shape) > SMALL:
         return None
@@ -106,7 +118,20 @@ def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
 
 
 def is_fast_time(opened: ArrayFile, info: ArrayInfo) -> bool:
-    """Return whether times can only be those of samples: by their unit, or by their size."""
+    """Return whether times can only be those of samples: by their unit, or by their size.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+    info : ArrayInfo
+        The array of times.
+
+    Returns
+    -------
+    bool
+        Whether they can be nothing else.
+    """
     if unit_suffix(info) in ("ns", "ps", "us"):
         return True
     values = small_numbers(opened, info)

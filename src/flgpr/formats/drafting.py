@@ -20,7 +20,7 @@ from flgpr.store.files import existing
 
 
 def explain_files(
-    paths: Sequence[str | Path], limit: int = LIMIT, beside: str | Path | None = None
+    paths: Sequence[str | Path], limit: int = LIMIT, mapping: str | Path | None = None
 ) -> Explanation:
     """Return what several files of one measurement hold, with a draft of one mapping for all.
 
@@ -30,7 +30,7 @@ def explain_files(
         The files: scans, one or many, and what belongs to them, in any order.
     limit : int
         Bytes that a file and an array may take.
-    beside : path, optional
+    mapping : path, optional
         The mapping that will be written; its file names are relative to its folder. By default they
         are relative to the folder of the first file.
 
@@ -58,6 +58,6 @@ def explain_files(
         else:
             lines.append(f"{count} files like {first.name} ({group.opened.kind}), each")
         lines += [f"  {line}" for line in explain_file(first, limit).lines]
-    folder = files[0].parent if beside is None else Path(beside).parent
+    folder = files[0].parent if mapping is None else Path(mapping).parent
     draft = MappingDraft(Roles(groups), folder)
     return Explanation(files[0], f"{len(files)} files", lines, draft.text())

@@ -204,14 +204,14 @@ def grid_message(
         ``alpha``, which is 0 where no scan looked.
     """
     rows, columns = decibels.shape
-    seen = np.isfinite(decibels)
-    levels = np.clip((np.where(seen, decibels, median_db) - median_db) / SHOWN_DB, 0.0, 1.0)
+    is_measured = np.isfinite(decibels)
+    levels = np.clip((np.where(is_measured, decibels, median_db) - median_db) / SHOWN_DB, 0.0, 1.0)
     greys = np.round(255 * levels).astype(np.uint8)
     cells = np.zeros((rows, columns), _CELL)
     cells["db"] = decibels
     for name in ("red", "green", "blue"):
         cells[name] = greys
-    cells["alpha"] = np.where(seen, 255, 0)
+    cells["alpha"] = np.where(is_measured, 255, 0)
     # The message places the outer corner of the first cell, not its centre.
     corner = {"x": first[0] - spacing[0] / 2, "y": first[1] - spacing[1] / 2, "z": 0.0}
     return {
@@ -274,14 +274,30 @@ def geojson_message(alarms: Sequence[Mapping[str, Any]], statement: str) -> Mess
         properties = {
             name: value for name, value in alarm.items() if name not in ("longitude", "latitude")
         }
-        place = {"type": "Point", "coordinates": [alarm["longitude"], alarm["latitude"]]}
-        features.append({"type": "Feature", "geometry": place, "properties": properties})
+        geometry = {"type": "Point", "coordinates": [alarm["longitude"], alarm["latitude"]]}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     collection = {"type": "FeatureCollection", "statement": statement, "features": features}
     return {"geojson": compact_json(collection)}
 
 
 def compact_json(value: Any) -> str:
-    """Return JSON without spaces; a number that is not finite is a ValueError."""
+    """Return a value as JSON without spaces.
+
+    Parameters
+    ----------
+    value : JSON value
+        The value.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
     return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 

@@ -73,12 +73,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]
-    for local in (local_tx, local_rx):
-        if np.abs(local - local[0]).max() > _LARGEST_MOTION:
-            raise ValueError(
-                f"{path}: the array must keep its form and heading from scan to scan, "
-                "it moves by more than 1 µm"
-            )
+    _check_motion(path, local_tx, local_rx)
 
     scans, transmitters, receivers, polarizations, tones = data.shape
     shape = (scans, polarizations, transmitters * receivers, tones)
@@ -129,6 +124,16 @@ def _check_shapes(path: Path, data: NDArray[Any], tx: NDArray[Any], rx: NDArray[
         f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m "
         f"(scan, tx, 3) and rx_xyz_m (scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
     )
+
+
+def _check_motion(path: Path, tx: NDArray[Any], rx: NDArray[Any]) -> None:
+    """Refuse antennas (scan, antenna, 3) that move against the vehicle."""
+    for antennas in (tx, rx):
+        if np.abs(antennas - antennas[0]).max() > _LARGEST_MOTION:
+            raise ValueError(
+                f"{path}: the array must keep its form and heading from scan to scan, "
+                "it moves by more than 1 µm"
+            )
 
 
 def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:

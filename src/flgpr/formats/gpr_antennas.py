@@ -101,9 +101,19 @@ def antenna_frequency(name: str, maker: str, channel: int = 0) -> float | None:
 
 
 def set_frequency(name: str, channel: int) -> float | None:
-    """Return the nominal frequency, Hz, of a channel's antenna in a set of GSSI's.
+    """Return the nominal frequency of a channel's antenna in a set of GSSI's.
 
-    It is None if the name is that of no set.
+    Parameters
+    ----------
+    name : str
+        Name of the first channel's antenna.
+    channel : int
+        Number of the channel, from 0.
+
+    Returns
+    -------
+    float or None
+        The frequency, Hz; None if the name is that of no set.
     """
     megahertz = _of_set(_model_name(name), channel)
     return None if megahertz is None else megahertz * 1e6
@@ -113,6 +123,22 @@ def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -
     """Return what :func:`antenna_frequency` does, and note how it is known.
 
     There is no note where the name states it with a unit.
+
+    Parameters
+    ----------
+    name : str
+        Name of the antenna as the file states it.
+    maker : str
+        Maker of the radar.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+    channel : int
+        Number of the channel, for antennas with a frequency for each.
+
+    Returns
+    -------
+    float or None
+        The nominal frequency, Hz; None if it is not known.
     """
     frequency, source = _look_up(name, maker, channel)
     if not name.strip():

@@ -135,7 +135,18 @@ def _offsets(channel_x: Sequence[float] | None, count: int) -> list[float]:
 
 
 def common_band(section: GprSection) -> ReasonedBand:
-    """Return a band, Hz, that holds those of all antennas, else all that is recorded."""
+    """Return a band that holds those of all antennas of a line, else all that is recorded.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+
+    Returns
+    -------
+    ReasonedBand
+        The band, Hz, and why it is that.
+    """
     known = [frequency for frequency in section.frequencies if frequency is not None]
     lowest, highest = _widest_band(section)
     if len(known) < section.traces.shape[1]:

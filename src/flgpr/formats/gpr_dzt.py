@@ -87,7 +87,10 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     channels = head.channels
     samples = head.samples
 
-    begin = _HEADER * (head.start if 0 < head.start < _HEADER else channels)
+    # By the structure a small number counts headers, and a larger one bytes, which all channels'
+    # headers take.
+    headers = head.start if 0 < head.start < _HEADER else channels
+    begin = _HEADER * headers
     if head.start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
@@ -99,7 +102,8 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     trace_words = table[:, 0, :2].astype(np.int64)
     traces = exact_floats(table, notes)
     traces -= offset  # counts of 8 and 16 bit have no sign
-    traces[..., :2] = traces[..., 2:3]
+    third_sample = traces[..., 2:3]
+    traces[..., :2] = third_sample
     notes.append(
         "the first two samples of every trace are its number and marks: "
         "the third stands in their place"
@@ -132,7 +136,8 @@ def _head_of(raw: bytes, notes: list[str]) -> _Head:
         *struct.unpack_from("<2f", raw, 10),
         *struct.unpack_from("<H", raw, 52),
     )
-    if head.bits not in _TYPES or head.samples < 4 or not 1 <= head.channels <= _MOST_CHANNELS:
+    has_channels = 1 <= head.channels <= _MOST_CHANNELS
+    if head.bits not in _TYPES or head.samples < 4 or not has_channels:
         raise ValueError(
             "it must have 8, 16 or 32 bits, 4 or more samples and 1 to 4 channels, "
             f"got {head.bits}, {head.samples}, {head.channels} (its tag is {head.tag:#06x})"
@@ -217,9 +222,10 @@ def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -
 
     It is that of the waypoints of the DZX, else by the wheel or by the DZX's spacing.
     """
-    scans = np.unique(dzx.distances[:, 0], return_index=True)[1]
-    if scans.size > 1 and np.ptp(dzx.distances[scans, 1]) > 0:
-        distance = _between_waypoints(count, dzx.distances[scans], notes)
+    _, first_rows = np.unique(dzx.distances[:, 0], return_index=True)
+    waypoints = dzx.distances[first_rows]  # one for each scan, ascending
+    if len(waypoints) > 1 and np.ptp(waypoints[:, 1]) > 0:
+        distance = _between_waypoints(count, waypoints, notes)
         return measured_distance(distance, None, "distances of the DZX", "the DZX", notes)
     plausible = np.isfinite(per_metre) and _SPACINGS[0] <= abs(per_metre) <= _SPACINGS[1]
     if per_metre != 0 and not plausible:
@@ -252,7 +258,9 @@ def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> F
         )
     step = (last_distance - first_distance) / (last - first)
     distance = np.interp(trace, waypoints[:, 0], waypoints[:, 1])
-    distance += step * (np.minimum(trace - first, 0) + np.maximum(trace - last, 0))
+    before_first = np.minimum(trace - first, 0)
+    behind_last = np.maximum(trace - last, 0)
+    distance += step * (before_first + behind_last)
     return distance
 
 
@@ -281,9 +289,13 @@ def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | N
     for channel in range(channels):
         cell = raw[_HEADER * channel + 98 : _HEADER * channel + 112]
         names.append(cell.split(b"\0")[0].decode("latin-1").strip())
-    notes.append(f"antennas {', '.join(map(repr, names))}; the file tells no antenna separation")
-    is_mini_xt = raw[113] >> 3 == _MINI_XT
-    return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(channels))
+    quoted = ", ".join(map(repr, names))
+    notes.append(f"antennas {quoted}; the file tells no antenna separation")
+    is_mini_xt = raw[113] >> 3 == _MINI_XT  # the lower bits are a version
+    frequencies = []
+    for channel in range(channels):
+        frequencies.append(_frequency_of(channel, names, is_mini_xt, notes))
+    return tuple(frequencies)
 
 
 def _frequency_of(
@@ -294,15 +306,16 @@ def _frequency_of(
     It is known by its name, the set it is of, or the system.
     """
     name = names[channel]
-    if antenna_frequency(name, "GSSI", channel) is None:
-        of_set = set_frequency(names[0], channel) if channel else None
-        if of_set is not None:
-            notes.append(
-                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
-                f"{of_set / 1e6:g} MHz"
-            )
-            return of_set
-        if is_mini_xt:
-            notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
-            return antenna_frequency("SSMINIXT", "GSSI")
+    if antenna_frequency(name, "GSSI", channel) is not None:
+        return noted_frequency(name, "GSSI", notes, channel)
+    of_set = set_frequency(names[0], channel) if channel else None
+    if of_set is not None:
+        notes.append(
+            f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
+            f"{of_set / 1e6:g} MHz"
+        )
+        return of_set
+    if is_mini_xt:
+        notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
+        return antenna_frequency("SSMINIXT", "GSSI")
     return noted_frequency(name, "GSSI", notes, channel)

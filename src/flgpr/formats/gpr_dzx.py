@@ -65,9 +65,8 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
         content = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
         root = ElementTree.fromstring(content)  # noqa: S314  # entities are refused
     except (ValueError, ElementTree.ParseError) as error:
-        notes.append(
-            f"{path.name} was found and not understood: {' '.join(str(error).split())[:120]}"
-        )
+        reason = " ".join(str(error).split())
+        notes.append(f"{path.name} was found and not understood: {reason[:120]}")
         return DzxContent()
     unit = _text_of(root, "horizontalUnit")
     scale = length_unit(unit or "m")
@@ -78,22 +77,23 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
         )
 
     waypoints = _read_waypoints(root, count, scale)
-    spacing = _number(_text_of(root, "unitsPerScan"))
-    known = None
-    if scale is not None and np.isfinite(spacing) and spacing > 0:
-        known = spacing * scale
+    units_per_scan = _number(_text_of(root, "unitsPerScan"))
+    spacing = None
+    if scale is not None and np.isfinite(units_per_scan) and units_per_scan > 0:
+        spacing = units_per_scan * scale
 
     rows = waypoints.distances or _along(waypoints.corners)
     table = np.array(rows, dtype=np.float64).reshape(-1, 2)
-    if known is not None and not waypoints.distances and len(table) > 1:
-        measured = np.ptp(table[:, 1]) / max(np.ptp(table[:, 0]), 1.0)
-        if abs(measured - known) > _AGREE * known:
+    if spacing is not None and not waypoints.distances and len(table) > 1:
+        scans = max(np.ptp(table[:, 0]), 1.0)
+        measured = np.ptp(table[:, 1]) / scans
+        if abs(measured - spacing) > _AGREE * spacing:
             notes.append(
-                f"{path.name} contradicts itself: its scans are {known:.4g} m apart by "
+                f"{path.name} contradicts itself: its scans are {spacing:.4g} m apart by "
                 f"unitsPerScan and {measured:.4g} m by localCoords; neither is used"
             )
             return DzxContent(waypoints.marks)
-    return DzxContent(waypoints.marks, known, table)
+    return DzxContent(waypoints.marks, spacing, table)
 
 
 def _read_waypoints(root: ElementTree.Element, count: int, scale: float | None) -> _Waypoints:
@@ -102,19 +102,25 @@ def _read_waypoints(root: ElementTree.Element, count: int, scale: float | None) 
     distances: list[tuple[float, float]] = []
     corners: list[tuple[float, float, float]] = []
     for waypoint in _waypoints(root):
-        scan = _number(waypoint.get("scan", waypoint.get("scanSampChanProp", "").split(",")[0]))
+        # A target has its scan in a list of scan, sample, channel and property.
+        is_target = "scanSampChanProp" in waypoint
+        scan_of_target = waypoint.get("scanSampChanProp", "").split(",")[0]
+        scan = _number(waypoint.get("scan", scan_of_target))
         if not (np.isfinite(scan) and 0 <= scan < count):
             continue
-        if waypoint.get("mark", "").strip().lower() == "user" or "scanSampChanProp" in waypoint:
+        is_of_user = waypoint.get("mark", "").strip().lower() == "user"
+        if is_of_user or is_target:
             marks.add(int(scan))
         if scale is None:
             continue
         distance = _number(waypoint.get("distance", ""))
         if np.isfinite(distance):
             distances.append((scan, distance * scale))
-        local = [_number(cell) for cell in waypoint.get("localCoords", "").split(",")[:2]]
+        cells = waypoint.get("localCoords", "").split(",")
+        local = [_number(cell) for cell in cells[:2]]
         if len(local) == 2 and np.isfinite(local).all():
-            corners.append((scan, local[0] * scale, local[1] * scale))
+            x, y = local
+            corners.append((scan, x * scale, y * scale))
     return _Waypoints(tuple(sorted(marks)), distances, corners)
 
 
@@ -149,7 +155,10 @@ def _name(element: ElementTree.Element) -> str:
 
 def _text_of(root: ElementTree.Element, name: str) -> str:
     """Return the text of the first element of a name; empty if there is none."""
-    return next((element.text or "" for element in root.iter() if _name(element) == name), "")
+    for element in root.iter():
+        if _name(element) == name:
+            return element.text or ""
+    return ""
 
 
 def _number(text: str) -> float:

@@ -134,6 +134,16 @@ def is_gpr(path: Path) -> bool:
     """Return whether the ending of a file is that of a commercial radar's recording.
 
     Endings of files that lie beside a recording count, too.
+
+    Parameters
+    ----------
+    path : Path
+        The file, which is not opened.
+
+    Returns
+    -------
+    bool
+        Whether it is one.
     """
     return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS, **_COMPANIONS}
 

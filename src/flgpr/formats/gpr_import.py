@@ -6,14 +6,14 @@ import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.formats.gpr_files import NOT_READ, READERS, GprSection, read_gpr
-from flgpr.formats.gpr_parts import MissingHeaderError
+from flgpr.formats.gpr_parts import INTERVALS, MissingHeaderError
 from flgpr.formats.gpr_places import doubts_of_fixes, options_that_place, trace_poses
 from flgpr.formats.impulse import impulse_to_frequency
 from flgpr.geo.anchor import Anchor
@@ -95,7 +95,7 @@ def gpr_run(
     ValueError
         If something is neither in the headers nor given, or does not fit.
     """
-    channels, samples = section.traces.shape[1:]
+    channels = section.traces.shape[1]
     if not 0 <= channel < channels:
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
     notes = list(section.history)
@@ -119,20 +119,28 @@ def gpr_run(
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
     signal, tones = _signal(section, channel, traces, delay, chosen_band)
 
-    attrs = {
+    attrs = _attributes(section, delay, height, nominal, notes)
+    time = None if section.time is None else section.time[traces]
+    return make_run(signal[:, None, None], tones, [polarization], -half, half, pose, time, attrs)
+
+
+def _attributes(
+    section: GprSection, delay: FloatArray, height: float, nominal: float | None, notes: list[str]
+) -> dict[str, Any]:
+    """Return the attributes of the run of a line."""
+    attrs: dict[str, Any] = {
         "title": section.title,
         "source": f"{section.format}, {section.path.name}",
         "import_notes": notes,
         "sounding": "air-launched" if height > 0 else "ground-coupled",
         # What takes the tones back to traces: a record of this length that begins at this delay.
-        "time_window_s": float((delay[1] - delay[0]) * samples),
+        "time_window_s": float((delay[1] - delay[0]) * delay.size),
         "first_sample_s": float(delay[0]),
-        "samples": samples,
+        "samples": delay.size,
     }
     if nominal:
         attrs["antenna_frequency_hz"] = nominal
-    time = None if section.time is None else section.time[traces]
-    return make_run(signal[:, None, None], tones, [polarization], -half, half, pose, time, attrs)
+    return attrs
 
 
 def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str]]:
@@ -208,21 +216,22 @@ def _antenna_line(section: GprSection) -> str:
 
 def frequency_words(frequencies: Sequence[float | None]) -> str:
     """Return nominal frequencies of antennas, Hz, in words."""
-    words = []
+    labels = []
     for frequency in frequencies:
-        words.append("unknown" if frequency is None else f"{frequency / 1e6:g} MHz")
-    return ", ".join(words)
+        labels.append("unknown" if frequency is None else f"{frequency / 1e6:g} MHz")
+    return ", ".join(labels)
 
 
 def _delay(stated: FloatArray, zero: float | None, window: float | None) -> FloatArray:
     """Return the delays (sample,), s, with a time window and a time zero in place of the file's."""
-    own_interval = stated[1] - stated[0]
-    interval = own_interval if window is None else window / stated.size
-    if not 1e-13 <= interval <= 1e-6:
+    stated_interval = stated[1] - stated[0]
+    interval = stated_interval if window is None else window / stated.size
+    if not INTERVALS[0] <= interval <= INTERVALS[1]:
         raise ValueError(
             f"window must make the samples 1e-4 to 1e3 ns apart, got {interval * 1e9:g} ns"
         )
-    first = -stated[0] * interval / own_interval if zero is None else zero
+    # Another window stretches the record: its time zero stays at the same sample.
+    first = -stated[0] * interval / stated_interval if zero is None else zero
     if not abs(first) <= 100 * interval * stated.size:
         raise ValueError(
             f"time zero must lie near the record of {interval * stated.size:g} s, got {first:g} s"

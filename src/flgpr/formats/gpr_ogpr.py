@@ -85,18 +85,15 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     traces = _radar_volume(path, volume, shape, limit, notes)
 
     radar = _table(volume, "radar")
-    interval = _number(radar, "samplingTime_ns", _INTERVALS[0] * 1e9, _INTERVALS[1] * 1e9) * 1e-9
+    shortest_ns = _INTERVALS[0] * 1e9
+    longest_ns = _INTERVALS[1] * 1e9
+    interval = _number(radar, "samplingTime_ns", shortest_ns, longest_ns) * 1e-9
     step = _number(radar, "samplingStep_m", 0.0, 1e3)
     frequency = _frequency_of(radar)
     notes.append("the descriptor tells no time zero: it is put at the first sample")
 
     positions, fixes = _geolocations(path, blocks.get(_GEOLOCATIONS), shape, notes)
-    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
-    if unknown_blocks:
-        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
-    if repeated:
-        kinds = ", ".join(sorted(set(repeated)))
-        notes.append(f"{len(repeated)} further blocks of {kinds} not read")
+    _note_unread_blocks(blocks, repeated, notes)
     _note_unused_entries(radar, frequency, notes)
 
     distance: FloatArray | None = None
@@ -132,6 +129,18 @@ def _blocks_of(descriptor: dict[str, Any]) -> tuple[dict[str, dict[str, Any]], l
         else:
             blocks[kind] = block
     return blocks, repeated
+
+
+def _note_unread_blocks(
+    blocks: dict[str, dict[str, Any]], repeated: list[str], notes: list[str]
+) -> None:
+    """Add notes of blocks of other kinds, and of further ones of a kind."""
+    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
+    if unknown_blocks:
+        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
+    if repeated:
+        kinds = ", ".join(sorted(set(repeated)))
+        notes.append(f"{len(repeated)} further blocks of {kinds} not read")
 
 
 def _note_version(descriptor: dict[str, Any], notes: list[str]) -> None:
@@ -256,15 +265,17 @@ def _radar_volume(
             f"it must fit into {limit / 1e9:.3g} GB, its traces take {needed / 1e9:.3g} GB"
         )
     stated = str(block.get("valueType", "")).lower()
-    if stated and stated.startswith("float") != (width == 4):
+    are_floats = width == 4
+    if stated and stated.startswith("float") != are_floats:
         notes.append(
             f"valueType {stated!r} does not fit samples of {width} bytes: "
             f"they are read as {_TYPES[width]}"
         )
     with open_named(path) as file:
         file.seek(offset)
-        values = np.frombuffer(file.read(length), dtype=_TYPES[width]).reshape(shape)
-    return exact_floats(values, notes)
+        content = file.read(length)
+    values = np.frombuffer(content, dtype=_TYPES[width])
+    return exact_floats(values.reshape(shape), notes)
 
 
 def _geolocations(
@@ -287,7 +298,8 @@ def _geolocations(
 
     positions = _first_points(path, offset, length // slices, slices, layout)
     usable = np.isfinite(positions).all(axis=1)
-    usable &= (np.abs(np.nan_to_num(positions)) <= _FARTHEST).all(axis=1)
+    magnitudes = np.abs(np.nan_to_num(positions))
+    usable &= (magnitudes <= _FARTHEST).all(axis=1)
     known = np.flatnonzero(usable)
     unusable = slices - known.size
     if known.size < 2 or not np.ptp(positions[usable, :2], axis=0).any():

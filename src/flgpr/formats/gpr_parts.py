@@ -120,14 +120,42 @@ class Header:
 
 
 def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
-    """Return up to so many bytes of a recording from ``start`` on."""
+    """Return up to so many bytes of a recording from ``start`` on.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    size : int
+        Most bytes.
+    start : int
+        First byte.
+
+    Returns
+    -------
+    bytes
+        Fewer than ``size`` where the file ends.
+    """
     with open_named(path) as file:
         file.seek(start)
         return file.read(size)
 
 
 def find_companion(path: Path, suffix: str) -> Path | None:
-    """Return the file of the same name and another ending, in any case, if there is one."""
+    """Find the file of the same name and another ending, in any case.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    suffix : str
+        The ending, such as ".gps".
+
+    Returns
+    -------
+    Path or None
+        The file; None if there is none.
+    """
     companion_name = (path.stem + suffix).lower()
     for other in sorted(path.parent.iterdir()):
         if other.name.lower() == companion_name and other.is_file():
@@ -173,7 +201,25 @@ def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
 
 
 def read_companion(path: Path, notes: list[str]) -> str:
-    """Read a text file that lies beside a recording, in an encoding of :mod:`flgpr.store.text`."""
+    """Read a text file that lies beside a recording, in an encoding of :mod:`flgpr.store.text`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    notes : list of str
+        Takes a line for an encoding other than UTF-8.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Raises
+    ------
+    ValueError
+        If it is too large, or no text.
+    """
     if path.stat().st_size > LARGEST_TEXT:
         raise ValueError(
             f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {path.stat().st_size}"
@@ -182,7 +228,18 @@ def read_companion(path: Path, notes: list[str]) -> str:
 
 
 def length_unit(text: str) -> float | None:
-    """Return how many metres a unit of length is; None if it is not known."""
+    """Return how many metres a unit of length is.
+
+    Parameters
+    ----------
+    text : str
+        Name or sign of the unit.
+
+    Returns
+    -------
+    float or None
+        Metres; None if the unit is not known.
+    """
     word = text.strip().lower().removesuffix("(s)").rstrip(".")
     if word in _LENGTHS:
         return _LENGTHS[word]
@@ -289,9 +346,24 @@ def read_records(
 
 
 def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating[Any]]:
-    """Return samples (trace, ...) as floating point in which every count is exact.
+    """Return samples as floating point in which every count is exact.
 
-    Traces with samples that are no numbers are counted in a note.
+    Parameters
+    ----------
+    samples : (trace, ...) ndarray
+        Counts or numbers.
+    notes : list of str
+        Takes a line on traces with samples that are no numbers.
+
+    Returns
+    -------
+    (trace, ...) ndarray of float
+        In single precision, or in double where that would round counts or numbers.
+
+    Raises
+    ------
+    ValueError
+        If a magnitude is beyond 1e30.
     """
     # Single precision holds whole numbers of up to 24 bit exactly.
     width = samples.dtype.itemsize
@@ -317,7 +389,24 @@ def float64(values: NDArray[Any]) -> FloatArray:
 
 
 def equal_steps(count: int, step: float | None, where: str, notes: list[str]) -> FloatArray | None:
-    """Return distances (trace,) in equal steps, m, as a header states them; None without any."""
+    """Return distances (trace,) in equal steps, m, as a header states them; None without any.
+
+    Parameters
+    ----------
+    count : int
+        Number of traces.
+    step : float or None
+        Step from trace to trace, m; None or 0 where none is stated.
+    where : str
+        What states it, for the notes.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    (trace,) ndarray of float or None
+        The distances, m.
+    """
     if not step or not np.isfinite(step):
         return None
     direction = ", counted towards smaller positions" if step < 0 else ""
@@ -470,7 +559,20 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
 
 
 def numbers_in(text: bytes, widths: list[int]) -> list[float]:
-    """Return numbers written as text in fields of so many bytes; NaN for what is none."""
+    """Return numbers that are written as text in fields of fixed widths.
+
+    Parameters
+    ----------
+    text : bytes
+        The fields, one after the other.
+    widths : list of int
+        Bytes of each field.
+
+    Returns
+    -------
+    list of float
+        A number per field; NaN for what is none.
+    """
     numbers = []
     begin = 0
     for width in widths:

@@ -20,6 +20,7 @@ _LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
 _LEVEL = 0.01  # m of height, that are none
 _CLOSE = 20.0  # m that the path of a receiver without corrections may be off
+_SLIP = 2  # times the traces' own distance that positions may lie apart
 
 
 def trace_poses(
@@ -103,8 +104,9 @@ def _poses_by_fixes(
     ground = ground[np.isin(section.fixes[:, 0], trace)]
     position[:, 2] += _topography(section, ground, anchor, topography, notes)
 
-    thinned = slice(None, None, 1 + len(trace) // _MOST_HEADINGS)
-    heading = np.interp(trace, trace[thinned], np.unwrap(course(position[thinned])))
+    every = 1 + len(trace) // _MOST_HEADINGS
+    heading_of_some = np.unwrap(course(position[::every]))
+    heading = np.interp(trace, trace[::every], heading_of_some)
     track = make_track(trace, position, heading)
     first = math.ceil(trace[0])
     last = math.floor(trace[-1])
@@ -117,14 +119,28 @@ def _poses_by_fixes(
 
 
 def options_that_place(section: GprSection, dashes: str = "") -> str:
-    """Return the options that place the traces of a line whose headers do not, in words."""
+    """Return the options that place the traces of a line whose headers do not, in words.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    dashes : str
+        What stands before the name of an option.
+
+    Returns
+    -------
+    str
+        The options, such as "step or mark-spacing".
+    """
     names = ["step"]
     if len(section.marks) > 1:
         names.append("mark-spacing")
     if len(section.fixes) > 1:
         names += ["anchor", "anchor-from-track"]
     options = [dashes + name for name in names]
-    return options[0] if len(options) == 1 else f"{', '.join(options[:-1])} or {options[-1]}"
+    *first, last = options
+    return f"{', '.join(first)} or {last}" if first else last
 
 
 def _topography(
@@ -208,12 +224,15 @@ def _near_by_distance(
     for step in (1, 2):
         offset = position[step:, :2] - position[:-step, :2]
         apart = np.hypot(*offset.T)
-        allowed = 2 * (along[step:] - along[:-step]) + _CLOSE
+        travelled_between = along[step:] - along[:-step]
+        allowed = _SLIP * travelled_between + _CLOSE
         fits = apart <= allowed
         agrees[step:] |= fits
         agrees[:-step] |= fits
     # Where hardly any agree, it is the distance that is wrong.
-    return agrees if 2 * np.count_nonzero(agrees) > count else np.ones(count, bool)
+    if 2 * np.count_nonzero(agrees) <= count:
+        return np.ones(count, bool)
+    return agrees
 
 
 def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
@@ -238,7 +257,15 @@ def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
 def doubts_of_fixes(section: GprSection) -> list[str]:
     """Return in lines what of the receiver's positions is in doubt.
 
-    That are those that no vehicle reaches, and a path that contradicts the traces' distances.
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+
+    Returns
+    -------
+    list of str
+        On positions that no vehicle reaches, and on a path that contradicts the traces' distances.
     """
     if len(section.fixes) < 2:
         return []
@@ -250,15 +277,16 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
     if section.distance is None or len(trace) < 2:
         return lines
     steps = np.hypot(*np.diff(position[:, :2], axis=0).T)
-    travelled = float(steps.sum())
+    by_receiver = float(steps.sum())
     first = int(np.ceil(trace[0]))
     last = int(np.floor(trace[-1]))
     steps_of_traces = np.diff(section.distance[first : last + 1])
     by_traces = float(np.abs(steps_of_traces).sum())
-    differs = abs(travelled - by_traces) > _CLOSE
-    if differs and not 0.5 < travelled / max(by_traces, 1e-9) < 2.0:
+    differs = abs(by_receiver - by_traces) > _CLOSE
+    ratio = by_receiver / max(by_traces, 1e-9)
+    if differs and not 0.5 < ratio < 2.0:
         lines.append(
-            f"the satellite receiver went {travelled:.4g} m from trace {first} to trace {last}, "
+            f"the satellite receiver went {by_receiver:.4g} m from trace {first} to trace {last}, "
             f"where the traces' own distance is {by_traces:.4g} m: is their spacing right?"
         )
     return lines

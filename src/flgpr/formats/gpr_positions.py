@@ -76,6 +76,50 @@ _LAYOUTS = {
 }
 
 
+@dataclass
+class _Sentences:
+    """The positions of the sentences of a file, and counts of what is not used or not sure."""
+
+    fixes: dict[str, list[Fix]] = field(default_factory=lambda: {"GGA": [], "RMC": []})
+    count: int = 0
+    without_trace: int = 0
+    unusable: int = 0
+    not_measured: Counter[str] = field(default_factory=Counter)
+
+    def add(self, kind: str, cells: Sequence[str], trace: int | None) -> None:
+        """Add a sentence of a kind, GGA or RMC, that belongs to a trace, from 0."""
+        self.count += 1
+        fix = _fix_of_sentence(kind, cells, trace)
+        if fix is None:
+            self.unusable += 1
+            return
+        if kind == "GGA" and cells[_GGA_QUALITY] in _NOT_MEASURED:
+            quality = _NOT_MEASURED[cells[_GGA_QUALITY]]
+            self.not_measured[quality] += 1
+        if trace is None:
+            self.without_trace += 1
+        else:
+            self.fixes[kind].append(fix)
+
+    def note_counts(self, name: str, notes: list[str]) -> None:
+        """Add notes of the counts; ``name`` is the file's."""
+        if not self.count:
+            notes.append(f"{name} was found and holds no position that is understood")
+        if self.unusable:
+            notes.append(
+                f"{self.unusable} of {self.count} sentences of {name} tell no position "
+                "(the receiver had no fix)"
+            )
+        for quality, number in self.not_measured.items():
+            notes.append(
+                f"{number} of {self.count} sentences of {name} are {quality}: they are used"
+            )
+        if self.without_trace:
+            notes.append(f"{self.without_trace} positions of {name} name no trace and are not used")
+        if self.fixes["RMC"] and not self.fixes["GGA"]:
+            notes.append(f"{name} holds RMC sentences alone, which tell no height")
+
+
 def nmea_fixes(
     path: Path | None, count: int, notes: list[str], numbers: NDArray[np.integer] | None = None
 ) -> Fixes:
@@ -103,11 +147,7 @@ def nmea_fixes(
     text = _companion_text(path, notes)
     if path is None or text is None:
         return Fixes()
-    fixes: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
-    sentences = 0
-    without_trace = 0
-    unusable = 0
-    not_measured: Counter[str] = Counter()
+    sentences = _Sentences()
     trace: int | None = None
     for line in text.splitlines():
         trace = _trace_in(line, trace)
@@ -117,35 +157,12 @@ def nmea_fixes(
         row = _ROW.match(line[: sentence.start()])
         if row is not None:
             trace = int(row[1]) - 1
-        sentences += 1
-        kind = sentence[1]
-        cells = sentence[2].split(",")
-        fix = _fix_of_sentence(kind, cells, trace)
-        if fix is not None and kind == "GGA" and cells[_GGA_QUALITY] in _NOT_MEASURED:
-            not_measured[_NOT_MEASURED[cells[_GGA_QUALITY]]] += 1
-        if fix is None:
-            unusable += 1
-        elif trace is None:
-            without_trace += 1
-        else:
-            fixes[kind].append(fix)
+        sentences.add(sentence[1], sentence[2].split(","), trace)
 
-    if not sentences:
-        notes.append(f"{path.name} was found and holds no position that is understood")
-    if unusable:
-        notes.append(
-            f"{unusable} of {sentences} sentences of {path.name} tell no position "
-            "(the receiver had no fix)"
-        )
-    for quality, number in not_measured.items():
-        notes.append(
-            f"{number} of {sentences} sentences of {path.name} are {quality}: they are used"
-        )
-    if without_trace:
-        notes.append(f"{without_trace} positions of {path.name} name no trace and are not used")
-    if fixes["RMC"] and not fixes["GGA"]:
-        notes.append(f"{path.name} holds RMC sentences alone, which tell no height")
-    return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, path.name, numbers)
+    sentences.note_counts(path.name, notes)
+    # RMC would add the same positions once more, without a height.
+    fixes = sentences.fixes["GGA"] or sentences.fixes["RMC"]
+    return settle_fixes(fixes, count, notes, path.name, numbers)
 
 
 def _companion_text(path: Path | None, notes: list[str]) -> str | None:
@@ -191,7 +208,9 @@ def _fix_of_sentence(kind: str, cells: Sequence[str], trace: int | None) -> Fix 
 def _nmea_degrees(text: str) -> float:
     """Return degrees of ``dddmm.mmmm``."""
     value = float(text)
-    return int(value // 100) + value % 100 / 60
+    degrees = int(value // 100)
+    minutes = value % 100
+    return degrees + minutes / 60
 
 
 def _gga_height(cells: Sequence[str]) -> float:
@@ -201,10 +220,15 @@ def _gga_height(cells: Sequence[str]) -> float:
     """
     if not cells[8]:
         return np.nan
-    height = float(cells[8]) * (FOOT if cells[9].upper() == "F" else 1.0)
+    height = float(cells[8]) * _metres_of(cells[9])
     if len(cells) > 11 and cells[10]:
-        height += float(cells[10]) * (FOOT if cells[11].upper() == "F" else 1.0)
+        height += float(cells[10]) * _metres_of(cells[11])
     return height
+
+
+def _metres_of(unit: str) -> float:
+    """Return the metres of a unit of GGA: F is feet, and all else metres."""
+    return FOOT if unit.upper() == "F" else 1.0
 
 
 def _clock_time(text: str) -> float:
@@ -379,12 +403,10 @@ def settle_fixes(
     back = np.diff(table[:, 4]) < 0
     if back.any():
         notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
-    first = np.unique(table[:, 0], return_index=True)[1]
-    if first.size < len(table):
-        notes.append(
-            f"{len(table) - first.size} positions are further ones of the same trace: "
-            "its first is used"
-        )
+    _, first = np.unique(table[:, 0], return_index=True)
+    further = len(table) - first.size
+    if further:
+        notes.append(f"{further} positions are further ones of the same trace: its first is used")
     table = table[first]
     unknown = np.isnan(table[:, 3])
     if unknown.any():
@@ -477,7 +499,17 @@ def _over_midnight(time: FloatArray) -> FloatArray:
 
 
 def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:
-    """Add notes of the files of the same name that lie beside a recording and are not read."""
+    """Add notes of the files of the same name that lie beside a recording and are not read.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    suffixes : sequence of str
+        Endings of the files.
+    notes : list of str
+        Takes a line for each that is there.
+    """
     for suffix in suffixes:
         companion = find_companion(path, suffix)
         if companion is not None:

@@ -79,23 +79,57 @@ class Layout:
 
 
 def order_and_format(raw: bytes) -> tuple[str, int]:
-    """Return the byte order and the code of the sample format."""
+    """Return the byte order and the code of the sample format.
+
+    Parameters
+    ----------
+    raw : bytes
+        The beginning of the file: text header and binary header.
+
+    Returns
+    -------
+    order : str
+        "<" or ">".
+    code : int
+        One of the codes that are read.
+
+    Raises
+    ------
+    ValueError
+        If the code is none of these.
+    """
     stated = _ORDERS.get(raw[3296:3300])
-    for order in (stated,) if stated else (">", "<"):
+    orders = (stated,) if stated else (">", "<")
+    for order in orders:
         code = word_at(raw, f"{order}H", 3224)
         if code in _FORMATS:
             return order, code
-    code = word_at(raw, f"{stated or '>'}H", 3224)
-    known = _NOT_READ.get(code) or _NOT_READ.get(word_at(raw, "<H", 3224))
-    meaning = f" ({known}, which is not read)" if known else ""
-    raise ValueError(
-        f"the code of its sample format must be one of {', '.join(map(str, _FORMATS))}, "
-        f"got {code}{meaning}"
-    )
+
+    code = word_at(raw, f"{orders[0]}H", 3224)
+    little_endian_code = word_at(raw, "<H", 3224)
+    meaning = _NOT_READ.get(code) or _NOT_READ.get(little_endian_code)
+    remark = f" ({meaning}, which is not read)" if meaning else ""
+    codes = ", ".join(map(str, _FORMATS))
+    raise ValueError(f"the code of its sample format must be one of {codes}, got {code}{remark}")
 
 
 def word_at(raw: bytes, layout: str, position: int) -> Any:
-    """Return the number at a position of the headers."""
+    """Return the number at a position of the headers.
+
+    Parameters
+    ----------
+    raw : bytes
+        The headers.
+    layout : str
+        Byte order and type, as for :mod:`struct`.
+    position : int
+        Byte at which the number begins, from 0.
+
+    Returns
+    -------
+    int or float
+        The number.
+    """
     return struct.unpack_from(layout, raw, position)[0]
 
 
@@ -110,6 +144,20 @@ def revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
     """Return the revision, major and minor number.
 
     One that does not exist is noted, and returned as it is.
+
+    Parameters
+    ----------
+    raw : bytes
+        The beginning of the file: text header, binary header and first trace header.
+    order : str
+        Byte order, "<" or ">".
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    tuple of int
+        Major and minor number.
     """
     major = raw[3500]
     minor = raw[3501]
@@ -132,6 +180,31 @@ def layout_of(
     """Return where the traces lie.
 
     Of all layouts that the headers allow, it is the one that the file bears out best.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    raw : bytes
+        The beginning of the file: text header, binary header and first trace header.
+    order : str
+        Byte order, "<" or ">".
+    code : int
+        Code of the sample format.
+    revision : tuple of int
+        Major and minor number of the revision.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    Layout
+        The layout.
+
+    Raises
+    ------
+    ValueError
+        If no header tells the number of samples.
     """
     size = path.stat().st_size
     width = np.dtype(_FORMATS[code]).itemsize
@@ -160,24 +233,29 @@ def layout_of(
 
     agreements = [_agreement(path, layout, order, width, size) for layout in candidates]
     best = candidates[int(np.argmax(agreements))]  # the first of equals is what the headers state
-    if best.head > TRACE_HEAD:
-        notes.append(
-            f"every trace has {best.head // TRACE_HEAD - 1} extra headers, which are passed over"
-        )
+    _note_differences(best, candidates[0], counts, stated_extra, notes)
+    if end:
+        notes.append(f"{stanzas} stanzas behind the traces are not read")
+    return best
+
+
+def _note_differences(
+    best: Layout, stated: Layout, counts: list[int], stated_extra: int, notes: list[str]
+) -> None:
+    """Add notes of where a layout differs from what the headers state."""
+    extra_headers = best.head // TRACE_HEAD - 1
+    if extra_headers:
+        notes.append(f"every trace has {extra_headers} extra headers, which are passed over")
     elif stated_extra:
         notes.append(
             f"it tells {stated_extra} extra headers of every trace; the file's size shows none"
         )
     if not counts or best.samples != counts[0]:
         notes.append(f"the number of samples, {best.samples}, is that of the trace headers")
-    if best.start != candidates[0].start:
+    if best.start != stated.start:
         notes.append(
-            f"its traces begin at byte {best.start}, not at {candidates[0].start} "
-            "as its header tells"
+            f"its traces begin at byte {best.start}, not at {stated.start} as its header tells"
         )
-    if end:
-        notes.append(f"{stanzas} stanzas behind the traces are not read")
-    return best
 
 
 def _sample_counts(raw: bytes, order: str, extended: bool) -> tuple[list[int], list[int]]:
@@ -190,10 +268,14 @@ def _sample_counts(raw: bytes, order: str, extended: bool) -> tuple[list[int], l
     first = [stated] if stated >= 2 else []
     if extended and 2 <= long <= MOST_SAMPLES and stated < 2:
         first = [long]
-    counts = [_word_of_first_trace(raw, order, 114)]
+    candidates = [_word_of_first_trace(raw, order, 114)]
     if extended:
-        counts.append(long)
-    return first, [count for count in counts if 2 <= count <= MOST_SAMPLES and count not in first]
+        candidates.append(long)
+    others = []
+    for count in candidates:
+        if 2 <= count <= MOST_SAMPLES and count not in first:
+            others.append(count)
+    return first, others
 
 
 def _text_headers(path: Path, raw: bytes, order: str) -> list[int]:
@@ -205,12 +287,17 @@ def _text_headers(path: Path, raw: bytes, order: str) -> list[int]:
     if stated == -1:
         for number in range(1, _MOST_HEADERS + 1):
             block = first_bytes(path, _STANZA, HEAD + _STANZA * (number - 1))
-            texts = [block.decode(codec, errors="replace") for codec in ("ascii", "cp037")]
-            if any(_END_TEXT.match(text) for text in texts):
+            if _is_end_text(block):
                 return [number, 0]
             if len(block) < _STANZA:
                 break
     return [stated, 0] if 0 < stated <= _MOST_HEADERS else [0]
+
+
+def _is_end_text(block: bytes) -> bool:
+    """Return whether a text header is the stanza EndText, in ASCII or in EBCDIC."""
+    texts = [block.decode(codec, errors="replace") for codec in ("ascii", "cp037")]
+    return any(_END_TEXT.match(text) for text in texts)
 
 
 def _extra_headers(raw: bytes, order: str, minor: int) -> tuple[tuple[int, ...], int]:
@@ -236,9 +323,11 @@ def _agreement(path: Path, layout: Layout, order: str, width: int, size: int) ->
     if available < record:
         return -1
     agreement = 2 if available % record == 0 else 0
-    for number in (0, 1, available // record - 1):
+    expected = layout.samples & 0xFFFF  # the trace header's word has 16 bit
+    last = available // record - 1
+    for number in (0, 1, last):
         word = first_bytes(path, 2, layout.start + number * record + 114)
-        if len(word) == 2 and word_at(word, f"{order}H", 0) == layout.samples & 0xFFFF:
+        if len(word) == 2 and word_at(word, f"{order}H", 0) == expected:
             agreement += 1
     return agreement
 
@@ -247,6 +336,27 @@ def interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[s
     """Return the sample interval, s.
 
     It is that of the binary header, of revision 2's long word, or of the first trace header.
+
+    Parameters
+    ----------
+    raw : bytes
+        The beginning of the file: text header, binary header and first trace header.
+    order : str
+        Byte order, "<" or ">".
+    revision : tuple of int
+        Major and minor number of the revision.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    float
+        The interval, s.
+
+    Raises
+    ------
+    ValueError
+        If no header tells it, or it is not plausible.
     """
     stated = word_at(raw, f"{order}H", 3216)
     long = word_at(raw, f"{order}d", 3272)
@@ -268,7 +378,22 @@ def interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[s
 
 
 def record_type(layout: Layout, order: str, code: int) -> np.dtype[Any]:
-    """Return the type of a trace with the words of its header that are read."""
+    """Return the type of a trace with the words of its header that are read.
+
+    Parameters
+    ----------
+    layout : Layout
+        Where the traces lie.
+    order : str
+        Byte order, "<" or ">".
+    code : int
+        Code of the sample format.
+
+    Returns
+    -------
+    numpy.dtype
+        Of a record with a field for every word, and ``samples``.
+    """
     formats: list[Any] = [order + kind for kind, _ in _WORDS.values()]
     offsets = [offset for _, offset in _WORDS.values()]
     sample = order + _FORMATS[code]

@@ -23,6 +23,8 @@ _COORDINATES = {
 }
 _ANGULAR = (2, 3, 4)  # codes of units of coordinates that are angles
 _LONGEST_SEPARATION = 100.0  # m, of two antennas
+_SPREAD = 0.1  # share of the mean separation by which constant ones may differ
+_FAR = 10  # extents of a line; 0, 0 at more than so many from it is no place on it
 
 
 class Geometry(NamedTuple):
@@ -37,7 +39,20 @@ class Geometry(NamedTuple):
 def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> Geometry:
     """Return where the traces are, and how far apart their antennas.
 
-    ``metre`` is the unit of coordinates that are lengths.
+    Parameters
+    ----------
+    table : (trace,) ndarray of records
+        The trace headers: coordinates of source, group and CDP with their ``scalar`` and ``unit``
+        (SEG-Y revision 2.1, bytes 71 to 90 and 181 to 188).
+    metre : float
+        Metres of a unit of coordinates that are lengths.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    Geometry
+        Distances or fixes, whichever the coordinates give, and the antennas' separation.
     """
     placed = _line_geometry(table, metre, notes)
     return placed._replace(gather=_gather(table, metre, notes))
@@ -82,9 +97,14 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Geome
 
 def _coordinates(table: NDArray[Any], name: str) -> FloatArray:
     """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit."""
-    scalar = float64(table["scalar"])  # a negative one divides
-    scale = np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
-    return np.stack([table[f"{name}_x"] * scale, table[f"{name}_y"] * scale], axis=1)
+    scalar = float64(table["scalar"])
+    # By the standard (bytes 71-72) a negative scalar divides; 0 counts as 1.
+    divided = 1 / np.maximum(-scalar, 1)
+    multiplied = np.maximum(scalar, 1)
+    scale = np.where(scalar < 0, divided, multiplied)
+    x = table[f"{name}_x"] * scale
+    y = table[f"{name}_y"] * scale
+    return np.stack([x, y], axis=1)
 
 
 def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
@@ -92,16 +112,27 @@ def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
 
     It is empty for a line.
     """
+    if np.isin(table["unit"], _ANGULAR).any():
+        return ""
     source = _coordinates(table, "source")
     group = _coordinates(table, "group")
-    located = source.any(axis=1) & group.any(axis=1)
-    if np.isin(table["unit"], _ANGULAR).any() or np.count_nonzero(located) < 2:
+    separations = _separations(source, group, metre)
+    if separations.size < 2:
         return ""
-    apart = np.hypot(*(group - source)[located].T) * metre
-    gather = gather_of_separations(apart, " m", notes)
+    gather = gather_of_separations(separations, " m", notes)
     if gather:
         notes.append(gather_note(gather))
     return gather
+
+
+def _separations(source: FloatArray, group: FloatArray, metre: float) -> FloatArray:
+    """Return the distances (trace,), m, of the traces whose source and group are both stated.
+
+    Coordinates 0, 0 count as not stated.
+    """
+    is_stated = source.any(axis=1) & group.any(axis=1)
+    offsets = group[is_stated] - source[is_stated]
+    return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * metre, dtype=np.float64)
 
 
 def _changing_coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, FloatArray]:
@@ -121,9 +152,11 @@ def _degrees(points: FloatArray, unit: int) -> FloatArray:
 
     They are seconds of arc (2), degrees (3), or degrees, minutes and seconds as digits (4).
     """
+    if unit == 2:
+        return points / 3600
     if unit == 4:
         return _sexagesimal(points)
-    return points / (3600 if unit == 2 else 1)
+    return points
 
 
 def _fixes_of(degrees: FloatArray, notes: list[str]) -> Fixes:
@@ -143,9 +176,10 @@ def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
     missing = np.count_nonzero(~is_set)
     if not missing or not is_set.any():
         return points
-    nearest = np.abs(points[is_set]).max(axis=1).min()
-    extent = np.ptp(points[is_set], axis=0).max()
-    if nearest <= 10 * extent:
+    stated = points[is_set]
+    nearest = np.abs(stated).max(axis=1).min()
+    extent = np.ptp(stated, axis=0).max()
+    if nearest <= _FAR * extent:
         return points
     notes.append(
         f"{missing} of {len(points)} traces are at 0, 0, far from all others, "
@@ -157,7 +191,9 @@ def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
 def _between_neighbours(points: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     """Return points (trace, 2), those that are not usable between those before and behind."""
     trace = np.arange(len(points))
-    sides = [np.interp(trace, trace[usable], side[usable]) for side in points.T]
+    sides = []
+    for side in points.T:
+        sides.append(np.interp(trace, trace[usable], side[usable]))
     return np.stack(sides, axis=1)
 
 
@@ -165,14 +201,16 @@ def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[st
     """Return the distance of source and group, m, where it is the same in all traces."""
     if "source" not in coordinates or "group" not in coordinates:
         return None
-    located = coordinates["source"].any(axis=1) & coordinates["group"].any(axis=1)
-    if not located.any():
+    separations = _separations(coordinates["source"], coordinates["group"], metre)
+    if not separations.size:
         return None
-    apart = np.hypot(*(coordinates["group"] - coordinates["source"])[located].T) * metre
-    if not 0 < apart.mean() <= _LONGEST_SEPARATION or np.ptp(apart) > 0.1 * apart.mean():
+    mean = float(separations.mean())
+    is_plausible = 0 < mean <= _LONGEST_SEPARATION
+    is_constant = np.ptp(separations) <= _SPREAD * mean
+    if not (is_plausible and is_constant):
         return None
     notes.append("the antennas' separation is the distance of source and group coordinates")
-    return float(apart.mean())
+    return mean
 
 
 def _sexagesimal(values: FloatArray) -> FloatArray:

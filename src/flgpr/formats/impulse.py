@@ -49,34 +49,17 @@ def impulse_to_frequency(
     """
     values = np.asarray(samples)
     axis = np.asarray(delay, dtype=np.float64)
-    if axis.ndim != 1 or axis.size < 2 or values.shape[-1] != axis.size:
-        raise ValueError(
-            f"delay must have one value per sample, got {axis.shape} for samples {values.shape}"
-        )
-    steps = np.diff(axis)
-
-    step = float(steps.mean())
-    rises = bool(np.isfinite(axis).all()) and step > 0
-    if not rises or np.abs(steps - step).max() > _UNEVEN * step:
-        raise ValueError(
-            "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
-        )
-    nyquist = 0.5 / step
+    step = _step_of(axis, values.shape)
     if carrier and not np.iscomplexobj(values):
         raise ValueError("carrier is for complex samples, got real ones")
-    lowest = carrier - nyquist if carrier else 0.0
-    highest = carrier + nyquist
-    if not (max(lowest, 0.0) < band[0] < band[1] <= highest):
-        limits = f"0 and the Nyquist frequency {nyquist:g} Hz"
-        if carrier:
-            limits = f"{lowest:g} and {highest:g} Hz, which the samples about the carrier hold"
-        raise ValueError(f"band must lie between {limits}, got {band}")
+    _check_band(band, 0.5 / step, carrier)
     if pad < 1:
         raise ValueError(f"pad must be at least 1, got {pad}")
 
     count = axis.size * int(pad)
     bins = np.arange((count + 1) // 2)
     if carrier:
+        # At baseband, tones below the carrier are the negative frequencies.
         bins = np.arange(-(count // 2), (count + 1) // 2)
     baseband: NDArray[np.float64] = bins / (count * step)
     frequency = carrier + baseband
@@ -88,6 +71,34 @@ def impulse_to_frequency(
     # The transform counts delays from the first sample: its own delay turns the phase.
     phase = np.exp(-2j * np.pi * baseband[in_band] * axis[0])
     return spectrum * phase, frequency[in_band]
+
+
+def _step_of(axis: NDArray[np.float64], shape: tuple[int, ...]) -> float:
+    """Return the step of delays (delay,), s, of samples of a shape; uneven ones are refused."""
+    if axis.ndim != 1 or axis.size < 2 or shape[-1] != axis.size:
+        raise ValueError(
+            f"delay must have one value per sample, got {axis.shape} for samples {shape}"
+        )
+    steps = np.diff(axis)
+    step = float(steps.mean())
+    rises = bool(np.isfinite(axis).all()) and step > 0
+    if not rises or np.abs(steps - step).max() > _UNEVEN * step:
+        raise ValueError(
+            "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
+        )
+    return step
+
+
+def _check_band(band: tuple[float, float], nyquist: float, carrier: float) -> None:
+    """Refuse a band, Hz, that samples of a Nyquist frequency, about a carrier if any, lack."""
+    lowest = carrier - nyquist if carrier else 0.0
+    highest = carrier + nyquist
+    if max(lowest, 0.0) < band[0] < band[1] <= highest:
+        return
+    limits = f"0 and the Nyquist frequency {nyquist:g} Hz"
+    if carrier:
+        limits = f"{lowest:g} and {highest:g} Hz, which the samples about the carrier hold"
+    raise ValueError(f"band must lie between {limits}, got {band}")
 
 
 def negative_share(samples: ArrayLike) -> float:

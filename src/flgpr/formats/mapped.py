@@ -22,6 +22,7 @@ from flgpr.formats.mapping import (
     Positions,
     Quantity,
     Samples,
+    Signal,
     factor,
     read_mapping,
 )
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
 
 _ORDER = ("scan", "polarization", "pair", "frequency")
+_FILE_ORDER = ("scan", "polarization", "pair", "tx", "rx", "frequency")
+"""Order of the axes before those of transmitters and receivers become pairs."""
 _HIGHEST_FREQUENCY = 1e12
 _TWO_WAY = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
@@ -104,10 +107,7 @@ def import_mapped(
         If there is no file of a name.
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
-    if isinstance(data, (str, Path)):
-        data_files = [Path(data)]
-    else:
-        data_files = [Path(path) for path in data or ()]
+    data_files = _paths_of(data)
     folders = []
     if folder is not None:
         folders.append(Path(folder))
@@ -124,10 +124,24 @@ def import_mapped(
         importer.sources.anchor_from_track = anchor_from_track
         return importer.run()
     except ValueError as error:
-        names_a_file = any(str(path) in str(error) for paths in files.values() for path in paths)
-        if names_a_file or isinstance(mapping, Mapping):
+        if isinstance(mapping, Mapping) or _names_a_file(str(error), files):
             raise
         raise ValueError(f"{mapping}: {error}") from None
+
+
+def _paths_of(data: str | Path | Sequence[str | Path] | None) -> list[Path]:
+    """Return the paths of one file, of several or of none."""
+    if data is None:
+        return []
+    if isinstance(data, (str, Path)):
+        return [Path(data)]
+    return [Path(path) for path in data]
+
+
+def _names_a_file(message: str, files: dict[str, list[Path]]) -> bool:
+    """Return whether a message names one of the files of a mapping."""
+    all_paths = [path for paths in files.values() for path in paths]
+    return any(str(path) in message for path in all_paths)
 
 
 def _files(mapping: Mapping, folders: list[Path], data_files: list[Path]) -> dict[str, list[Path]]:
@@ -136,8 +150,9 @@ def _files(mapping: Mapping, folders: list[Path], data_files: list[Path]) -> dic
     for name, entry in mapping.files.items():
         if name == "data" and data_files:
             continue
+        patterns = [entry] if isinstance(entry, str) else entry
         files[name] = []
-        for pattern in [entry] if isinstance(entry, str) else entry:
+        for pattern in patterns:
             files[name] += _files_of(pattern, folders, name)
     if data_files:
         files["data"] = data_files
@@ -224,10 +239,11 @@ class _Importer:
 
     def _note_missing(self, signal: NDArray[Any]) -> None:
         """Count the sweeps of a signal (scan, polarization, pair, tone) that are incomplete."""
-        missing = int(np.count_nonzero(~np.isfinite(signal).all(axis=-1)))
+        is_complete = np.isfinite(signal).all(axis=-1)
+        missing = int(np.count_nonzero(~is_complete))
         if missing:
             self.notes.append(
-                f"{missing} of {signal[..., 0].size} sweeps hold values that are no numbers, "
+                f"{missing} of {is_complete.size} sweeps hold values that are no numbers, "
                 "and count as missing"
             )
 
@@ -235,16 +251,8 @@ class _Importer:
         """Return the signal in a run's order, and the lengths of the axes that it has."""
         spec = self.mapping.signal
         with self.sources.entry("signal", spec.file):
-            blocks = self.sources.arrays(spec.file, spec.variable, "signal")
-            if spec.imaginary is not None:
-                imaginary = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
-                _same_shape(blocks, imaginary, "signal.imaginary")
-                blocks = [a + 1j * b for a, b in zip(blocks, imaginary, strict=True)]
-            if spec.interleaved:
-                blocks = [_complex(block) for block in blocks]
+            blocks = self._signal_blocks(spec)
             dims = list(spec.dims)
-            if spec.shape is not None:
-                blocks = [_shaped(block, spec.shape) for block in blocks]
             for block in blocks:
                 if block.ndim != len(dims):
                     raise ValueError(
@@ -257,40 +265,46 @@ class _Importer:
             plausible(signal, "signal")
             return self._ordered(signal, dims)
 
+    def _signal_blocks(self, spec: Signal) -> list[NDArray[Any]]:
+        """Return the signal of every file as the mapping describes its numbers."""
+        blocks = self.sources.arrays(spec.file, spec.variable, "signal")
+        if spec.imaginary is not None:
+            imaginary = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
+            _same_shape(blocks, imaginary, "signal.imaginary")
+            blocks = [a + 1j * b for a, b in zip(blocks, imaginary, strict=True)]
+        if spec.interleaved:
+            blocks = [_complex(block) for block in blocks]
+        if spec.shape is not None:
+            blocks = [_shaped(block, spec.shape) for block in blocks]
+        return blocks
+
     def _ordered(
         self, signal: NDArray[Any], dims: list[str]
     ) -> tuple[NDArray[Any], dict[str, int]]:
         """Bring the axes into a run's order; scan axes of a raster become one."""
-        single = tuple(axis for axis, name in enumerate(dims) if name == "single")
-        if any(signal.shape[axis] != 1 for axis in single):
-            raise ValueError(
-                f"signal.dims: an axis called single must have length 1, got shape {signal.shape}"
-            )
-        signal = signal.squeeze(axis=single)
-        dims = ["frequency" if name == "sample" else name for name in dims if name != "single"]
+        signal, dims = _without_single_axes(signal, dims)
         if self.mapping.signal.conjugate:
             signal = signal.conj()
             self.notes.append("phases turned round (the recorder's convention is exp(+j2πfL/c))")
 
-        names = ("scan", "polarization", "pair", "tx", "rx", "frequency")
         order: list[int] = []
-        for name in names:
+        for name in _FILE_ORDER:
             order += [axis for axis, dim in enumerate(dims) if dim == name]
         signal = signal.transpose(order)
 
         grid = signal.shape[: dims.count("scan")]
         self.sources.grid = grid
         if len(grid) > 1:
-            self.notes.append(
-                f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans"
-            )
+            lengths = " x ".join(map(str, grid))
+            self.notes.append(f"{lengths} positions made {math.prod(grid)} scans")
             signal = signal.reshape(-1, *signal.shape[len(grid) :])
 
-        known = [name for name in names if name in dims]
+        known = [name for name in _FILE_ORDER if name in dims]
         sizes = dict(zip(known, signal.shape, strict=True))
         if "tx" in sizes:
             sizes["pair"] = sizes["tx"] * sizes["rx"]
-        return signal.reshape([sizes.get(name, 1) for name in _ORDER]), sizes
+        shape = [sizes.get(name, 1) for name in _ORDER]
+        return signal.reshape(shape), sizes
 
     def _joined(self, blocks: list[NDArray[Any]], dims: list[str]) -> NDArray[Any]:
         """Return the signals of several files as one array."""
@@ -333,8 +347,9 @@ class _Importer:
             return signal, self._stated_tones(self.mapping.frequency, count)
         spec: Samples = self.mapping.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
-        axis = self.sources.vector(spec, kind, "samples", count=count) * _TWO_WAY[spec.meaning]
-        delay = axis if spec.meaning == "delay" else axis / SPEED_OF_LIGHT
+        stated = self.sources.vector(spec, kind, "samples", count=count)
+        two_way = stated * _TWO_WAY[spec.meaning]
+        delay = two_way if spec.meaning == "delay" else two_way / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
         band = (spec.band[0] * scale, spec.band[1] * scale)
         self.notes.append(
@@ -374,9 +389,11 @@ class _Importer:
         The origin (scan, 3) of the vehicle frame is that of positions in the lane frame, else None.
         """
         pairs = shape[2]
-        (tx_name, tx_spec), (rx_name, rx_spec) = self._antenna_entries()
-        tx = self.sources.points(tx_spec, tx_name, "scan" if tx_spec.frame == "lane" else "pair")
-        rx = self.sources.points(rx_spec, rx_name, "scan" if rx_spec.frame == "lane" else "pair")
+        tx_entry, rx_entry = self._antenna_entries()
+        tx_name, tx_spec = tx_entry
+        rx_name, rx_spec = rx_entry
+        tx = self._antenna_points(tx_name, tx_spec)
+        rx = self._antenna_points(rx_name, rx_spec)
 
         in_lane = "lane" in (tx_spec.frame, rx_spec.frame)
         if in_lane and pairs == 1:
@@ -405,6 +422,11 @@ class _Importer:
                     )
         return tx, rx, origin
 
+    def _antenna_points(self, name: str, spec: Positions) -> FloatArray:
+        """Return antenna positions (pair, 3), or (scan, pair, 3) in the lane frame, m."""
+        along = "scan" if spec.frame == "lane" else "pair"
+        return self.sources.points(spec, name, along)
+
     def _antenna_entries(self) -> tuple[tuple[str, Positions], tuple[str, Positions]]:
         """Return names and tables of the positions of transmitters and of receivers."""
         mapping = self.mapping
@@ -426,14 +448,17 @@ class _Importer:
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
         """Return the path, m, that the recorder subtracted, for (scan, polarization, pair)."""
-        scale = 2.0 if spec.meaning == "range" else 1.0
+        scale = 2.0 if spec.meaning == "range" else 1.0  # a range counts there and back
         values = self.sources.vector(spec, "length", "path_offset", spec.along) * scale
-        count = shape[0] if spec.along == "scan" else shape[2]
+        scans, _, pairs = shape[:3]
+        count = scans if spec.along == "scan" else pairs
         if values.size not in (1, count) or not np.isfinite(values).all():
             raise ValueError(
                 f"path_offset must be one finite length or one for each of {count} {spec.along}s"
             )
-        return values.reshape((-1, 1, 1) if spec.along == "scan" else (1, 1, -1))
+        if spec.along == "scan":
+            return values.reshape(-1, 1, 1)
+        return values.reshape(1, 1, -1)
 
     def _poses(
         self, time: FloatArray | None, origin: FloatArray | None, scans: int
@@ -486,6 +511,23 @@ def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: st
             )
 
 
+def _without_single_axes(signal: NDArray[Any], dims: list[str]) -> tuple[NDArray[Any], list[str]]:
+    """Return a signal without the axes called single, and the names of those that stay.
+
+    Samples count as the frequencies that they become.
+    """
+    single = tuple(axis for axis, name in enumerate(dims) if name == "single")
+    if any(signal.shape[axis] != 1 for axis in single):
+        raise ValueError(
+            f"signal.dims: an axis called single must have length 1, got shape {signal.shape}"
+        )
+    remaining = []
+    for name in dims:
+        if name != "single":
+            remaining.append("frequency" if name == "sample" else name)
+    return signal.squeeze(axis=single), remaining
+
+
 def _complex(values: NDArray[Any]) -> NDArray[Any]:
     """Return complex numbers of real and imaginary parts that alternate along the last axis."""
     if np.iscomplexobj(values) or not values.ndim or values.shape[-1] % 2:
@@ -494,8 +536,11 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
         )
     # Counts of up to 16 bit are exact in single precision, which takes half the memory.
     fits_single = values.dtype.itemsize <= 2 or values.dtype == np.float32
-    numbers = np.ascontiguousarray(values.astype(np.float32 if fits_single else np.float64))
-    return numbers.view(np.complex64 if fits_single else np.complex128)
+    if fits_single:
+        single = np.ascontiguousarray(values.astype(np.float32))
+        return single.view(np.complex64)
+    double = np.ascontiguousarray(values.astype(np.float64))
+    return double.view(np.complex128)
 
 
 def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:

@@ -426,5 +426,23 @@ def parse_mapping(text: str | bytes, name: str = "mapping") -> Mapping:
 
 
 def read_mapping(path: str | Path) -> Mapping:
-    """Read a mapping from a TOML file; see :func:`parse_mapping`."""
+    """Read a mapping from a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Mapping
+        The mapping (:func:`parse_mapping`).
+
+    Raises
+    ------
+    ValueError
+        If an entry is missing, unknown or breaks a rule; the error names file and entry.
+    FileNotFoundError
+        If there is no file.
+    """
     return parse_mapping(read_named(existing(path, "mapping")), str(path))

@@ -49,37 +49,31 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     ValueError
         If the header names no columns, or there are no frames or no positions.
     """
-    from flgpr.store.tables import parse_csv
-
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         head = list(csv.reader(islice(file, _HEAD)))
 
     first = head[0]  # names and values in turn
     properties = dict(zip(first[::2], first[1::2], strict=False))
     start = _column_row(head)
-    labels = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
+    labels = {}
+    for row in head[1:start]:
+        if len(row) > 2:
+            label = row[1].strip()
+            labels[label] = row
     if "Type" not in labels or "Name" not in labels:
         raise ValueError("a take must have lines of Type and Name over its columns")
-    length_unit = _UNITS.get(properties.get("Length Units", "").strip().lower(), "")
+    stated_unit = properties.get("Length Units", "").strip().lower()
+    length_unit = _UNITS.get(stated_unit, "")
     rotation_type = properties.get("Rotation Type", "").strip()
     columns = _columns(
-        labels["Type"], labels["Name"], head[start - 1], head[start], rotation_type.lower()
+        labels["Type"],
+        labels["Name"],
+        head[start - 1],
+        head[start],
+        rotation_type.lower(),
     )
 
-    with path.open("rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
-        table = parse_csv(
-            file,
-            header=None,
-            skiprows=start + 1,
-            names=list(map(str, range(len(head[start])))),
-            index_col=False,
-            dtype=np.float64,
-        )
-    values = table.to_numpy()
-    if not len(values):
-        raise ValueError("a take must hold frames, got none")
-
+    values = _read_values(path, start + 1, len(head[start]))
     arrays: dict[str, NDArray[Any]] = {"frame": values[:, 0], "time": values[:, 1]}
     units = {"time": "s"}
     for name, order in columns.items():
@@ -94,6 +88,25 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
         f"lengths in {length_unit or '?'}"
     )
     return arrays, units, [about]
+
+
+def _read_values(path: Path, head_lines: int, columns: int) -> NDArray[np.float64]:
+    """Read the numbers (frame, column) below the head of a take."""
+    from flgpr.store.tables import parse_csv
+
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
+        table = parse_csv(
+            file,
+            header=None,
+            skiprows=head_lines,
+            names=list(map(str, range(columns))),
+            index_col=False,
+            dtype=np.float64,
+        )
+    if table.empty:
+        raise ValueError("a take must hold frames, got none")
+    return table.to_numpy()
 
 
 def _column_row(head: list[list[str]]) -> int:

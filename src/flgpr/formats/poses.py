@@ -149,7 +149,8 @@ def _poses_in_files(
             sources.notes += notes
         pose[:, :3] = _in_the_lane(fixes, spec.geodetic, entry, anchor)
         # Headings of a geodetic table are clockwise from true north.
-        pose[:, 3] = np.angle(np.exp(1j * (pose[:, 3] - anchor.azimuth)))
+        heading_in_lane = pose[:, 3] - anchor.azimuth
+        pose[:, 3] = np.angle(np.exp(1j * heading_in_lane))
     return pose
 
 
@@ -243,13 +244,15 @@ def _geodetic(sources: Sources, spec: Geodetic, where: str, count: int, along: s
     longitude, latitude, height = columns
     with sources.entry(where, spec.file):
         known = np.isfinite(longitude) & np.isfinite(latitude)
-        too_far_north = (np.abs(latitude[known] * degrees) > 90).any()
-        too_far_east = (np.abs(longitude[known] * degrees) > 360).any()
+        longitude = longitude * degrees
+        latitude = latitude * degrees
+        too_far_north = (np.abs(latitude[known]) > 90).any()
+        too_far_east = (np.abs(longitude[known]) > 360).any()
         if too_far_north or too_far_east:
             raise ValueError(
                 f"{where} must have latitudes within 90 and longitudes within 360 degrees"
             )
-    return np.stack([longitude * degrees, latitude * degrees, height * scale], axis=1)
+    return np.stack([longitude, latitude, height * scale], axis=1)
 
 
 def _in_the_lane(fixes: FloatArray, spec: Geodetic, where: str, anchor: Anchor) -> FloatArray:

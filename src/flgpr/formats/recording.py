@@ -138,15 +138,8 @@ class Recording:
     def _stack(self, name: str, required: str) -> None:
         """Stack the fields of a series; where all are too large, the ``required`` one alone."""
         series = self._series[name]
-        fields = series.all_fields()
-        size = series.count * sum(np.asarray(value).nbytes for value in fields.values())
-        if size > self.limit:
-            fields = {label: fields[label] for label in fields if label in (required, _LOG_TIME)}
-        columns = {}
-        for label, value in fields.items():
-            shape = (series.count, *np.shape(value))
-            columns[label] = np.empty(shape, np.asarray(value).dtype)
-
+        needed = (required, _LOG_TIME)
+        columns = self._empty_columns(series, needed)
         row = 0
         damaged_before = series.damaged
         series.damaged = 0
@@ -161,7 +154,7 @@ class Recording:
                 shape = columns[label].shape[1:]
                 if _fits(value, shape):
                     columns[label][row] = value
-                elif label not in (required, _LOG_TIME):
+                elif label not in needed:
                     del columns[label]  # an error when it is asked for
                 else:
                     got = "none" if value is None else f"shape {np.shape(value)}"
@@ -184,6 +177,18 @@ class Recording:
         self._columns = {}
         for label, column in columns.items():
             self._columns[_array_name(name, label)] = column[:row][order]
+
+    def _empty_columns(self, series: _Series, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+        """Return an empty array for every field; where all are too large, for the needed alone."""
+        fields = series.all_fields()
+        bytes_of_message = sum(np.asarray(value).nbytes for value in fields.values())
+        if series.count * bytes_of_message > self.limit:
+            fields = {label: fields[label] for label in fields if label in needed}
+        columns = {}
+        for label, value in fields.items():
+            shape = (series.count, *np.shape(value))
+            columns[label] = np.empty(shape, np.asarray(value).dtype)
+        return columns
 
     def _note_damage(self, series: _Series) -> None:
         """Add a note of the damaged messages of a series."""
@@ -258,16 +263,21 @@ class Recording:
         decode = decoders[number]
 
         topic = channel.topic
-        if schema is None or decode is None or not schema.name.endswith("TFMessage"):
-            series = self._series[topic]
-            is_wanted = not series.known if decoded is None else topic in decoded
-            content = None
-            if is_wanted and decode is not None:
-                content = _decoded(decode, data, series)
-            yield _Message(topic, content, log_time, publish_time)
+        holds_transforms = schema is not None and schema.name.endswith("TFMessage")
+        if holds_transforms and decode is not None:
+            if decoded is None or any(name.startswith(f"{topic}/") for name in decoded):
+                for name, transform in self._transforms_of(topic, decode, data):
+                    yield _Message(name, transform, log_time, publish_time)
             return
-        if decoded is not None and not any(name.startswith(f"{topic}/") for name in decoded):
-            return
+        series = self._series[topic]
+        is_wanted = not series.known if decoded is None else topic in decoded
+        content = None
+        if is_wanted and decode is not None:
+            content = _decoded(decode, data, series)
+        yield _Message(topic, content, log_time, publish_time)
+
+    def _transforms_of(self, topic: str, decode: Decoder, data: bytes) -> Iterator[tuple[str, Any]]:
+        """Yield series and content of each transform of a message; a damaged one is counted."""
         carrier = self._transforms.setdefault(topic, _Series(topic, "transforms", "cdr"))
         content = _decoded(decode, data, carrier)
         carrier.count += 1
@@ -278,7 +288,7 @@ class Recording:
             child = str(transform["child_frame_id"])
             name = f"{topic}/{parent}>{child}"
             self._series.setdefault(name, _Series(name, "transforms", "cdr"))
-            yield _Message(name, transform, log_time, publish_time)
+            yield name, transform
 
     def _channel(self, number: int) -> Any:
         """Return a channel as it was declared, or None.
@@ -332,15 +342,17 @@ class Recording:
         damage = self._container.damage
         if damage.uncounted_chunks == damage.damaged_chunks:
             return "with messages that no index counts"
-        topics = []
+        counts = []
         for number, count in damage.messages.items():
             if not count:
                 continue
             channel = self._channel(number)
-            topics.append(f"{count} of {channel.topic if channel else f'channel {number}'}")
-        summary = f"with {sum(damage.messages.values())} messages"
-        if topics:
-            summary += f": {', '.join(topics)}"
+            topic = channel.topic if channel else f"channel {number}"
+            counts.append(f"{count} of {topic}")
+        total = sum(damage.messages.values())
+        summary = f"with {total} messages"
+        if counts:
+            summary += f": {', '.join(counts)}"
         if damage.uncounted_chunks:
             summary += f"; no index counts those of {damage.uncounted_chunks} chunks"
         return summary
@@ -446,9 +458,10 @@ def _flat_table(content: dict[str, Any], path: str) -> dict[str, Any]:
     """
     is_nested = any(isinstance(value, (dict, list, str)) for value in content.values())
     if set(content) in _STAMPS and not is_nested:
-        values = list(content.values())
-        seconds, nanoseconds = values if "sec" in list(content)[:1] else reversed(values)
-        return {path: np.float64(float(seconds) + 1e-9 * float(nanoseconds))}
+        stamp = dict(content)
+        seconds = float(stamp.pop("sec"))
+        (nanoseconds,) = stamp.values()  # "nanosec" of ROS 2, "nsec" of ROS 1
+        return {path: np.float64(seconds + 1e-9 * float(nanoseconds))}
     fields: dict[str, Any] = {}
     for name, value in content.items():
         fields |= _flat(value, f"{path}.{name}" if path else str(name))

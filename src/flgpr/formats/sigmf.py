@@ -203,11 +203,13 @@ class SigmfRecording:
         segments = samples.reshape(len(self._starts), self._segment, *samples.shape[1:])
         if name == "segments":
             return segments
-        used = len(self._starts) // self._sweep * self._sweep
-        wide: Any = np.complex128 if self._samples.is_complex else np.float64
-        means = segments[:used].mean(axis=1, dtype=wide)
+        sweeps = len(self._starts) // self._sweep
+        segments = segments[: sweeps * self._sweep]
+        # Sums over a segment lose digits in single precision.
         if self._samples.is_complex:
-            means = means.astype(segments.dtype)
+            means = segments.mean(axis=1, dtype=np.complex128).astype(segments.dtype)
+        else:
+            means = segments.mean(axis=1, dtype=np.float64)
         return means.reshape(-1, self._sweep, *samples.shape[1:])
 
     def _find_samples(self, meta: Path, path: Path) -> _Samples:
@@ -232,21 +234,28 @@ class SigmfRecording:
         with self._folder.open(name, self._limit) as file:
             size = file.seek(0, os.SEEK_END)
 
-        left = size - trailing - sum(length for _, length in headers)
-        width = number.itemsize * (2 if is_complex else 1) * channels
-        if left <= 0 or left % width:
+        length = size - trailing - sum(header for _, header in headers)
+        width = _width(number, is_complex, channels)
+        if length <= 0 or length % width:
             raise ValueError(
                 f"{name} must hold samples of {width} bytes each by core:datatype and "
-                f"core:num_channels, got {max(left, 0)} bytes: is it cut off?"
+                f"core:num_channels, got {max(length, 0)} bytes: is it cut off?"
             )
-        count = left // width
+        count = length // width
         if number.kind == "u":
             self._notes.append(
                 f"samples are taken as stored: the midpoint of unsigned {number.name} is not "
                 "subtracted"
             )
         return _Samples(
-            name, size, is_complex, number, channels, count, tuple(headers), self._digest()
+            name,
+            size,
+            is_complex,
+            number,
+            channels,
+            count,
+            tuple(headers),
+            self._digest(),
         )
 
     def _start(self, capture: Mapping[str, Any]) -> int:
@@ -272,21 +281,24 @@ class SigmfRecording:
         if starts != sorted(starts):
             raise ValueError("captures must be sorted by core:sample_start, they are not")
         used = [start for start in starts if start < self._samples.count]
-        if len(used) < len(starts):
-            self._notes.append(
-                f"{len(starts) - len(used)} captures begin after the last sample and are ignored"
-            )
+        ignored = len(starts) - len(used)
+        if ignored:
+            self._notes.append(f"{ignored} captures begin after the last sample and are ignored")
             self._captures = self._captures[: len(used)]
         return np.array(used or [0], dtype=np.int64)
 
     def _take_entries(self, scope: str, objects: Sequence[Mapping[str, Any]]) -> None:
         """Take the numbers, lists and texts of the metadata as arrays."""
-        names = dict.fromkeys(key for entries in objects for key in entries)
+        excluded = set(_ELSEWHERE)
         if scope == "global":
-            names = dict.fromkeys(key for key in names if key not in _OF_THE_FILE)
-        keys = [key for key in names if key not in _ELSEWHERE]
+            excluded |= set(_OF_THE_FILE)
+        names: dict[str, None] = {}  # in the order of their first appearance
+        for entries in objects:
+            names |= dict.fromkeys(entries)
+        keys = [key for key in names if key not in excluded]
         # Every name takes a value of every object, also where most do not have it.
-        most = min(_MOST_NAMES, max(MOST_VALUES // max(len(objects), 1), 1))
+        most_by_memory = MOST_VALUES // max(len(objects), 1)
+        most = min(_MOST_NAMES, max(most_by_memory, 1))
         if len(keys) > most:
             self._unread.append(
                 f"{scope}: {len(keys) - most} names after the first {most}: not read"
@@ -310,11 +322,14 @@ class SigmfRecording:
             seconds = np.array([_seconds(str(text)) for text in times])
             self._arrays["captures/time"] = seconds
             self._units["captures/time"] = "s"
-            self._note_bad("core:datetime", int(np.isnan(seconds[times != ""]).sum()))
+            stated = seconds[times != ""]
+            self._note_bad("core:datetime", int(np.isnan(stated).sum()))
+
         places = np.full((len(self._captures), len(_PLACE)), np.nan)
         bad = 0
+        of_all = self._global.get("core:geolocation")
         for row, capture in zip(places, self._captures, strict=True):
-            point = capture.get("core:geolocation", self._global.get("core:geolocation"))
+            point = capture.get("core:geolocation", of_all)
             if point is not None:
                 coordinates = _coordinates(point)
                 row[: coordinates.size] = coordinates
@@ -362,16 +377,21 @@ class SigmfRecording:
         is_list = frequency.ndim == 1 and frequency.dtype.kind in "iuf"
         if not is_list or not np.isfinite(frequency).all():
             return 0
+        # A sweep ends where the first tone comes again.
         again = np.flatnonzero(frequency[1:] == frequency[0])
         tones = int(again[0]) + 1 if again.size else frequency.size
+        if tones < 2:
+            return 0
         used = frequency.size // tones * tones
         table = frequency[:used].reshape(-1, tones)
-        left = frequency[used:]
-        if tones < 2 or (table != table[0]).any() or (left != table[0, : left.size]).any():
+        last = frequency[used:]
+        sweeps_differ = (table != table[0]).any()
+        last_differs = (last != table[0, : last.size]).any()
+        if sweeps_differ or last_differs:
             return 0
-        if left.size:
+        if last.size:
             self._notes.append(
-                f"the last {left.size} captures are no complete sweep of {tones} tones: "
+                f"the last {last.size} captures are no complete sweep of {tones} tones: "
                 "sweeps leaves them out"
             )
         self._of_sweeps["tones"] = table[0]
@@ -405,14 +425,20 @@ class SigmfRecording:
             note = "the metadata state no SHA-512 of the samples: they are not checked"
         if note not in self._notes:
             self._notes.append(note)
-        width = samples.number.itemsize * (2 if samples.is_complex else 1) * samples.channels
-        content = _without_headers(content, samples.headers, width, samples.count * width)
-        total = samples.count * width // samples.number.itemsize
-        numbers = np.frombuffer(content, samples.number, total)
+        width = _width(samples.number, samples.is_complex, samples.channels)
+        length = samples.count * width
+        content = _without_headers(content, samples.headers, width, length)
+        numbers = np.frombuffer(content, samples.number, length // samples.number.itemsize)
         if samples.is_complex:
-            part: Any = np.float32 if samples.value == np.complex64 else np.float64
-            numbers = numbers.astype(part, copy=False).view(samples.value)
+            component: Any = np.float32 if samples.value == np.complex64 else np.float64
+            numbers = numbers.astype(component, copy=False).view(samples.value)
         return numbers.astype(samples.value, copy=False).reshape(samples.shape)
+
+
+def _width(number: np.dtype[Any], is_complex: bool, channels: int) -> int:
+    """Return the bytes that a sample of all channels takes in the file."""
+    numbers = 2 if is_complex else 1
+    return number.itemsize * numbers * channels
 
 
 def _without_headers(
@@ -468,13 +494,13 @@ def _check_version(content: Mapping[str, Any]) -> None:
 
 def _sample_type(datatype: Any) -> tuple[bool, np.dtype[Any]]:
     """Return whether samples are complex, and the type of their numbers in the file."""
-    parts = _DATATYPE.fullmatch(datatype) if isinstance(datatype, str) else None
-    if parts is None:
+    matched = _DATATYPE.fullmatch(datatype) if isinstance(datatype, str) else None
+    if matched is None:
         raise ValueError(
             "core:datatype must be such as cf32_le, ci16_be, ri16_le or cu8, with the byte order "
             f"of numbers of more than one byte, got {datatype!r:.100}"
         )
-    letter, byte, word, order = parts.groups()
+    letter, byte, word, order = matched.groups()
     kind = byte or word
     size = int(kind[1:]) // 8
     mark = ">" if order == "be" else "<"
@@ -530,7 +556,9 @@ def _leaves(values: list[Any]) -> list[Any]:
 def _texts_of(column: list[Any], texts: list[str]) -> NDArray[np.str_] | None:
     """Return texts, or lists of equally many texts, as an array; None where they are too large."""
     # NumPy gives every text the room of the longest.
-    if max(map(len, texts)) * max(len(texts), len(column)) > _MOST_TEXT:
+    longest = max(len(text) for text in texts)
+    count = max(len(texts), len(column))
+    if longest * count > _MOST_TEXT:
         return None
     rows = ["" if value is None else value for value in column]
     try:

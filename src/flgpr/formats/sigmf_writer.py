@@ -136,10 +136,11 @@ def _check_readable(metadata: bytes, scans: int) -> None:
     share = max(len(metadata) / MOST_JSON, values / MOST_VALUES)
     if share > 1:
         most = _rounded(scans / share)
+        size = f"{len(metadata) / 2**20:.1f} MiB"
         raise ValueError(
             f"the metadata of a SigMF recording must be at most {MOST_JSON / 2**20:g} MiB and "
-            f"{MOST_VALUES} values, which is what readers take, got {len(metadata) / 2**20:.1f} MiB "
-            f"and {values} values of {scans} scans: write parts of at most about {most} scans, "
+            f"{MOST_VALUES} values, which is what readers take, got {size} and {values} values "
+            f"of {scans} scans: write parts of at most about {most} scans, "
             f"in Python write_sigmf(run.isel(scan=slice(0, {most})), ...)"
         )
 

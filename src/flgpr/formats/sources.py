@@ -63,11 +63,14 @@ class Sources:
         for path in self.files[file]:
             if path not in self._open:
                 self._open[path] = open_arrays(path, self.limit)
+            opened = self._open[path]
             try:
-                values = self._open[path].read(variable)
+                values = opened.read(variable)
             except ValueError as error:
                 raise ValueError(f"{where}: {error}") from None
-            self.notes += [note for note in self._open[path].notes if note not in self.notes]
+            for note in opened.notes:
+                if note not in self.notes:
+                    self.notes.append(note)
             if values.dtype.kind not in "fciu":
                 raise ValueError(
                     f"{where}: {path}: {variable} must hold numbers, got {values.dtype}"
@@ -88,14 +91,13 @@ class Sources:
         another unless every file holds them all. All others must be the same in all files.
         """
         first = blocks[0]
-        same = all(
-            block.shape == first.shape and np.array_equal(block, first) for block in blocks[1:]
-        )
-        joined = along == self.join.split()[-1]
-        if len(blocks) > 1 and (joined or (along == "fix" and not same)):
+        are_equal = all(np.array_equal(block, first) for block in blocks[1:])
+        is_joined = along == self.join.split()[-1]
+        is_split_track = along == "fix" and not are_equal
+        if len(blocks) > 1 and (is_joined or is_split_track):
             with self.entry(where, None):
                 return np.concatenate([np.atleast_1d(block) for block in blocks])
-        if not same:
+        if not are_equal:
             raise ValueError(f"{where} must be the same in all {len(blocks)} files, it is not")
         return first
 
@@ -331,14 +333,45 @@ def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArra
 
 
 def real(values: NDArray[Any], where: str) -> FloatArray:
-    """Return numbers as float64; complex ones are a ValueError."""
+    """Return numbers as float64.
+
+    Parameters
+    ----------
+    values : (...) ndarray
+        The numbers.
+    where : str
+        Name of the entry, for the error.
+
+    Returns
+    -------
+    (...) ndarray of float
+        The numbers.
+
+    Raises
+    ------
+    ValueError
+        If they are complex.
+    """
     if np.iscomplexobj(values):
         raise ValueError(f"{where} must be real numbers, got {values.dtype}")
     return np.asarray(values, dtype=np.float64)
 
 
 def plausible(values: NDArray[Any], where: str) -> None:
-    """Refuse magnitudes that no instrument records but a wrong byte order makes."""
+    """Refuse magnitudes that no instrument records but a wrong byte order makes.
+
+    Parameters
+    ----------
+    values : (...) ndarray
+        The numbers; those that are not finite are passed over.
+    where : str
+        Name of the entry, for the error.
+
+    Raises
+    ------
+    ValueError
+        If the largest magnitude is beyond 1e30, or not 0 and below 1e-30.
+    """
     size = np.abs(values[np.isfinite(values)])
     largest = float(size.max(initial=0.0))
     if largest > _LARGEST or 0 < largest < _SMALLEST:

@@ -210,6 +210,7 @@ def _poses_by_marks(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
     length = np.linalg.norm(apart, axis=1)
     sine = apart[:, 2] / (length * np.cos(pitch))
     roll = -np.arcsin(np.clip(sine, -1, 1))
+    # Seen from above: the line before the heading turns it, and as it was surveyed.
     aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
     direction = np.arctan2(apart[:, 1], apart[:, 0])
     heading = np.angle(np.exp(1j * (aside - direction)))
@@ -266,22 +267,28 @@ def read_nmea(
     position = anchor.from_geodetic(table[is_later, 1:])
     if height is not None:
         position[:, 2] = height
-    track = make_track(time, position, _headings(time, position, log.headings, anchor.azimuth))
+    heading = _headings(time, position, log.headings, anchor.azimuth)
+    track = make_track(time, position, heading)
 
-    total = sum(log.qualities.values())
-    unused = total - len(log.fixes)
-    if unused:
-        counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(log.qualities.items()))
-        notes.append(
-            f"{unused} of {total} fixes are not of quality {quality} and not used ({counts})"
-        )
-    if not is_later.all():
-        notes.append(f"{np.count_nonzero(~is_later)} fixes whose time does not go on are not used")
+    _note_unused(log, quality, notes)
+    not_later = np.count_nonzero(~is_later)
+    if not_later:
+        notes.append(f"{not_later} fixes whose time does not go on are not used")
     if not log.headings:
         notes.append("no sentence tells a heading: it is the direction of the way")
     notes.append("pitch and roll are taken as 0: NMEA tells none")
     track.attrs["notes"] = notes
     return track
+
+
+def _note_unused(log: _NmeaLog, quality: tuple[int, ...], notes: list[str]) -> None:
+    """Add a note of the fixes of a log that are of other qualities, with counts of each."""
+    total = sum(log.qualities.values())
+    unused = total - len(log.fixes)
+    if not unused:
+        return
+    counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(log.qualities.items()))
+    notes.append(f"{unused} of {total} fixes are not of quality {quality} and not used ({counts})")
 
 
 def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLog:

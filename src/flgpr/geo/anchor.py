@@ -185,8 +185,9 @@ class Anchor:
         dx = np.asarray(x, dtype=np.float64) - self.center[0]
         dy = np.asarray(y) - self.center[1]
         r2 = dx**2 + dy**2
-        variance = self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2
-        return np.asarray(np.sqrt(variance))
+        by_points = self.sigma**2 * (1 / self.count + r2 / self.spread)
+        by_azimuth = r2 * self.sigma_azimuth**2  # of a direction that was given, not fitted
+        return np.asarray(np.sqrt(by_points + by_azimuth))
 
     def georeference(self) -> dict[str, float]:
         """Return the attribute ``georeference`` of a run: ``latitude``, ``longitude``, ``azimuth``.
@@ -401,13 +402,7 @@ def fit_anchor(
     system = _system(crs, geographic)
     local = np.asarray(lane, dtype=np.float64)
     surveyed = np.asarray(position, dtype=np.float64)
-    is_table = local.ndim == 2 and local.shape[1] == 3 and len(local) > 0
-    if not is_table or surveyed.shape != (len(local), 2):
-        raise ValueError(
-            f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}"
-        )
-    if not (np.isfinite(local).all() and np.isfinite(surveyed).all() and accuracy > 0):
-        raise ValueError("anchor points must be finite and the accuracy positive")
+    _check_points(local, surveyed, accuracy)
     heights_known = _all_known(height)
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
     lonlat, crs_accuracy = _to_wgs84(system, surveyed)
@@ -421,11 +416,15 @@ def fit_anchor(
         spread = math.inf
     turned = local @ heading_matrix(azimuth).T
     shift = (enu - turned).mean(axis=0)
-    misfit = np.linalg.norm((enu - turned - shift)[:, :2], axis=1)
+    residual = enu - turned - shift
+    misfit = np.linalg.norm(residual[:, :2], axis=1)
     _check_misfit(misfit, accuracy)
+    # Two numbers of the shift, and the direction if it was fitted.
     parameters = 3 if math.isfinite(spread) else 2
     freedom = 2 * len(local) - parameters
-    sigma_by_misfit = math.sqrt(float((misfit**2).sum()) / freedom) if freedom > 0 else 0.0
+    sigma_by_misfit = 0.0
+    if freedom > 0:
+        sigma_by_misfit = math.sqrt(float((misfit**2).sum()) / freedom)
     return Anchor(
         origin=origin,
         azimuth=azimuth,
@@ -440,6 +439,17 @@ def fit_anchor(
         crs_accuracy=crs_accuracy,
         heights_known=heights_known,
     )
+
+
+def _check_points(local: FloatArray, surveyed: FloatArray, accuracy: float) -> None:
+    """Refuse points of other shapes or numbers, values that are not finite, and no accuracy."""
+    is_table = local.ndim == 2 and local.shape[1] == 3 and len(local) > 0
+    if not is_table or surveyed.shape != (len(local), 2):
+        raise ValueError(
+            f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}"
+        )
+    if not (np.isfinite(local).all() and np.isfinite(surveyed).all() and accuracy > 0):
+        raise ValueError("anchor points must be finite and the accuracy positive")
 
 
 def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
@@ -461,14 +471,33 @@ def _all_known(height: Sequence[float | None] | None) -> bool:
 
 
 def geocentric(origin: tuple[float, float, float]) -> FloatArray:
-    """Return geocentric coordinates, m, of longitude, latitude (degrees) and height (m)."""
+    """Return geocentric coordinates of a geodetic position.
+
+    Parameters
+    ----------
+    origin : (3,) tuple of float
+        Longitude and latitude, degrees, and ellipsoidal height, m (WGS 84).
+
+    Returns
+    -------
+    (3,) ndarray of float
+        Coordinates, m.
+    """
     return np.array(_geodesy(GEODETIC, GEOCENTRIC).transform(*origin), dtype=np.float64)
 
 
 def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
-    """Return the unit vectors to east, north and up (3, 3) in geocentric axes.
+    """Return the unit vectors to east, north and up in geocentric axes.
 
-    The origin is longitude, latitude (degrees) and height.
+    Parameters
+    ----------
+    origin : (3,) tuple of float
+        Longitude and latitude, degrees, and height, m, at which they point so.
+
+    Returns
+    -------
+    (3, 3) ndarray of float
+        A vector per row.
     """
     lon = math.radians(origin[0])
     lat = math.radians(origin[1])
@@ -483,20 +512,48 @@ def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
 
 
 def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
-    """Return easting and northing (..., 2), m, of WGS 84 longitude and latitude, degrees.
+    """Return easting and northing of WGS 84 longitude and latitude.
 
-    They are those of a projected system. A system that is none, or that names a file to be read, is
-    a ValueError.
+    Parameters
+    ----------
+    lonlat : (..., 2) array_like of float
+        Longitude and latitude, degrees.
+    crs : str
+        A projected reference system.
+
+    Returns
+    -------
+    (..., 2) ndarray of float
+        Easting and northing, m.
+
+    Raises
+    ------
+    ValueError
+        If there is no such system, or it names a file to be read.
     """
     points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
     return np.stack(_geodesy("EPSG:4326", reference_system(crs)).transform(*points), axis=-1)
 
 
 def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
-    """Return WGS 84 longitude and latitude (..., 2), degrees, of easting and northing, m.
+    """Return WGS 84 longitude and latitude of easting and northing.
 
-    These are of a projected system. Points that do not lie where the system holds, or a system that
-    is not projected, are a ValueError.
+    Parameters
+    ----------
+    points : (..., 2) array_like of float
+        Easting and northing, m.
+    crs : str
+        Their reference system, a projected one.
+
+    Returns
+    -------
+    (..., 2) ndarray of float
+        Longitude and latitude, degrees.
+
+    Raises
+    ------
+    ValueError
+        If the system is not projected, or the points do not lie where it holds.
     """
     system = _system(crs, geographic=False)
     projected = np.asarray(points, dtype=np.float64)
@@ -512,11 +569,25 @@ def _geodesy(source: Any, target: Any) -> Transformer:
 
 
 def reference_system(crs: str) -> CRS:
-    """Return the reference system of a registry's name, such as EPSG:32633, WKT or a PROJ string.
+    """Return the reference system of a registry's name, of WKT or of a PROJ string.
 
-    One that names a file, such as a grid of shifts, is a ValueError: it could be any file, and it
-    would be read, or waited for, when the first point is transformed. Grids that PROJ itself knows
-    for a system of a registry are used.
+    Grids that PROJ itself knows for a system of a registry are used.
+
+    Parameters
+    ----------
+    crs : str
+        The name, such as EPSG:32633, or the text.
+
+    Returns
+    -------
+    pyproj.CRS
+        The system.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or it names a file, such as a grid of shifts: it could be any file, and it
+        would be read, or waited for, when the first point is transformed.
     """
     from pyproj import CRS
     from pyproj.exceptions import CRSError

@@ -18,6 +18,8 @@ DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".mbtiles": "MBTiles", ".gpkg": "G
 """Formats of GDAL that are opened, by ending: those whose files name no other file."""
 _MOST = 2048  # pixels of the longer side of the picture
 _MOST_READ = 30_000_000  # pixels of the map that are read
+_LONGEST_REASON = 240  # characters of a library's message that are passed on
+_WGS_84 = 4326  # EPSG code of longitude and latitude
 
 
 def map_backdrop(
@@ -59,24 +61,49 @@ def map_backdrop(
     if driver is None:
         raise ValueError(f"map must end in {', '.join(DRIVERS)}, got {file}")
     anchor = own_anchor(georeference)
+    ground = _pixel_centres(box, most)
+    try:
+        with rasterio.open(file, driver=driver) as source:
+            _check_map(source)
+            points = anchor.to_geodetic(ground)[..., :2]
+            if source.crs.to_epsg() != _WGS_84:
+                points = transform_lonlat(points, source.crs.to_wkt())
+            image = _sample(source, points)
+    except (rasterio.errors.RasterioError, ValueError) as error:
+        # GDAL's messages may run over several lines and quote the file at length.
+        reason = " ".join(str(error).split())
+        raise ValueError(f"map {file}: {reason[:_LONGEST_REASON]}") from None
+    return _png_bytes(image)
+
+
+def _pixel_centres(box: tuple[float, float, float, float], most: int) -> NDArray[np.float64]:
+    """Return the centres (row, column, 3) of the pixels of a box of the lane frame, m.
+
+    The first row is that of the largest y, as in a picture.
+    """
     x_min, x_max, y_min, y_max = box
     pixel = max(x_max - x_min, y_max - y_min) / most
     x = np.arange(x_min + pixel / 2, x_max, pixel)
     y = np.arange(y_max - pixel / 2, y_min, -pixel)
-    try:
-        with rasterio.open(file, driver=driver) as source:
-            _check_map(source)
-            ground = np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
-            points = anchor.to_geodetic(ground)[..., :2]
-            if source.crs.to_epsg() != 4326:
-                points = transform_lonlat(points, source.crs.to_wkt())
-            image = _sample(source, points)
-    except (rasterio.errors.RasterioError, ValueError) as error:
-        raise ValueError(f"map {file}: {' '.join(str(error).split())[:240]}") from None
+    across, ahead = np.meshgrid(x, y)
+    height = np.zeros((y.size, x.size))
+    return np.stack([across, ahead, height], axis=-1)
+
+
+def _png_bytes(image: NDArray[np.uint8]) -> bytes:
+    """Return red, green, blue and opacity (4, row, column) as PNG."""
+    rasterio = optional("rasterio", "gis")
+    _, rows, columns = image.shape
     with catch_warnings(), rasterio.MemoryFile() as memory:
         # A picture in the lane's frame has no georeference.
         simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-        with memory.open(driver="PNG", width=x.size, height=y.size, count=4, dtype="uint8") as png:
+        with memory.open(
+            driver="PNG",
+            width=columns,
+            height=rows,
+            count=4,
+            dtype="uint8",
+        ) as png:
             png.write(image)
         return bytes(memory.read())
 
@@ -87,10 +114,10 @@ def _check_map(source: Any) -> None:
         raise ValueError("it must hold its overviews itself, it names a file of them")
     if source.crs is None:
         raise ValueError("it must tell its reference system, it does not")
-    if any(kind != "uint8" for kind in source.dtypes) or source.count > 4:
-        raise ValueError(
-            f"it must have one to four bands of 8 bits, got {', '.join(source.dtypes[:5])}"
-        )
+    is_of_8_bits = all(kind == "uint8" for kind in source.dtypes)
+    if not is_of_8_bits or source.count > 4:
+        kinds = ", ".join(source.dtypes[:5])
+        raise ValueError(f"it must have one to four bands of 8 bits, got {kinds}")
 
 
 def _sample(source: Any, points: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -100,12 +127,16 @@ def _sample(source: Any, points: NDArray[np.float64]) -> NDArray[np.uint8]:
     """
     enums = optional("rasterio.enums", "gis")
     windows = optional("rasterio.windows", "gis")
+    # The inverse of the map's affine transform leads from its coordinates to its pixels.
     a, b, c, d, e, f = tuple(~source.transform)[:6]
     columns = a * points[..., 0] + b * points[..., 1] + c
     rows = d * points[..., 0] + e * points[..., 1] + f
-    inside = (columns >= 0) & (columns < source.width) & (rows >= 0) & (rows < source.height)
+    inside = (columns >= 0) & (columns < source.width)
+    inside &= (rows >= 0) & (rows < source.height)
     if not inside.any():
         raise ValueError("it must lie below the lane, it ends before it")
+
+    # Only the window of the map below the lane is read.
     left = int(columns[inside].min())
     top = int(rows[inside].min())
     width = int(columns[inside].max()) - left + 1
@@ -118,18 +149,29 @@ def _sample(source: Any, points: NDArray[np.float64]) -> NDArray[np.uint8]:
     window = windows.Window(left, top, width, height)
     data = source.read(window=window, out_shape=(source.count, *shape), resampling=resampling)
     mask = source.dataset_mask(window=window, out_shape=shape)
-    u = np.clip((columns - left) * shape[1] / width, 0, shape[1] - 1).astype(np.intp)
-    v = np.clip((rows - top) * shape[0] / height, 0, shape[0] - 1).astype(np.intp)
+    read_rows, read_columns = shape
+    u = np.clip((columns - left) * read_columns / width, 0, read_columns - 1).astype(np.intp)
+    v = np.clip((rows - top) * read_rows / height, 0, read_rows - 1).astype(np.intp)
     bands = data[:, v, u]
     alpha = np.where(inside, mask[v, u], 0).astype(np.uint8)
     if has_palette:
-        table = source.colormap(1)
-        colours = np.array([table.get(k, (0, 0, 0, 0)) for k in range(256)], dtype=np.uint8)
+        colours = _palette(source)
         red, green, blue, opacity = np.moveaxis(colours[bands[0]], -1, 0)
         alpha = np.minimum(alpha, opacity)
+    elif len(bands) > 2:
+        red, green, blue = bands[:3]
     else:
-        red, green, blue = bands[:3] if len(bands) > 2 else np.repeat(bands[:1], 3, axis=0)
+        red, green, blue = np.repeat(bands[:1], 3, axis=0)
     return np.stack([red, green, blue, alpha])
+
+
+def _palette(source: Any) -> NDArray[np.uint8]:
+    """Return the colours (256, 4) of a raster's palette; numbers without one are transparent."""
+    table = source.colormap(1)
+    colours = []
+    for number in range(256):
+        colours.append(table.get(number, (0, 0, 0, 0)))
+    return np.array(colours, dtype=np.uint8)
 
 
 def _shape_to_read(

@@ -276,7 +276,19 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
 def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
     """Write the outline of a lane as a GeoPackage of one polygon, WGS 84.
 
-    Without geopandas and pyogrio it is a MissingExtraError.
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+    path : str or path
+        The file to write.
+    anchor : Anchor
+        States where the lane lies.
+
+    Raises
+    ------
+    MissingExtraError
+        If geopandas or pyogrio is not installed.
     """
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
@@ -307,7 +319,18 @@ def _disk_errors() -> Iterator[None]:
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
-    """Return the corners of a lane at its mean ground, in order around it (4, 3), m."""
+    """Return the corners of a lane at its mean ground, in order around it.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+
+    Returns
+    -------
+    (4, 3) ndarray of float
+        Corners in the lane frame, m.
+    """
     return np.array(
         [
             [lane.x_min, lane.y_min, 0.0],

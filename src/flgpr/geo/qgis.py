@@ -20,6 +20,8 @@ from flgpr.geo.export import printable
 #: colours of viridis, evenly spaced
 _VIRIDIS = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _CLASSES = 5  # of points that are drawn by a number
+_SMALLEST = 1.2  # mm, of a mark of no weight
+_LARGEST = 3.5  # mm, of a mark in the highest class
 _DOCTYPE = b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 _SHAPES = {"metal": "square", "plastic": "triangle", "simulant": "diamond"}
 
@@ -37,7 +39,14 @@ class Layer:
     @property
     def source(self) -> str:
         """Source of the layer for QGIS, relative to the project's folder."""
-        return f"./{self.file}|layername={self.name}" if self.geometry else f"./{self.file}"
+        if not self.geometry:
+            return f"./{self.file}"
+        return f"./{self.file}|layername={self.name}"
+
+    @property
+    def provider(self) -> str:
+        """Library by which QGIS reads the layer."""
+        return "ogr" if self.geometry else "gdal"
 
 
 def project(
@@ -70,11 +79,13 @@ def project(
     metadata = _put(root, "projectMetadata")
     _put(metadata, "title", title)
     _put(metadata, "abstract", about)
-    _reference(_put(root, "projectCrs"), crs)
+    project_crs = _put(root, "projectCrs")
+    _reference(project_crs, crs)
+
+    # A layer stands twice: in the tree that a user sees, and with its source and style.
     tree = _put(root, "layer-tree-group")
     map_layers = ElementTree.Element("projectlayers")
     for number, layer in enumerate(layers):
-        provider = "ogr" if layer.geometry else "gdal"
         identity = f"flgpr_{number}_{layer.name}"
         _put(
             tree,
@@ -82,41 +93,72 @@ def project(
             id=identity,
             name=layer.name,
             source=layer.source,
-            providerKey=provider,
+            providerKey=layer.provider,
             checked="Qt::Checked",
             expanded="1",
         )
-        map_layers.append(_map_layer(layer, identity, provider))
+        map_layers.append(_map_layer(layer, identity))
+
+    _add_canvas(root, crs, extent)
+    root.append(map_layers)
+    properties = _put(root, "properties")
+    paths = _put(properties, "Paths")
+    _put(paths, "Absolute", "false", type="bool")
+    reference_systems = _put(properties, "SpatialRefSys")
+    _put(reference_systems, "ProjectionsEnabled", "1", type="int")
+    ElementTree.indent(root)
+    return _DOCTYPE + ElementTree.tostring(root, "utf-8") + b"\n"
+
+
+def _add_canvas(
+    root: ElementTree.Element, crs: str, extent: tuple[float, float, float, float]
+) -> None:
+    """Add the map: its unit, what of it is shown, and in which reference system."""
     canvas = _put(root, "mapcanvas", name="theMapCanvas")
     _put(canvas, "units", "meters")
     box = _put(canvas, "extent")
     for name, value in zip(("xmin", "ymin", "xmax", "ymax"), extent, strict=True):
         _put(box, name, f"{value:.3f}")
-    _reference(_put(canvas, "destinationsrs"), crs)
-    root.append(map_layers)
-    properties = _put(root, "properties")
-    _put(_put(properties, "Paths"), "Absolute", "false", type="bool")
-    _put(_put(properties, "SpatialRefSys"), "ProjectionsEnabled", "1", type="int")
-    ElementTree.indent(root)
-    return _DOCTYPE + ElementTree.tostring(root, "utf-8") + b"\n"
+    shown_in = _put(canvas, "destinationsrs")
+    _reference(shown_in, crs)
 
 
 def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
     """Return a style that draws points by a number, brighter and larger for larger values.
 
     There are five classes of as many points each.
+
+    Parameters
+    ----------
+    column : str
+        The column of the number.
+    values : (point,) array_like of float
+        Its values; those that are not finite make no class.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        The style.
     """
     edges = _class_edges(np.asarray(values, dtype=np.float64))
     renderer = _renderer("graduatedSymbol", attr=column, graduatedMethod="GraduatedColor")
     ranges = _put(renderer, "ranges")
     symbols = _put(renderer, "symbols")
-    for number, (low, high) in enumerate(pairwise(edges)):
-        share = (number + 1) / (edges.size - 1)
-        label = f"{low:.3g} to {high:.3g}"
-        limits = {"lower": repr(float(low)), "upper": repr(float(high))}
-        _put(ranges, "range", **limits, symbol=str(number), label=label, render="true")
+    classes = edges.size - 1
+    for number, (low, high) in enumerate(pairwise(edges.tolist())):
+        _put(
+            ranges,
+            "range",
+            lower=repr(low),
+            upper=repr(high),
+            symbol=str(number),
+            label=f"{low:.3g} to {high:.3g}",
+            render="true",
+        )
+        share = (number + 1) / classes
         colour = _VIRIDIS[round(share * (len(_VIRIDIS) - 1))]
-        _marker(symbols, number, "circle", colour, 1.2 + 2.3 * share)
+        size = _SMALLEST + (_LARGEST - _SMALLEST) * share
+        _marker(symbols, number, "circle", colour, size)
     # Points are drawn in this order, so that the largest values are on top.
     order = _put(renderer, "orderby")
     _put(order, "orderByClause", f'"{column}"', asc="1", nullsFirst="1")
@@ -129,14 +171,28 @@ def _class_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
     finite = values[np.isfinite(values)]
     if not finite.size:
         return np.zeros(2)
-    edges = np.unique(np.quantile(finite, np.linspace(0, 1, _CLASSES + 1)))
+    shares = np.linspace(0, 1, _CLASSES + 1)
+    edges = np.unique(np.quantile(finite, shares))
     if edges.size == 1:
         return np.append(edges, edges[-1])
     return edges
 
 
 def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
-    """Return a style that draws targets or objects by their ``kind``, with the viewer's shapes."""
+    """Return a style that draws targets or objects by their ``kind``, with the viewer's shapes.
+
+    Parameters
+    ----------
+    kinds : iterable of str
+        The kinds that are there.
+    colour : str
+        Colour of the outlines, ``#rrggbb``.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        The style.
+    """
     renderer = _renderer("categorizedSymbol", attr="kind")
     categories = _put(renderer, "categories")
     symbols = _put(renderer, "symbols")
@@ -163,7 +219,20 @@ def outline() -> ElementTree.Element:
 
 
 def shaded(band: int, low: float, high: float) -> ElementTree.Element:
-    """Return a style that draws a band of a raster, from 1, in viridis between two values."""
+    """Return a style that draws a band of a raster in viridis.
+
+    Parameters
+    ----------
+    band : int
+        Number of the band, from 1.
+    low, high : float
+        Values of the first and the last colour.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        The style.
+    """
     least = repr(float(low))
     largest = repr(float(high))
     attributes = {
@@ -182,27 +251,39 @@ def shaded(band: int, low: float, high: float) -> ElementTree.Element:
         "minimumValue": least,
         "maximumValue": largest,
     }
-    shader = _put(_put(renderer, "rastershader"), "colorrampshader", **ramp)
-    for value, colour in zip(np.linspace(low, high, len(_VIRIDIS)), _VIRIDIS, strict=True):
-        item = {"value": repr(float(value)), "label": f"{value:.3g}"}
-        _put(shader, "item", **item, color=colour, alpha="255")
+    raster_shader = _put(renderer, "rastershader")
+    shader = _put(raster_shader, "colorrampshader", **ramp)
+    values = np.linspace(low, high, len(_VIRIDIS))
+    for value, colour in zip(values.tolist(), _VIRIDIS, strict=True):
+        _put(
+            shader,
+            "item",
+            value=repr(value),
+            label=f"{value:.3g}",
+            color=colour,
+            alpha="255",
+        )
     return renderer
 
 
-def _map_layer(layer: Layer, identity: str, provider: str) -> ElementTree.Element:
+def _map_layer(layer: Layer, identity: str) -> ElementTree.Element:
     """Return the element of a layer: its source, reference system and style."""
-    kind = {"type": "vector", "geometry": layer.geometry} if layer.geometry else {"type": "raster"}
-    entry = ElementTree.Element("maplayer", kind)
+    attributes = {"type": "raster"}
+    if layer.geometry:
+        attributes = {"type": "vector", "geometry": layer.geometry}
+    entry = ElementTree.Element("maplayer", attributes)
     _put(entry, "id", identity)
     _put(entry, "datasource", layer.source)
     _put(entry, "layername", layer.name)
-    _reference(_put(entry, "srs"), layer.crs)
+    reference_system = _put(entry, "srs")
+    _reference(reference_system, layer.crs)
     if layer.geometry:
-        _put(entry, "provider", provider, encoding="UTF-8")
+        _put(entry, "provider", layer.provider, encoding="UTF-8")
         entry.append(layer.style)
     else:
-        _put(entry, "provider", provider)
-        _put(entry, "pipe").append(layer.style)
+        _put(entry, "provider", layer.provider)
+        pipe = _put(entry, "pipe")
+        pipe.append(layer.style)
     return entry
 
 
@@ -229,12 +310,14 @@ def _marker(
     filled: bool = True,
 ) -> None:
     """Add the symbol of a point; the colour is ``#rrggbb``, the size in mm."""
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    opaque = f"{red},{green},{blue},255"
+    transparent = f"{red},{green},{blue},0"
     symbol = _put(symbols, "symbol", type="marker", name=str(number), alpha="1", clip_to_extent="1")
     options = {
         "name": shape,
-        "color": f"{red},{green},{blue},{255 if filled else 0}",
-        "outline_color": "0,0,0,255" if filled else f"{red},{green},{blue},255",
+        "color": opaque if filled else transparent,
+        "outline_color": "0,0,0,255" if filled else opaque,
         "outline_width": "0.3" if filled else "0.6",
         "size_unit": "MM",
         "outline_width_unit": "MM",

@@ -51,16 +51,20 @@ def anchor_from_fixes(
             "an anchor from the track needs two finite fixes or more, "
             f"got {len(finite)} of {len(points)}"
         )
-    from_zero = np.arange(len(points))
-    numbers = from_zero if number is None else np.round(np.asarray(number, dtype=np.float64))
-    local = _anchor_at(_median_position(finite), 0.0).from_geodetic(finite)
+    numbers: FloatArray = np.arange(len(points), dtype=np.float64)
+    if number is not None:
+        numbers = np.asarray(number, dtype=np.float64).round()
+    # The median, unlike the first fix, is not moved by a fix that is far off.
+    plane = _anchor_at(_median_position(finite), 0.0)
+    local = plane.from_geodetic(finite)
     pose = np.concatenate([local, np.zeros_like(local)], axis=1)
     limits = MotionLimits(scans=int(LARGEST))  # any number of traces may lie between two fixes
     motion = judge_poses(pose, None, limits, numbers[is_finite])
 
     plausible = finite[motion.plausible]
     plausible_local = local[motion.plausible]
-    distance = np.hypot(*(plausible_local - plausible_local[0])[:, :2].T)
+    offset = plausible_local - plausible_local[0]
+    distance = np.hypot(offset[:, 0], offset[:, 1])
     farthest = int(distance.argmax())
     if distance[farthest] < _LEAST_REACH:
         raise ValueError(
@@ -72,12 +76,12 @@ def anchor_from_fixes(
     east, north, _ = start.from_geodetic(plausible[farthest])
     azimuth = math.atan2(east, north)
     degrees = round(math.degrees(azimuth), 2) % 360.0
-    left_out = len(points) - len(plausible)
     notes = [
         f"the lane follows from the track: its origin is the first fix, {origin[1]:.7f} N "
         f"{origin[0]:.7f} E, its +y points {degrees:.2f}° from north to the fix farthest from it, "
         f"{distance[farthest]:.4g} m away; how well that is known the track does not tell"
     ]
+    left_out = len(points) - len(plausible)
     if left_out:
         notes.append(
             f"{left_out} of {len(points)} fixes are not plausible and do not enter the lane's place"

@@ -17,7 +17,20 @@ _PAIRS_AT_ONCE = 256  # in one operator
 
 
 def aperture_blocks(run: xr.Dataset, scans: ArrayLike) -> list[NDArray[np.intp]]:
-    """Split scans into the blocks that :func:`aperture_image` images at once."""
+    """Split scans into the blocks that :func:`aperture_image` images at once.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run, for its number of pairs.
+    scans : (scan,) array_like of int
+        Numbers of the scans.
+
+    Returns
+    -------
+    list of (scan,) ndarray
+        The blocks, in the order of the scans.
+    """
     numbers = np.asarray(scans, dtype=np.intp)
     size = max(_PAIRS_AT_ONCE // run.sizes["pair"], 1)
     return [numbers[first : first + size] for first in range(0, numbers.size, size)]

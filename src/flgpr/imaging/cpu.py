@@ -81,36 +81,43 @@ class ProfileBackend(Backend):
         if self._phase is not None:
             data = data * self._phase
         pairs = data.shape[1]
-        blocks = -(-out.shape[2] // BLOCK)
+        pixels = out.shape[2]
+        blocks = -(-pixels // BLOCK)
         size = self._spectrum.size
-        geometry = self._located()._replace(pixel_count=out.shape[2])
+        geometry = self._located()._replace(pixel_count=pixels)
         for rows, bands, channels in passes(*out.shape[:2]):
+            # Tones to range profiles, pairs shared between threads.
             table = self._table(channels)
             form = self._form(channels)
             compress = partial(
                 transform.compress, data[rows], self._weight[bands], self._spectrum, table, *form
             )
             share(pairs, compress, form.together, alone=pairs * channels * size < FEW)
-            images = out[rows, bands].reshape(-1, out.shape[2])
+
+            # Range profiles to images, blocks of pixels shared between threads.
+            images = out[rows, bands].reshape(-1, pixels)
             lengths = (self._taps, self._powers, (0,) * channels)
             interpolate = partial(profiles.adjoint, table, self._bins, geometry, images, *lengths)
-            share(blocks, interpolate, alone=pairs * channels * out.shape[2] < FEW)
+            share(blocks, interpolate, alone=pairs * channels * pixels < FEW)
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
         # Pairs that share antennas are cheaper together; every thread needs at least two tasks.
         pairs = out.shape[1]
+        pixels = image.shape[2]
         geometry = self._located()
         size = self._spectrum.size
-        together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
+        two_tasks_each = -(-pairs // (2 * get_num_threads()))
+        together = min(SPREAD_PAIRS, two_tasks_each)
         for rows, bands, channels in passes(*image.shape[:2]):
+            # Images to range profiles, and these to tones.
             table = self._table(channels)
             form = self._form(channels)
-            images = image[rows, bands].reshape(-1, image.shape[2])
+            images = image[rows, bands].reshape(-1, pixels)
             lengths = (self._taps, self._powers, (0,) * channels)
             spread = partial(profiles.forward, table, self._bins, geometry, images, *lengths)
-            share(pairs, spread, together, alone=pairs * channels * image.shape[2] < FEW)
+            share(pairs, spread, together, alone=pairs * channels * pixels < FEW)
             expand = partial(
                 transform.expand, table, self._weight[bands], self._spectrum, out[rows], *form
             )
@@ -168,9 +175,10 @@ class PreciseBackend(Backend):
         for sweeps, image in zip(data, out, strict=True):
             if self._phase is not None:
                 sweeps = sweeps * self._phase
-            tones = sweeps[:, None, :] * self._weight
-            slots = (tones.reshape(-1, tones.shape[2]) @ self._slots).reshape(*tones.shape[:2], -1)
-            profile = fft.ifft(slots, axis=2, norm="forward")[..., self._bin]
+            tones = sweeps[:, None, :] * self._weight  # (pair, subband, tone)
+            slots = tones.reshape(-1, tones.shape[2]) @ self._slots
+            spectra = slots.reshape(*tones.shape[:2], -1)
+            profile = fft.ifft(spectra, axis=2, norm="forward")[..., self._bin]
             profile = profile * self._spectrum.factor
             table = np.ascontiguousarray(profile.transpose(0, 2, 1))
             adjoint_precise(table, self._geometry, image)
@@ -183,10 +191,13 @@ class PreciseBackend(Backend):
         table = np.empty((pairs, bins, bands), np.complex128)
         for scene, rows in zip(image, out, strict=True):
             forward_precise(scene, self._geometry, table)
+            profile = (table * self._spectrum.factor[:, None]).transpose(1, 0, 2)
             slots = np.zeros((self._spectrum.size, pairs, bands), np.complex128)
-            np.add.at(slots, self._bin, (table * self._spectrum.factor[:, None]).transpose(1, 0, 2))
-            slots = fft.fft(slots, axis=0)
-            tones = (self._slots @ slots.reshape(slots.shape[0], -1)).reshape(-1, pairs, bands)
+            # A table longer than the transform wraps: bins that fall together are added.
+            np.add.at(slots, self._bin, profile)
+            spectra = fft.fft(slots, axis=0)
+            flat = self._slots @ spectra.reshape(spectra.shape[0], -1)
+            tones = flat.reshape(-1, pairs, bands)
             rows[...] = np.einsum("kqs,sk->qk", tones, self._weight)
             if self._phase is not None:
                 rows *= self._phase.conj()
@@ -195,9 +206,18 @@ class PreciseBackend(Backend):
 def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
     """Split the images into passes of at most as many channels as a lane row holds.
 
-    Returns the polarizations and the sub-bands of each pass and the channels of its rows. A pass
-    takes all sub-bands of some polarizations, or some sub-bands of one, so that its images are
-    neighbours in memory.
+    A pass takes all sub-bands of some polarizations, or some sub-bands of one, so that its images
+    are neighbours in memory.
+
+    Parameters
+    ----------
+    polarizations, subbands : int
+        Numbers of polarizations and sub-bands.
+
+    Returns
+    -------
+    list of (slice, slice, int)
+        Polarizations and sub-bands of each pass, and the channels of its rows.
     """
     most = max(CHANNELS)
     bands_at_once = min(subbands, most)

@@ -1,4 +1,8 @@
-"""The imaging sums on a CUDA device, from range profiles: passes of a few scans in several streams."""
+"""The imaging sums on a CUDA device, from range profiles: a few scans a pass, in several streams.
+
+A pass is copied to the device, summed there and copied back in one stream, so that the transfers of
+one pass overlap with the sums of another.
+"""
 
 from __future__ import annotations
 
@@ -104,12 +108,15 @@ class CudaBackend(Backend):
     def _run(self, source: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
         """Send the rows of ``source`` through ``step``, a few at a time, in turn by stream."""
         row_bytes = 8 * bands * self._geometry.tx.size * (self._row() + self._spare())
-        rows = max(1, min(PASS_BYTES // row_bytes, -(-source.shape[0] // STREAMS)))
+        fits = PASS_BYTES // row_bytes
+        for_all_streams = -(-source.shape[0] // STREAMS)
+        rows = max(1, min(fits, for_all_streams))
         with self._lock:
             lanes = self._lanes(rows, source.shape[1:], out.shape[1:], bands)
             for number, start in enumerate(range(0, source.shape[0], rows)):
                 lane = lanes[number % STREAMS]
                 count = min(rows, source.shape[0] - start)
+                # The lane's memory is free once its last pass has come out.
                 lane.stream.synchronize()
                 lane.staging[:count] = source[start : start + count]
                 lane.source[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
@@ -197,6 +204,8 @@ class CudaBackend(Backend):
         table = lane.table[: pairs * channels * size].reshape(pairs, channels, size)
         begin, order = self._sorted_pixels()
         group, _ = _groups(lane.source.shape[0] * bands)
+        # A thread for every slot of a profile, a block along y for every pair, along z for every
+        # group of channels.
         blocks = (-(-size // gpu.THREADS), pairs, -(-channels // group))
         spread = gpu.forward_kernel(self.width, group)[blocks, (gpu.THREADS, 1, 1), stream]
         image = (
@@ -244,20 +253,23 @@ class CudaBackend(Backend):
         shape = (g.antenna.shape[0], g.pixels.shape[1])
         delay = cuda.device_array(shape, np.uint32)
         phasor = cuda.device_array(shape, np.complex64)
-        pixels = cuda.to_device(np.ascontiguousarray(g.pixels))
-        antennas = cuda.to_device(np.ascontiguousarray(g.antenna))
-        medium = cuda.to_device(np.ascontiguousarray(g.medium))
-        gain = cuda.to_device(g.gain if g.gain.size else np.zeros((1, 1), np.float32)[:, :0])
+        pixels = _to_device(g.pixels)
+        antennas = _to_device(g.antenna)
+        medium = _to_device(g.medium)
+        no_gain = np.zeros((1, 1), np.float32)[:, :0]
+        gain = cuda.to_device(g.gain if g.gain.size else no_gain)
         stream = cuda.default_stream()
         locate = self._launch(gpu.locate, (shape[1], shape[0]), stream)
         locate(pixels, antennas, medium, g.per_turn, g.carrier, gain, delay, phasor)
         stream.synchronize()
+
+        # Flat: the kernels add a pixel's number to where its antenna begins.
         self._delay = delay.reshape(-1)
         self._phasor = phasor.reshape(-1).view(np.uint64)
         self._on_device.tx = cuda.to_device((g.tx * shape[1]).astype(np.uint64))
         self._on_device.rx = cuda.to_device((g.rx * shape[1]).astype(np.uint64))
-        weight = g.weight.reshape(-1, padded(self.width))[:, : self.width].T
-        self._on_device.taps = cuda.to_device(np.ascontiguousarray(weight))
+        padded_taps = g.weight.reshape(-1, padded(self.width))
+        self._on_device.taps = _to_device(padded_taps[:, : self.width].T)
 
     def _sorted_pixels(self) -> tuple[Any, Any]:
         """Return where each bin of every pair begins, and its pixels in the order of their bins.
@@ -272,18 +284,24 @@ class CudaBackend(Backend):
             order = np.empty((g.tx.size, g.pixel_count), np.int32)
             begin = np.empty((g.tx.size, reach + 1), np.int32)
             for q in range(g.tx.size):
-                bins = ((delay[g.tx[q]] + delay[g.rx[q]] - g.origin) % 2**32) >> g.shift
+                pair_delay = (delay[g.tx[q]] + delay[g.rx[q]] - g.origin) % 2**32
+                bins = pair_delay >> g.shift
                 order[q] = np.argsort(bins, kind="stable")
                 begin[q] = np.searchsorted(bins[order[q]], np.arange(reach + 1))
             self._order = cuda.to_device(begin), cuda.to_device(order)
         return self._order
 
 
+def _to_device(array: NDArray[Any]) -> Any:
+    """Copy an array to the device, row by row."""
+    return cuda.to_device(np.ascontiguousarray(array))
+
+
 def _groups(channels: int) -> tuple[int, int]:
     """Return the channels of each thread and of all together: ``channels`` or a few more."""
-    number = -(-channels // GROUP)
-    group = -(-channels // number)
-    return group, number * group
+    groups = -(-channels // GROUP)
+    group = -(-channels // groups)
+    return group, groups * group
 
 
 def _block(size: int) -> int:
@@ -299,12 +317,17 @@ class _Constants:
     taps: Any
 
     def __init__(self, spectrum: Spectrum, weight: FloatArray, phase: ComplexArray | None) -> None:
+        # The entries of the tones by slot: a thread of the compression fills one slot.
         tone = np.repeat(np.arange(spectrum.entries.size - 1), np.diff(spectrum.entries))
         order = np.argsort(spectrum.slot, kind="stable")
         begin = np.searchsorted(spectrum.slot[order], np.arange(spectrum.size + 1))
+
+        # The correction by slot of the transform, not by bin of the table.
         factor = np.ones(spectrum.size, np.float32)
         bins = min(spectrum.factor.size, spectrum.size)
-        factor[(spectrum.first + np.arange(bins)) % spectrum.size] = spectrum.factor[:bins]
+        slots = (spectrum.first + np.arange(bins)) % spectrum.size
+        factor[slots] = spectrum.factor[:bins]
+
         none = np.zeros((1, 1), np.complex64)[:0]
         self.weight = cuda.to_device(weight.astype(np.float32))
         self.begin = cuda.to_device(begin.astype(np.uint64))

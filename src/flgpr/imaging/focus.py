@@ -53,6 +53,13 @@ def focus(
         Passes the blocks of scans through and shows progress.
     title : str
         Title of the image, for a run that has none.
+    pixels : int
+        About how many pixels there are where no spacing is given.
+
+    Returns
+    -------
+    FocusedImage
+        The image.
 
     Raises
     ------
@@ -65,9 +72,9 @@ def focus(
     pose = run["pose"].values[chosen]
     axes, spacing = view_axes(run, view, pose, pixels)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
+
     weights = np.zeros(run.sizes["scan"])
     weights[chosen] = scan_weights(run, chosen)
-    blocks = aperture_blocks(run, chosen)
     options: dict[str, Any] = {
         "window": view.window,
         "permittivity": view.permittivity,
@@ -75,25 +82,30 @@ def focus(
     }
     if view.band is not None:
         options["subbands"] = [view.band]
-    values = aperture_image(
-        run, grid, track(blocks, "scans focused", len(blocks)), weights, view.reach, **options
+    blocks = aperture_blocks(run, chosen)
+    shown_blocks = track(blocks, "scans focused", len(blocks))
+    values = aperture_image(run, grid, shown_blocks, weights, view.reach, **options)
+
+    image = xr.DataArray(
+        values,
+        dims=("polarization", "z", "y", "x"),
+        coords={"polarization": run["polarization"].values.astype(str), **axes},
+        attrs=_attributes(run, view, chosen.size, title),
+        name="image",
     )
-    scan_word = "scan" if chosen.size == 1 else "scans"
-    attributes = {
-        "title": f"{run.attrs.get('title') or title}, {chosen.size} {scan_word}",
+    return FocusedImage(image, spacing, chosen.size)
+
+
+def _attributes(run: xr.Dataset, view: View, scans: int, title: str) -> dict[str, Any]:
+    """Return the attributes of a focused image of so many scans."""
+    scan_word = "scan" if scans == 1 else "scans"
+    return {
+        "title": f"{run.attrs.get('title') or title}, {scans} {scan_word}",
         "permittivity": view.permittivity,
         "half_space": view.half_space or 0.0,
         "window": view.window,
         "band_hz": list(view.band or run["frequency"].values[[0, -1]]),
     }
-    image = xr.DataArray(
-        values,
-        dims=("polarization", "z", "y", "x"),
-        coords={"polarization": run["polarization"].values.astype(str), **axes},
-        attrs=attributes,
-        name="image",
-    )
-    return FocusedImage(image, spacing, chosen.size)
 
 
 def _with_polarizations(run: xr.Dataset, selected: tuple[str, ...]) -> xr.Dataset:
@@ -125,6 +137,18 @@ def scan_weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64
     """Return the share of the way that each scan stands for, of mean one.
 
     In a survey it is the share of the way along the scan's own line.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    scans : (scan,) ndarray of int
+        Numbers of the scans.
+
+    Returns
+    -------
+    (scan,) ndarray
+        Weights.
     """
     position = run["pose"].values[scans, :3]
     starts = run.attrs.get(LINE_STARTS)
@@ -136,6 +160,7 @@ def scan_weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64
         on_line = line == number
         steps = np.hypot(*np.diff(position[on_line, :2], axis=0).T)
         mean_step = steps.mean() if steps.size else 0.0
+        # Weights of a line have the mean one, and lines of longer steps count more.
         weights[on_line] = way_weights(position[on_line]) * mean_step
     if not weights.sum() > 0:
         return np.ones(scans.size)

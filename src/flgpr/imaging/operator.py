@@ -130,6 +130,7 @@ class ImagingOperator:
         grid = _points(pixels, "pixels")
         self.pixel_shape = grid.shape[:-1]
         points = grid.reshape(-1, 3)
+
         if not (1e-12 <= tolerance < 1):
             raise ValueError(f"tolerance must lie between 1e-12 and 1, got {tolerance}")
         self.tolerance = float(tolerance)
@@ -142,11 +143,11 @@ class ImagingOperator:
         self.path_offset = self._offsets(path_offset)
         self.subbands = self._bands(subbands)
         self.weight = self._weights(window)
+
         ground_index = math.sqrt(self.half_space) if self.half_space else 0.0
         medium = (math.sqrt(self.permittivity), ground_index)
-        layout = lay_out(
-            self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern)
-        )
+        patterns = (tx_pattern, rx_pattern)
+        layout = lay_out(self.tx_position, self.rx_position, points, medium, patterns)
         self.backend: Backend = _make_backend(
             layout,
             self.frequency,
@@ -232,8 +233,9 @@ class ImagingOperator:
             If the image has another shape or is not finite.
         """
         block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
+        flat = block.reshape(*block.shape[:2], math.prod(self.pixel_shape))
         out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)
-        self.backend.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
+        self.backend.forward(flat, out)
         return out.reshape(*lead, *out.shape[1:])
 
     def _checked(

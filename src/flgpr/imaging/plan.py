@@ -24,20 +24,19 @@ Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Layout:
-    """Antennas (antenna, 3), each once and transmitters first, and pixels (3, pixel) in blocks.
+    """Antennas, each once, and pixels in blocks.
 
-    ``tx`` and ``rx`` are rows of ``antenna``. The last of ``count`` pixels is repeated to fill a
-    block. ``medium`` are the refractive indices above and below z = 0, the second zero where there
-    is no ground; ``gain`` the amplitude of each antenna at each pixel, empty where it is one
-    everywhere.
+    The last pixel is repeated to fill a block.
     """
 
-    tx: IndexArray
-    rx: IndexArray
-    antenna: FloatArray
-    pixels: FloatArray
-    count: int
+    tx: IndexArray  #: (pair,): rows of the transmitters in ``antenna``
+    rx: IndexArray  #: (pair,): rows of the receivers in ``antenna``
+    antenna: FloatArray  #: (antenna, 3): positions, transmitters first, m
+    pixels: FloatArray  #: (3, pixel): positions with those that fill the last block, m
+    count: int  #: pixels without these
+    #: (2,): refractive indices above and below z = 0, the second zero where there is no ground
     medium: FloatArray
+    #: (antenna, pixel): amplitude of each antenna, or (antenna, 0) where it is one everywhere
     gain: FloatArray
 
     def swath(self) -> tuple[float, float]:
@@ -51,6 +50,8 @@ class Layout:
             # so that its length is an upper bound.
             low = np.minimum(low, [np.inf, np.inf, 0.0])
             high = np.maximum(high, [-np.inf, -np.inf, 0.0])
+
+        # From an antenna to the nearest and to the farthest point of the pixels' box.
         nearest = np.maximum(0.0, np.maximum(low - self.antenna, self.antenna - high))
         farthest = np.maximum(np.abs(self.antenna - low), np.abs(high - self.antenna))
         least = index * np.linalg.norm(nearest, axis=1)
@@ -67,13 +68,38 @@ def lay_out(
     medium: tuple[float, float],
     patterns: tuple[Pattern | None, Pattern | None],
 ) -> Layout:
-    """Find the different antennas, put pixels in blocks and evaluate the antennas' amplitudes."""
+    """Find the different antennas, put pixels in blocks and evaluate the antennas' amplitudes.
+
+    Parameters
+    ----------
+    tx, rx : (pair, 3) ndarray
+        Positions of every pair's antennas, m.
+    pixels : (pixel, 3) ndarray
+        Pixels, at least one, m.
+    medium : tuple of float
+        Refractive indices above and below z = 0, the second zero where there is no ground.
+    patterns : tuple of callables or None
+        Amplitudes of transmitters and receivers by position and pixels; None is one.
+
+    Returns
+    -------
+    Layout
+        The layout.
+
+    Raises
+    ------
+    ValueError
+        If a pattern does not return one finite amplitude per pixel.
+    """
     tx_unique, tx_index = np.unique(tx, axis=0, return_inverse=True)
     rx_unique, rx_index = np.unique(rx, axis=0, return_inverse=True)
+
     count = pixels.shape[0]
-    padded = np.empty((3, -(-count // BLOCK) * BLOCK))
+    blocks = -(-count // BLOCK)
+    padded = np.empty((3, blocks * BLOCK))
     padded[:, :count] = pixels.T
     padded[:, count:] = pixels[-1][:, None]
+
     gain = np.empty((len(tx_unique) + len(rx_unique), 0))
     tx_pattern, rx_pattern = patterns
     if tx_pattern is not None or rx_pattern is not None:
@@ -129,17 +155,34 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
     It is their own if they have one, gaps included, else one that is fine enough for the swath.
     Tones count as uniform if their distance from the grid turns no phase by more than a tenth of
     ``tolerance``.
+
+    Parameters
+    ----------
+    frequency : (tone,) ndarray
+        Frequencies in increasing order, Hz.
+    swath : tuple of float
+        Shortest and longest path, m.
+    tolerance : float
+        Relative error of the images.
+
+    Returns
+    -------
+    Tones
+        Positions of the tones.
     """
     spacing = np.diff(frequency)
     step = float(spacing.min()) if spacing.size else float(frequency[0])
     position = np.rint((frequency - frequency[0]) / step)
     if position[-1] > 0:
+        # The mean step over the band: that of two neighbours has the rounding of a file.
         step = float((frequency[-1] - frequency[0]) / position[-1])
-    drift = np.abs(frequency - frequency[0] - step * position).max()
+    off_grid = np.abs(frequency - frequency[0] - step * position).max()
     middle = position[-1] // 2
-    phase_error = 2 * math.pi * drift * swath[1] / SPEED_OF_LIGHT
+    phase_error = 2 * math.pi * off_grid * swath[1] / SPEED_OF_LIGHT
+    # A spectrum that is gaps above all costs more than spreading the tones.
     if phase_error <= tolerance / 10 and position[-1] < 64 * frequency.size:
         return Tones(step, position - middle, float(frequency[0] + step * middle), True)
+
     carrier = (frequency[0] + frequency[-1]) / 2
     # Three swaths are unambiguous, so that spreading tones over neighbouring slots has room to
     # alias into.
@@ -149,21 +192,16 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
 
 @dataclass(frozen=True)
 class Plan:
-    """Parameters of the kernels of one operator, with the spectrum in double precision.
-
-    ``per_turn`` and ``carrier`` are the spacing of the spectrum and its position zero over the
-    speed of light, 1/m. ``start`` is the first bin that a path reaches; the window's outer taps
-    start earlier. ``phase`` (1 or pair, tone) is a factor on every tone. ``rounding`` is the
-    largest phase error, rad, of the 32-bit delays of the kernels in single precision.
-    """
+    """Parameters of the kernels of one operator, with the spectrum in double precision."""
 
     layout: Layout
     window: Window
     spectrum: Spectrum
-    per_turn: float
-    carrier: float
-    start: int
-    phase: ComplexArray | None
+    per_turn: float  #: spacing of the spectrum over the speed of light, 1/m
+    carrier: float  #: position zero of the spectrum over the speed of light, 1/m
+    start: int  #: first bin that a path reaches; the window's outer taps start earlier
+    phase: ComplexArray | None  #: (1 or pair, tone): factor on every tone
+    #: largest phase error of the 32-bit delays of the kernels in single precision, rad
     rounding: float
 
     @property
@@ -224,7 +262,23 @@ def make_plan(
 ) -> Plan:
     """Choose window and spectrum for the ``active`` tones.
 
-    The path ``offset`` (pair,), m, is subtracted by a factor on every tone.
+    Parameters
+    ----------
+    frequency : (tone,) ndarray
+        Frequencies in increasing order, Hz.
+    active : (tone,) ndarray of bool
+        Tones that any sub-band weighs.
+    layout : Layout
+        Antennas and pixels.
+    offset : (pair,) ndarray
+        Path that is subtracted by a factor on every tone, m.
+    tolerance : float
+        Relative error of the images.
+
+    Returns
+    -------
+    Plan
+        The plan.
     """
     swath = layout.swath()
     tones = place_tones(frequency[active], swath, tolerance)
@@ -237,18 +291,24 @@ def make_plan(
     window = design(extent, window_tolerance, layout.count)
     size = window.size
     per_turn = tones.step / SPEED_OF_LIGHT
+
+    # Bins from the shortest to the longest path, at least one more on either side for rounding, and
+    # those that only the window reaches.
     start = math.floor(swath[0] * per_turn * size) - 1
     reach = min(math.floor(swath[1] * per_turn * size) + 3 - start, size)
     first = start - (window.width - 1) // 2
     bins = reach + window.width
+
     turns = np.zeros((1, frequency.size))
     centre = 0
     if not tones.uniform:
+        # The correction of the bins is best about bin zero: the swath's middle is moved there.
         centre = start + reach // 2
         turns[0, active] = tones.position * (centre / size)
     if offset.any():
         turns = turns - offset[:, None] * (frequency / SPEED_OF_LIGHT)
     phase = np.exp(2j * np.pi * (turns - np.floor(turns))) if turns.any() else None
+
     spectrum = _spectrum(tones, active, window, first - centre, bins, window_tolerance)
     rounding = 2 * math.pi * float(np.abs(tones.position).max()) * 2 / 2**32
     carrier = tones.carrier / SPEED_OF_LIGHT
@@ -263,6 +323,7 @@ def _spectrum(
     Uneven tones are spread over several, as in a non-uniform transform of the first kind.
     """
     size = window.size
+    # Divided by the window's transform, which the interpolation multiplies with.
     weight = 1 / transform(window.width, window.beta, tones.position / size)[:, None]
     slots = np.rint(tones.position).astype(np.int64)[:, None]
     factor = np.ones(bins)
@@ -288,6 +349,7 @@ def _spread(
     lowest = np.ceil(position - width / 2).astype(np.int64)
     slots = lowest[:, None] + np.arange(width)
     distance = (slots - position[:, None]) / (width / 2)
-    shares = np.i0(beta * np.sqrt(np.clip(1 - distance**2, 0, None))) / np.i0(beta)
+    inside = np.clip(1 - distance**2, 0, None)
+    shares = np.i0(beta * np.sqrt(inside)) / np.i0(beta)
     correction = 1 / transform(width, beta, np.arange(first, first + bins) / size)
     return slots, shares, correction

@@ -180,6 +180,18 @@ def blank_image(
     """Return an image with names and axes but no pixels in memory.
 
     To copy it takes a tenth of the time of a new one.
+
+    Parameters
+    ----------
+    polarization, subband : array_like of str
+        Labels of the channels.
+    y, x : array_like
+        Pixel centres, m.
+
+    Returns
+    -------
+    (polarization, subband, y, x) xarray.DataArray of complex64
+        Image of zeros.
     """
     axes = {"polarization": polarization, "subband": subband, "y": y, "x": x}
     pixels = np.broadcast_to(np.complex64(0), tuple(map(np.size, axes.values())))

@@ -22,31 +22,42 @@ class View:
     """What to image.
 
     Each of ``x``, ``y``, ``z`` (lane frame, m) is a pair of limits or one value; two pairs are a
-    plane, three a volume. What is not given follows from the run: the ground ahead of antennas that
-    stand above it, else the section below the line, down to the end of the record; ``z`` alone
-    bounds that section or sets the height of that ground. ``scans`` are the first and the last that
-    are summed, default all; ``spacing`` (m) is by default a quarter of the wavelength, or what
-    gives 300 000 pixels. ``permittivity`` is that of all between antennas and pixels, 1 by default;
-    for antennas that are coupled to the ground it must be given. ``half_space`` is that of ground
-    below z = 0, at whose surface paths are refracted. Antennas farther than ``reach`` (m) from a
-    pixel, level with the ground, do not help to image it.
+    plane, three a volume. Without them the pixels follow from the run: the ground ahead of antennas
+    that stand above it, else the section below the line, down to the end of the record; ``z`` alone
+    bounds that section or sets the height of that ground.
     """
 
     x: Extent | None = None
     y: Extent | None = None
     z: Extent | None = None
+    #: of the pixels, m; by default a quarter of the wavelength, or what gives 300 000 pixels
     spacing: float | None = None
-    scans: tuple[int, int] | None = None
+    scans: tuple[int, int] | None = None  #: first and last that are summed; by default all
     polarizations: tuple[str, ...] = ()
     band: tuple[float, float] | None = None  #: Hz
     window: str = "hann"
+    #: of all between antennas and pixels, 1 by default; antennas that are coupled to the ground
+    #: need it
     permittivity: float | None = None
-    half_space: float | None = None
+    half_space: float | None = None  #: permittivity below z = 0, where paths are refracted
+    #: how far from a pixel, level with the ground, antennas help to image it, m
     reach: float = math.inf
 
 
 def chosen_scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
     """Return the complete scans within limits, both included.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    limits : tuple of int, optional
+        First and last scan; None is all.
+
+    Returns
+    -------
+    (scan,) ndarray of int
+        Numbers of the scans.
 
     Raises
     ------
@@ -103,15 +114,7 @@ def view_axes(
     spacing = view.spacing
     if spacing is None:
         spacing = _default_spacing(run, view, spans, pixels, slowness)
-    if not (math.isfinite(spacing) and spacing > 0):
-        raise ValueError(f"spacing must be positive, got {spacing:g} m")
-    counts = {axis: round((high - low) / spacing) + 1 for axis, (low, high) in spans.items()}
-    if math.prod(counts.values()) > MOST_PIXELS or min(counts.values()) < 2:
-        count_words = " x ".join(f"{axis} {count}" for axis, count in counts.items())
-        raise ValueError(
-            f"spacing must give 2 pixels or more along an axis and {MOST_PIXELS:g} in all, "
-            f"got {count_words}"
-        )
+    counts = _pixel_counts(spans, spacing)
     axes = {}
     for axis in "xyz":
         limit = limits[axis]
@@ -120,6 +123,20 @@ def view_axes(
         else:
             axes[axis] = np.array([float(limit)])
     return axes, spacing
+
+
+def _pixel_counts(spans: dict[str, tuple[float, float]], spacing: float) -> dict[str, int]:
+    """Return the numbers of pixels along the axes, and refuse too few or too many."""
+    if not (math.isfinite(spacing) and spacing > 0):
+        raise ValueError(f"spacing must be positive, got {spacing:g} m")
+    counts = {axis: round((high - low) / spacing) + 1 for axis, (low, high) in spans.items()}
+    if math.prod(counts.values()) > MOST_PIXELS or min(counts.values()) < 2:
+        listed = " x ".join(f"{axis} {count}" for axis, count in counts.items())
+        raise ValueError(
+            f"spacing must give 2 pixels or more along an axis and {MOST_PIXELS:g} in all, "
+            f"got {listed}"
+        )
+    return counts
 
 
 def _view_limits(

@@ -49,12 +49,22 @@ def _array(kind: type, dimensions: int) -> NDArray[Any]:
     return np.empty((0,) * dimensions, kind)
 
 
-_i, _f, _d = (partial(_array, kind) for kind in (np.int64, np.float32, np.float64))
-_c, _z = (partial(_array, kind) for kind in (np.complex64, np.complex128))
+# Short, as in the type codes of NumPy: the list below is a table of types.
+_i = partial(_array, np.int64)
+_f = partial(_array, np.float32)
+_d = partial(_array, np.float64)
+_c = partial(_array, np.complex64)
+_z = partial(_array, np.complex128)
 
 
 def usual() -> list[tuple[Any, tuple[Any, ...]]]:
-    """Return the kernels of the packaged recipes, in the order of their use, with arguments."""
+    """Return the kernels of the packaged recipes, in the order of their use.
+
+    Returns
+    -------
+    list of (kernel, tuple)
+        Each kernel with arguments of the types that it is called with.
+    """
     spectrum = Spectrum(0, 0, _i(1), _i(1), _f(1), _f(1), _c(1))
     geometry = Geometry(_i(1), _i(1), _d(2), _d(2), 0, _d(1), 0.0, 0.0, 0, 0, _f(2), _f(1))
     tones = (_c(3), _f(2), spectrum)
@@ -90,28 +100,38 @@ def usual() -> list[tuple[Any, tuple[Any, ...]]]:
 def compile_usual() -> None:
     """Compile the usual kernels, the last first: the detection itself begins with the first."""
     for kernel, arguments in reversed(usual()):
-        getattr(kernel, "kernel", kernel).compile(tuple(map(typeof, arguments)))
+        compiled = getattr(kernel, "kernel", kernel)  # kernels on several threads hold another one
+        types = tuple(map(typeof, arguments))
+        compiled.compile(types)
 
 
 def compile_training() -> None:
     """Compile the training of relevance vector machines, which takes longer than a detection's."""
+    # Two examples and two basis functions: a call compiles, whatever the size.
     rows = np.eye(2)
     target = np.array([0.0, 1.0])
     every = np.ones(2, np.bool_)
     fixed = (rows, relevance.single(rows), target, 0.0, every, 0.0)
     relevance.climb(*fixed, 1)
-    start = (np.arange(2), np.ones(2), np.zeros(2))
-    relevance.ascend(*fixed, *start, every, 1e-3, 0)
-    relevance.entries(rows, every, start[0], relevance.laplace(rows, target, 0.0, *start[1:]), 0.0)
+
+    active = np.arange(2)
+    alpha = np.ones(2)
+    mean = np.zeros(2)
+    relevance.ascend(*fixed, active, alpha, mean, every, 1e-3, 0)
+    posterior = relevance.laplace(rows, target, 0.0, alpha, mean)
+    relevance.entries(rows, every, active, posterior, 0.0)
 
 
 def compile_tolerances() -> None:
     """Compile imaging and its forward model for other tolerances than those of the recipes."""
     read = next(arguments[:4] for kernel, arguments in usual() if kernel is adjoint)
+    # The most likely widths first: the process may be ended at any time.
     for width, channels in product((5, 6, 4, 7, 3, 9, 8, 2), (1, 16, 4)):
-        rows: Any = ((0,) * width, (0,) * (polynomial_degree(width) + 1), (0,) * channels)
+        powers = polynomial_degree(width) + 1
+        rows: Any = ((0,) * width, (0,) * powers, (0,) * channels)
+        types = tuple(map(typeof, (*read, *rows, 0, 0)))
         for kernel in (adjoint, forward):
-            kernel.compile(tuple(map(typeof, (*read, *rows, 0, 0))))
+            kernel.compile(types)
 
 
 @contextmanager

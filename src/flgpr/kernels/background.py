@@ -1,4 +1,8 @@
-"""Pixel loops of background removal for all channels (Wang et al. 2007, Eq. 2, 3 and 5)."""
+"""Compiled pixel loops of the background, to make it faster (Wang et al. 2007, Eq. 2, 3 and 5).
+
+What is estimated in which order, and why, is in :mod:`flgpr.clutter.streaming`, which calls these
+loops; the equations one by one are in :mod:`flgpr.clutter.background`.
+"""
 
 from __future__ import annotations
 
@@ -46,15 +50,27 @@ def _clipped(pixel: Any, limit: float, threshold: float) -> Any:
 
 @shared(cache=True)
 def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore[no-untyped-def]
-    """Fill the scan gain r_k and clipping limit μ + ``clip``·σ of ``images`` (channel, pixel).
+    """Fill the scan gain r_k and the clipping limit μ + ``clip``·σ of every channel.
 
-    The gain is the root mean square of the ``keep`` smallest magnitudes. The bits of floats that
-    are not negative have the order of their values.
+    Parameters
+    ----------
+    images : (channel, pixel) ndarray of complex64
+        Scan image.
+    keep : int
+        Number of smallest magnitudes, whose root mean square is the gain.
+    clip : float
+        Standard deviations above the mean at which magnitudes are clipped.
+    gain, limit : (channel,) ndarray
+        Filled.
+    begin, end : int
+        Channels of this call.
     """
     for c in range(begin, end):
         magnitude = np.empty(images.shape[1], np.float32)
         for i in range(magnitude.size):
             magnitude[i] = _magnitude(images[c, i])
+        # The smallest magnitudes without a sort: counted in coarse bins of their bits, which have
+        # the order of the values, as none is negative.
         bits = magnitude.view(np.uint32)
         count = np.zeros(1 << (32 - _SHIFT), np.int64)
         total = 0.0
@@ -88,10 +104,20 @@ def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore
 
 @shared(cache=True)
 def add_clipped(images, limit, own_scale, shared, own_total, shared_total, begin, end):  # type: ignore[no-untyped-def]
-    """Add ``images`` (channel, pixel), clipped in magnitude, to two totals.
+    """Add images, clipped in magnitude, to two totals (Wang et al. 2007, Eq. 2).
 
-    They are weighted by ``own_scale`` and by ``shared``. The totals may hold the first pixels
-    alone.
+    Parameters
+    ----------
+    images : (channel, pixel) ndarray of complex64
+        Scan image.
+    limit : (channel,) ndarray
+        Magnitude at which pixels are clipped.
+    own_scale, shared : (channel,) ndarray
+        Weights of the image in the two totals, the inverse gains.
+    own_total, shared_total : (channel, pixel) ndarray of complex128
+        Totals; they may hold the first pixels alone.
+    begin, end : int
+        Channels of this call.
     """
     for c in range(begin, end):
         threshold = _near(limit[c])
@@ -103,10 +129,26 @@ def add_clipped(images, limit, own_scale, shared, own_total, shared_total, begin
 
 @shared(cache=True)
 def blend_clipped(images, limit, scale, weight, means, out, signature, begin, end):  # type: ignore[no-untyped-def]
-    """Move ``means`` (channel, pixel) by ``weight`` towards ``images``, clipped and scaled.
+    """Move running means towards images, clipped in magnitude and scaled.
 
-    The means may hold the first pixels alone; they go to ``out``, which may be the same array, and
-    with less precision to ``signature``.
+    It is Eq. 2 of Wang et al. 2007 for live detection, see ``clutter/causal.py``.
+
+    Parameters
+    ----------
+    images : (channel, pixel) ndarray of complex64
+        Scan image.
+    limit, scale : (channel,) ndarray
+        Magnitude at which pixels are clipped, and inverse gain.
+    weight : float
+        Share of the image in the new means.
+    means : (channel, pixel) ndarray of complex128
+        Means so far; they may hold the first pixels alone.
+    out : (channel, pixel) ndarray of complex128
+        New means; it may be the same array.
+    signature : (channel, pixel) ndarray of complex64
+        New means in single precision.
+    begin, end : int
+        Channels of this call.
     """
     for c in range(begin, end):
         threshold = _near(limit[c])
@@ -130,8 +172,16 @@ def residual(images, gain, signature, out, begin, end):  # type: ignore[no-untyp
 def mean_of_nodes(sums, rows, columns, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` (channel, y, x) with the mean of a coarse lattice's nodes inside a window.
 
-    ``sums`` (channel, row, column) are their sums from the first on, a zero before them; ``rows``
-    (2, y) and ``columns`` (2, x) the first of them inside the window and the one after the last.
+    Parameters
+    ----------
+    sums : (channel, row + 1, column + 1) ndarray
+        Sums of the nodes from the first on, zero before them.
+    rows, columns : (2, y), (2, x) ndarray of int
+        First row and column of nodes inside the window, and the ones after the last.
+    out : (channel, y, x) ndarray of float32
+        Means.
+    begin, end : int
+        Channels of this call.
     """
     for c in range(begin, end):
         line = np.empty(sums.shape[2])
@@ -148,7 +198,16 @@ def mean_of_nodes(sums, rows, columns, out, begin, end):  # type: ignore[no-unty
 def root_mean_square(level, ratio, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` with the root mean square over polarizations of ``level`` times ``ratio``.
 
-    ``level`` is (polarization, subband, pixel).
+    Parameters
+    ----------
+    level : (polarization, subband, pixel) ndarray of float32
+        Gain background of every channel.
+    ratio : (polarization, subband) ndarray
+        Factor of every channel.
+    out : (subband, pixel) ndarray of float32
+        Root mean squares.
+    begin, end : int
+        Sub-bands of this call.
     """
     for b in range(begin, end):
         for i in range(out.shape[1]):
@@ -160,9 +219,22 @@ def root_mean_square(level, ratio, out, begin, end):  # type: ignore[no-untyped-
 
 @shared(cache=True)
 def subtract_and_divide(images, gain, signature, background, out, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``out`` (channel, pixel) with ``(images/gain - signature)/background``.
+    """Fill ``out`` with ``(images/gain - signature)/background`` (Wang et al. 2007, Eq. 5).
 
-    There is one ``gain`` per channel; fewer backgrounds are used for the channels in turn.
+    Parameters
+    ----------
+    images : (channel, pixel) ndarray of complex64
+        Scan image.
+    gain : (channel,) ndarray
+        Gain of every channel.
+    signature : (channel, pixel) ndarray of complex64
+        Self-signature, in units of the gain.
+    background : (channel, pixel) ndarray of float32
+        Gain background; fewer of them are used for the channels in turn.
+    out : (channel, pixel) ndarray of complex64
+        Cleaned image; it may hold the first pixels alone.
+    begin, end : int
+        Channels of this call.
     """
     for c in range(begin, end):
         scale = np.float32(1 / gain[c])

@@ -16,17 +16,34 @@ _TWO_PI = 2.0 * math.pi
 
 @njit(cache=True)
 def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
-    """Return the two-way amplitude of a pair at a pixel, one without gains."""
+    """Return the two-way amplitude of antennas ``a``, ``b`` at pixel ``p``; one without gains."""
     return gain[a, p] * gain[b, p] if gain.shape[1] > 0 else 1.0
 
 
 @shared(axis=2, cache=True)
 def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out, begin, end):  # type: ignore[no-untyped-def]
-    """Sum ``weight·gain·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
+    """Fill ``out`` with ``Σ weight·gain·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
 
-    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m,
-    ``path`` (antenna, pixel) m, ``tx``/``rx`` (pair,) its rows, ``offset`` (pair,) m, ``gain``
-    (antenna, pixel) or (antenna, 0), ``out`` (channel, subband, pixel).
+    Parameters
+    ----------
+    data : (channel, pair, tone) ndarray of complex
+        Data of a scan.
+    weight : (subband, tone) ndarray
+        Weights of the tones.
+    wavenumber : (tone,) ndarray
+        Frequency over the speed of light, 1/m.
+    path : (antenna, pixel) ndarray
+        One-way optical paths, m.
+    tx, rx : (pair,) ndarray of int
+        Rows of ``path`` and ``gain`` of every pair's antennas.
+    offset : (pair,) ndarray
+        Length that is subtracted from a pair's path, m.
+    gain : (antenna, pixel) or (antenna, 0) ndarray
+        One-way amplitudes; none are one everywhere.
+    out : (channel, subband, pixel) ndarray of complex
+        Image.
+    begin, end : int
+        Pixels of this call.
     """
     channels, pairs, tones = data.shape
     bands = weight.shape[0]
@@ -36,6 +53,7 @@ def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out, be
             length = path[tx[q], p] + path[rx[q], p] - offset[q]
             size = _amplitude(gain, tx[q], rx[q], p)
             for k in range(tones):
+                # Whole turns are taken off first: the argument of cosine and sine stays small.
                 turns = wavenumber[k] * length
                 angle = _TWO_PI * (turns - math.floor(turns))
                 carrier = size * complex(math.cos(angle), math.sin(angle))
@@ -52,7 +70,8 @@ def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out, be
 def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` (channel, pair, tone) from ``image`` (channel, subband, pixel).
 
-    This is the transpose of :func:`adjoint_direct`.
+    This is the transpose of :func:`adjoint_direct`, whose other arguments it takes; ``begin`` and
+    ``end`` are pairs.
     """
     channels, bands, count = image.shape
     tones = wavenumber.shape[0]
@@ -76,41 +95,40 @@ def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out, b
 
 
 class PreciseGeometry(NamedTuple):
-    """Paths and how they become bins and phases.
+    """Paths, and how they become bins and phases."""
 
-    ``path`` (antenna, pixel) m; ``tx``, ``rx`` (pair,) its rows; ``gain`` (antenna, pixel), or
-    (antenna, 0) for none; ``per_turn`` and ``carrier`` the tone spacing and the carrier over the
-    speed of light, 1/m; ``size`` bins make the ambiguous range, of which bin 0 of a table starts at
-    ``start``; ``weight`` (tap, power) the taps' polynomials.
-    """
-
-    path: NDArray[np.float64]
-    tx: NDArray[np.int64]
-    rx: NDArray[np.int64]
-    gain: NDArray[np.float64]
-    per_turn: float
-    carrier: float
-    size: int
-    start: float
-    weight: NDArray[np.float64]
+    path: NDArray[np.float64]  #: (antenna, pixel) one-way optical paths, m
+    tx: NDArray[np.int64]  #: (pair,) rows of the transmitters
+    rx: NDArray[np.int64]  #: (pair,) rows of the receivers
+    gain: NDArray[np.float64]  #: (antenna, pixel) one-way amplitudes, or (antenna, 0) for none
+    per_turn: float  #: tone spacing over the speed of light, 1/m
+    carrier: float  #: carrier over the speed of light, 1/m
+    size: int  #: bins of the ambiguous range
+    start: float  #: bin of the ambiguous range where bin 0 of a table starts
+    weight: NDArray[np.float64]  #: (tap, power) the taps' polynomials, lowest power first
 
 
 @njit(cache=True)
 def _locate(geometry, q, p, taps):  # type: ignore[no-untyped-def]
-    """Fill ``taps`` with the weights at a pixel of a pair; return the first bin and the phasor."""
+    """Fill ``taps`` with the weights of pair ``q`` at pixel ``p``; return first bin and phasor."""
     i = geometry.tx[q]
     j = geometry.rx[q]
     length = geometry.path[i, p] + geometry.path[j, p]
+
+    # Position in the ambiguous range, which wraps, and in the table, which starts elsewhere.
     turns = length * geometry.per_turn
     position = (turns - math.floor(turns)) * geometry.size - geometry.start
     position -= geometry.size * math.floor(position / geometry.size)
     bin_ = int(position)
+
+    # Polynomials in the fraction of a bin less one half, by Horner's rule.
     y = position - bin_ - 0.5
     for a in range(taps.size):
         value = 0.0
         for n in range(geometry.weight.shape[1] - 1, -1, -1):
             value = value * y + geometry.weight[a, n]
         taps[a] = value
+
     phase = length * geometry.carrier
     angle = 2 * math.pi * (phase - math.floor(phase))
     size = geometry.gain[i, p] * geometry.gain[j, p] if geometry.gain.shape[1] > 0 else 1.0
@@ -119,7 +137,10 @@ def _locate(geometry, q, p, taps):  # type: ignore[no-untyped-def]
 
 @shared(axis=1, cache=True)
 def adjoint_precise(table, geometry, out, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``out`` (channel, pixel) from the profiles ``table`` (pair, bin, channel)."""
+    """Fill ``out`` (channel, pixel) from the profiles ``table`` (pair, bin, channel).
+
+    ``geometry`` is a :class:`PreciseGeometry`; ``begin`` and ``end`` are pixels.
+    """
     for p in range(begin, end):
         taps = np.empty(geometry.weight.shape[0])
         total = np.zeros(out.shape[0], np.complex128)
@@ -134,7 +155,10 @@ def adjoint_precise(table, geometry, out, begin, end):  # type: ignore[no-untype
 
 @shared(cache=True)
 def forward_precise(image, geometry, table, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``table`` from ``image`` (channel, pixel): the transpose of :func:`adjoint_precise`."""
+    """Fill ``table`` (pair, bin, channel) from ``image`` (channel, pixel).
+
+    This is the transpose of :func:`adjoint_precise`; ``begin`` and ``end`` are pairs.
+    """
     for q in range(begin, end):
         taps = np.empty(geometry.weight.shape[0])
         table[q] = 0

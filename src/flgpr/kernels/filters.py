@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from flgpr.jit.compiled import njit
 from flgpr.jit.threads import share, shared
 
-# bins of a level of the histograms, of three, that make up one of the level above; lanes of a
-# vector
+# Bins of a histogram level that make up one bin of the level above, and the lanes of a vector.
 _FAN = 16
 _MOST = 0xFFFF  # pixels that 16 bits count
 _DIGIT = 11  # bits sorted at a time
@@ -35,7 +34,11 @@ _ORDER = ir.VectorType(ir.IntType(32), _FAN)
 
 @njit(cache=True)
 def sorted_order(values: Any) -> Any:
-    """Return the order of float32 values from small to large: a radix sort of their bits."""
+    """Return the order of float32 values from small to large: a radix sort of their bits.
+
+    The bits of floats that are not negative have the order of their values. With the sign bit set,
+    and all bits of negative values inverted, this holds for all.
+    """
     n = values.size
     bits = values.view(np.uint32)
     keys = np.empty(n, np.uint32)
@@ -207,9 +210,28 @@ def _median_rows(
 ) -> None:
     """Fill the median at every ``step``-th pixel of rows ``first`` to ``last``.
 
-    ``places`` are the y and the x by rank. Columns that enter and leave the window together share a
-    histogram: ``step`` of them where the window is as many whole groups. Group g begins ``half_x``
-    pixels before column g·wide, where the window about that column does.
+    Columns that enter and leave the window together share a histogram: ``step`` of them where the
+    window is a whole number of groups. Group g begins ``half_x`` pixels before column g·wide, where
+    the window about that column does.
+
+    Parameters
+    ----------
+    places : tuple of two (rank,) ndarrays
+        The y and the x of the pixels by rank, from :func:`_ranked`.
+    values : (rank,) ndarray
+        Pixel values by rank.
+    bins : (y, x) ndarray of uint16
+        Bins of the pixels in the finest histogram.
+    half_y, half_x : int
+        Half of the window without its centre.
+    step : int
+        Distance of the pixels whose median is computed.
+    first, last : int
+        First row, and the one after the last.
+    most : unsigned integer
+        Its type counts the pixels of a window.
+    out : (y/step, x/step) ndarray
+        Medians.
     """
     ny, nx = bins.shape
     shared = (2 * half_x + 1) % step == 0 and (2 * half_y + 1) * step <= _MOST
@@ -243,6 +265,7 @@ def _median_rows(
             box = uint64(y0), uint64(y1 - y0), uint64(x0), uint64(x1 - x0)
             pixels = (y1 - y0) * (x1 - x0)
             total = 0.0
+            # The two middle ranks; of an odd number of pixels they are the same.
             for rank in ((pixels - 1) // 2, pixels // 2):
                 b = uint64(0)
                 left = uint64(rank)
@@ -289,10 +312,22 @@ def _ranked(order: Any, image: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def median_of_ranks(orders, images, half_y, half_x, step, sections, most, out, begin, end):  # type: ignore[no-untyped-def]
-    """Fill the median of ``images`` (image, y, x) in windows at every ``step``-th pixel.
+    """Fill the median of images in windows at every ``step``-th pixel.
 
-    ``orders`` (image, pixel) ranks the pixels of every image, whose rows are divided among
-    ``sections`` sets of histograms. ``most`` is of a type that counts the pixels of a window.
+    Parameters
+    ----------
+    orders : (image, pixel) ndarray of int32
+        Pixels of every image by rank.
+    images : (image, y, x) ndarray
+        Finite images.
+    half_y, half_x, step, most
+        As in :func:`_median_rows`.
+    sections : int
+        Sections of rows of an image, each with its own histograms.
+    out : (image, y/step, x/step) ndarray
+        Medians.
+    begin, end : int
+        Tasks of this call; a task is a section of an image.
     """
     ny = images.shape[1]
     for task in range(begin, end):
@@ -319,23 +354,34 @@ def _medians(
     """Return the medians of images whose pixels are ranked, on as many threads as are useful."""
     count, ny, nx = images.shape
     out = np.empty((count, -(-ny // step), -(-nx // step)), images.dtype)
+    half_y = size[0] // 2
+    half_x = size[1] // 2
+    # About eight tasks, also of few images: every section fills its first window anew.
     sections = max(1, min(8 // max(count, 1), ny))
     most = np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
-    share(
-        count * sections,
-        partial(
-            median_of_ranks, orders, images, size[0] // 2, size[1] // 2, step, sections, most, out
-        ),
-    )
+    medians = partial(median_of_ranks, orders, images, half_y, half_x, step, sections, most, out)
+    share(count * sections, medians)
     return out
 
 
 def median_stack(
     images: NDArray[np.float32], size: tuple[int, int], step: int = 1
 ) -> NDArray[np.float32]:
-    """Return the exact median of images (image, y, x) at every ``step``-th pixel.
+    """Return the exact median of images in a window, at every ``step``-th pixel.
 
-    The images must be finite; the window is that of :func:`median_filter`.
+    Parameters
+    ----------
+    images : (image, y, x) ndarray of float32
+        Finite images.
+    size : tuple of int
+        Window (y, x), odd numbers of pixels; it shrinks at the border.
+    step : int
+        Distance of the pixels whose median is computed, both ways.
+
+    Returns
+    -------
+    (image, ⌈y/step⌉, ⌈x/step⌉) ndarray of float32
+        Medians.
     """
     stack = np.ascontiguousarray(images, dtype=np.float32)
     orders = np.empty((len(stack), stack.shape[1] * stack.shape[2]), np.int32)
@@ -344,9 +390,19 @@ def median_stack(
 
 
 def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the exact median of a finite image (y, x) in a window of ``size`` (y, x) odd pixels.
+    """Return the exact median of an image in a window.
 
-    The window shrinks at the border.
+    Parameters
+    ----------
+    image : (y, x) ndarray of float
+        Finite image.
+    size : tuple of int
+        Window (y, x), odd numbers of pixels; it shrinks at the border.
+
+    Returns
+    -------
+    (y, x) ndarray
+        Medians.
     """
     stack = np.ascontiguousarray(image, dtype=np.float64)[None]
     order = np.argsort(stack.ravel(), kind="stable").astype(np.int32)[None]
@@ -354,10 +410,7 @@ def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray
 
 
 def mean_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the mean of a finite image (y, x) in a window of ``size`` (y, x) odd pixels.
-
-    The window shrinks at the border.
-    """
+    """Return the mean of an image in a window, whose parameters are :func:`median_filter`'s."""
     total = np.asarray(image, dtype=np.float64)
     count = np.ones(image.shape)
     for axis in (0, 1):
@@ -369,9 +422,11 @@ def mean_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[n
 def _running_sum(array: NDArray[np.float64], half: int, axis: int) -> NDArray[np.float64]:
     """Return the sums over windows along an axis, cut off at its ends."""
     array = np.moveaxis(array, axis, 0)
-    sums = np.concatenate([np.zeros((1, *array.shape[1:])), np.cumsum(array, axis=0)])
-    centre = np.arange(array.shape[0])
-    result = (
-        sums[np.minimum(centre + half + 1, array.shape[0])] - sums[np.maximum(centre - half, 0)]
-    )
-    return np.moveaxis(result, 0, axis)
+    length = array.shape[0]
+    # Differences of cumulative sums cost the same for any window.
+    none = np.zeros((1, *array.shape[1:]))
+    sums = np.concatenate([none, np.cumsum(array, axis=0)])
+    centre = np.arange(length)
+    first = np.maximum(centre - half, 0)
+    end = np.minimum(centre + half + 1, length)
+    return np.moveaxis(sums[end] - sums[first], 0, axis)

@@ -33,11 +33,24 @@ def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -
 
 @shared(cache=True)
 def focus(signal, wavenumber, path, kernel, out, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
+    """Fill ``out`` with the magnitudes of range profiles of the array focused on points.
 
-    ``signal`` (polarization, pair, tone) complex64; ``wavenumber`` f/c (tone,), 1/m; ``path``
-    (point, pair), m; ``kernel`` (2, tone, range), the real and the imaginary part of what takes a
-    beam to its ranges. A point's sums hang on nothing but its own path.
+    A point's sums depend on nothing but its own path.
+
+    Parameters
+    ----------
+    signal : (polarization, pair, tone) ndarray of complex64
+        Data of a scan.
+    wavenumber : (tone,) ndarray
+        Frequency over the speed of light, 1/m.
+    path : (point, pair) ndarray
+        Optical paths from transmitter over point to receiver, m.
+    kernel : (2, tone, range) ndarray of float32
+        Real and imaginary part of the transform from a beam's tones to its ranges.
+    out : (point, polarization, range) ndarray of float32
+        Magnitudes, per pair.
+    begin, end : int
+        Points of this call.
     """
     channels, pairs, tones = signal.shape
     ranges = kernel.shape[2]

@@ -48,9 +48,9 @@ else:
 
 @cuda.jit
 def locate(pixels, antenna, medium, per_turn, carrier, gain, delay, phasor):  # type: ignore[no-untyped-def]
-    """Fill ``delay`` and ``phasor`` (antenna, pixel).
+    """Fill ``delay`` and ``phasor`` (antenna, pixel), one thread for each.
 
-    The arguments are those of :class:`flgpr.kernels.profiles.Geometry`.
+    The other arguments are those of :class:`flgpr.kernels.profiles.Geometry`.
     """
     p, a = cuda.grid(2)
     if p >= delay.shape[1] or a >= delay.shape[0]:
@@ -86,7 +86,8 @@ def _turned(value, sign):  # type: ignore[no-untyped-def]
 def _transform(a, b, twiddle, sign):  # type: ignore[no-untyped-def]
     """Compute Σ_k a_k exp(sign·j2πkm/n) by the threads of a block; return whether it is in ``b``.
 
-    ``twiddle`` holds exp(+j2πk/n).
+    It is Stockham's transform of radix 4, from one array to the other and back. ``twiddle`` holds
+    exp(+j2πk/n).
     """
     begin = uint64(cuda.threadIdx.x)
     step = uint64(cuda.blockDim.x)
@@ -148,12 +149,29 @@ def compress_kernel(size: int) -> Any:
         spare,
         profile,
     ):
-        """Fill the first bins of ``profile`` (pair, channel, bin) from data.
+        """Fill the first bins of ``profile`` from the tones of a scan.
 
-        Slot m of a spectrum is made of the tones ``tone[begin[m]:begin[m + 1]]`` with the weights
-        ``share``; bin 0 is slot ``first``. ``weight`` (subband, tone); ``phase`` (1 or pair, tone),
-        or (0, 0) for none; ``factor`` (slot,); ``spare`` (block, 2·slots) for spectra that are not
-        shared memory's.
+        Parameters
+        ----------
+        data : (polarization, pair, tone) array of complex64
+            Data of a scan.
+        weight : (subband, tone) array of float32
+            Weights of the tones.
+        begin, tone, share
+            Slot m of a spectrum is made of the tones ``tone[begin[m]:begin[m + 1]]`` with the
+            weights ``share``.
+        phase : (1 or pair, tone) array of complex64
+            Factor on every tone, or (0, 0) for none.
+        factor : (slot,) array of float32
+            Correction of the bins.
+        twiddle : (slot,) array of complex64
+            Factors exp(+j2πk/n).
+        first, bins : int
+            Slot of bin 0, and number of bins.
+        spare : (block, 2·slot) array of complex64
+            Spectra that shared memory does not hold.
+        profile : (pair, channel, bin) array of complex64
+            Range profiles.
         """
         q = uint64(cuda.blockIdx.x)
         channel = uint64(cuda.blockIdx.y)
@@ -237,11 +255,28 @@ def adjoint_kernel(width: int, group: int, stride: int) -> Any:
 
     @cuda.jit(fastmath=True)
     def adjoint(profile, channels, tx, rx, delay, phasor, origin, shift, unit, weight, out):  # type: ignore[no-untyped-def]
-        """Fill ``out`` (channel, pixel) from ``profile``, the words of (pair, channel, bin).
+        """Fill ``out`` (channel, pixel) from range profiles.
 
-        Of ``channels``, a multiple of the group, ``out`` holds the first. ``delay`` and the words
-        of ``phasor`` are flat (antenna, pixel), and ``tx`` and ``rx`` say where an antenna's begin;
-        ``unit`` is 2^-shift.
+        Parameters
+        ----------
+        profile : (pair·channel·bin,) array of uint64
+            Words of the profiles.
+        channels : int
+            Channels of a profile, a multiple of the group, of which ``out`` holds the first.
+        tx, rx : (pair,) array of uint64
+            Where the pixels of the pair's antennas begin in ``delay`` and ``phasor``.
+        delay : (antenna·pixel,) array of uint32
+            32-bit delays.
+        phasor : (antenna·pixel,) array of uint64
+            Words of the phasors.
+        origin, shift : int
+            Delay at which bin 0 starts, and number of a delay's bits below a bin.
+        unit : float
+            2^-shift.
+        weight : (tap, power) array of float32
+            Polynomials of the taps.
+        out : (channel, pixel) array of complex64
+            Image.
         """
         pixel = uint64(cuda.grid(1))
         channel = cuda.blockIdx.y * group

@@ -110,11 +110,27 @@ def combine_antennas(  # type: ignore[no-untyped-def]
 ):
     """Compute table rows, phasors and tap weights of pair ``g`` from the rows of its two antennas.
 
-    ``base`` is the pair's first bin in the table, ``origin`` the 32-bit delay of that bin and
-    ``shift`` the number of a delay's bits below a bin; ``weight`` (power, tap) holds the ``powers``
-    coefficients of the taps' polynomials in the fraction of a bin less one half, the taps padded as
-    in :func:`flgpr.kernels.layout.padded`. ``start`` and ``fields`` come out as
-    :func:`gather_pairs` takes them.
+    Parameters
+    ----------
+    delay, cosine, sine : ndarray
+        32-bit delays and phasors of all antennas (:func:`flgpr.kernels.geometry.antenna_rows`).
+    i, j : int
+        Entries where the pixels of the pair's two antennas begin.
+    base : int
+        First bin of the pair in the table.
+    origin, shift : int
+        32-bit delay of that bin, and number of a delay's bits below a bin.
+    weight : (power·tap,) ndarray of float32
+        Coefficients of the taps' polynomials in the fraction of a bin less one half, the taps
+        padded as in :func:`flgpr.kernels.layout.padded`.
+    powers, taps, channels : tuple
+        As long as there are coefficients, taps and channels.
+    start : ndarray of uint32
+        Starts of the table rows, filled as :func:`gather_pairs` takes them.
+    fields : ndarray of float32
+        Cosines, sines and weights, likewise.
+    g : int
+        Number of the pair in ``start`` and ``fields``.
     """
     signature = types.void(
         delay,
@@ -197,10 +213,24 @@ def combine_antennas(  # type: ignore[no-untyped-def]
 def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Add to one pixel's row ``total[at:]`` the interpolated, rotated profiles of several pairs.
 
-    ``bins`` and ``fields`` hold per pair what :func:`combine_antennas` makes, of which entry ``k``
-    is used: starts of table rows, and the rows cosine and sine, ``BLOCK`` long, before the weights
-    (pixel, tap). The total is the complex numbers of all channels; of a single channel it is what
-    every tap adds, all real parts before the imaginary parts.
+    Parameters
+    ----------
+    total : ndarray of float32
+        Complex numbers of all channels; of a single channel the sums of every tap, all real parts
+        before the imaginary parts.
+    at : int
+        Entry where the pixel's row begins.
+    table : ndarray of float32
+        Range profiles.
+    bins, fields : ndarray
+        Starts of table rows, and for every pair the rows cosine and sine, ``BLOCK`` long, before
+        the weights (pixel, tap), as :func:`combine_antennas` fills them.
+    k : int
+        Number of the pixel in its block.
+    pairs : int
+        Number of pairs.
+    taps, channels : tuple
+        As long as there are taps and channels.
     """
     signature = types.void(
         total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels
@@ -267,7 +297,8 @@ def _fields_of(
 def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Add one pixel's value to the profiles of several pairs: the transpose of gather_pairs.
 
-    ``value[at:]`` holds the real parts of all channels before the imaginary parts.
+    ``value[at:]`` holds the real parts of all channels before the imaginary parts; the other
+    arguments are those of :func:`gather_pairs`.
     """
     signature = types.void(
         value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels

@@ -21,14 +21,32 @@ _OGK_KEPT = 0.9
 
 
 def sample_moments(X: NDArray[Any], ddof: int = 0) -> Moments:
-    """Return mean and covariance ``E[(x - mean)(x - mean)^H]`` of rows, divided by N - ddof."""
+    """Return mean and covariance ``E[(x - mean)(x - mean)^H]`` of rows.
+
+    Parameters
+    ----------
+    X : (N, n_features) ndarray
+        Samples, real or complex.
+    ddof : int
+        By how much the divisor N is reduced.
+
+    Returns
+    -------
+    mean : (n_features,) ndarray
+        Mean.
+    covariance : (n_features, n_features) ndarray
+        Covariance.
+    """
     mean = X.mean(axis=0)
     centred = X - mean
     return mean, centred.T @ centred.conj() / (X.shape[0] - ddof)
 
 
 def ledoit_wolf_moments(X: NDArray[Any]) -> Moments:
-    """Return mean, and covariance shrunk to a multiple of the identity (Ledoit & Wolf 2004)."""
+    """Return mean, and covariance shrunk to a multiple of the identity (Ledoit & Wolf 2004).
+
+    Parameters and results are those of :func:`sample_moments`.
+    """
     mean = X.mean(axis=0)
     return mean, _fold(ledoit_wolf(_composite(X - mean), assume_centered=True)[0], X)
 
@@ -47,8 +65,13 @@ def ogk_moments(X: NDArray[Any]) -> Moments:
     Covariances of pairs come from robust scales of their sums and differences (Gnanadesikan &
     Kettenring 1972). The principal axes of that matrix, with robust scales along them, make a
     positive semidefinite one. This is done twice; then rows that lie far out are left out, and the
-    rest give mean and covariance. Fewer than ``LEAST_OGK`` rows are a ValueError, and so is a
-    column of which more than half is equal: it has no robust scale.
+    rest give mean and covariance. Parameters and results are those of :func:`sample_moments`.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than ``LEAST_OGK`` rows, or more than half of a column is equal: it has
+        no robust scale.
     """
     if X.shape[0] < LEAST_OGK:
         raise ValueError(f'moments = "ogk" needs at least {LEAST_OGK} samples, got {X.shape[0]}')
@@ -78,9 +101,9 @@ def _pairwise_covariance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     for j in range(features - 1):
         column = scaled[:, j, None]
         remaining = scaled[:, j + 1 :]
-        covariance = (
-            _robust_scale(column + remaining) ** 2 - _robust_scale(column - remaining) ** 2
-        ) / 4
+        scale_of_sum = _robust_scale(column + remaining)
+        scale_of_difference = _robust_scale(column - remaining)
+        covariance = (scale_of_sum**2 - scale_of_difference**2) / 4
         pairs[j, j + 1 :] = covariance
         pairs[j + 1 :, j] = covariance
     return pairs
@@ -89,20 +112,20 @@ def _pairwise_covariance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
 def _robust_location(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean of columns, weighed by the distance from the median (Yohai & Zamar 1988)."""
     median, spread = _median_and_spread(columns)
-    weight = np.clip(1 - ((columns - median) / (_TAU_LOCATION * spread)) ** 2, 0, None) ** 2
+    distance = (columns - median) / (_TAU_LOCATION * spread)
+    weight = np.clip(1 - distance**2, 0, None) ** 2
     return np.asarray(np.sum(weight * columns, axis=0) / np.sum(weight, axis=0))
 
 
 def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the τ-scale of every column (Yohai & Zamar 1988).
 
-    It is of squares of at most 3 spreads about the location.
+    It is the root mean square about the location, of distances cut off at 3 spreads.
     """
     _, spread = _median_and_spread(columns)
     standardised = (columns - _robust_location(columns)) / spread
-    scale: NDArray[np.float64] = spread * np.sqrt(
-        np.mean(np.minimum(standardised**2, _TAU_SCALE**2), axis=0)
-    )
+    cut_off = np.minimum(standardised**2, _TAU_SCALE**2)
+    scale: NDArray[np.float64] = spread * np.sqrt(np.mean(cut_off, axis=0))
     return scale
 
 

@@ -13,14 +13,26 @@ PEAK, MEAN, OUTER_MEAN, OUTER_STD = range(4)
 
 @shared(cache=True)
 def region_statistics(images, row, column, offset, regions, out, begin, end):  # type: ignore[no-untyped-def]
-    """Fill the statistics of patches of ``images`` (channel, y, x) about fractional pixels.
+    """Fill the statistics of patches about fractional pixels of images.
 
-    The patches lie about ``row``, ``column`` (patch). ``offset`` (pixel,) is where a patch's pixels
-    lie along either axis, in image pixels. ``regions`` (set, pixel, pixel) says ``INNER``,
-    ``OUTER`` or neither. ``out`` (patch, channel, set, statistic) takes the largest and the mean
-    value of the inner region and mean and standard deviation of the outer one, whose pixels beyond
-    the image's border do not count; NaN where part of the inner region lies beyond it or the outer
-    one has less than two pixels.
+    Pixels of an outer region beyond the image's border do not count. The statistics are NaN where
+    a part of the inner region lies beyond the border or the outer one has less than two pixels.
+
+    Parameters
+    ----------
+    images : (channel, y, x) ndarray of float32
+        Images of one size.
+    row, column : (patch,) ndarray
+        Centres of the patches, in fractional pixels.
+    offset : (pixel,) ndarray
+        Positions of a patch's pixels along either axis, in image pixels from its centre.
+    regions : (set, pixel, pixel) ndarray of int8
+        Region of every pixel of a patch: ``INNER``, ``OUTER`` or zero for neither.
+    out : (patch, channel, set, statistic) ndarray
+        Largest (``PEAK``) and mean value (``MEAN``) of the inner region, mean (``OUTER_MEAN``) and
+        standard deviation (``OUTER_STD``) of the outer one.
+    begin, end : int
+        Patches of this call.
     """
     channels, ny, nx = images.shape
     size = offset.size
@@ -34,6 +46,7 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
     count = np.empty((sets, 2), np.int64)
     complete = np.empty(sets, np.bool_)
     for p in range(begin, end):
+        # First the corners and weights of the interpolation: they are the same for all channels.
         complete[:] = True
         count[:] = 0
         used = 0
@@ -80,7 +93,8 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
                 for m in members[s, 0, : count[s, 0]]:
                     inner += value[m]
                     peak = max(peak, value[m])
-                # about the first value
+                # Squares about the first value: about zero, the difference of two large sums would
+                # be left of a flat region.
                 gaps = 0.0
                 squares = 0.0
                 for m in members[s, 1, : count[s, 1]]:

@@ -22,30 +22,26 @@ _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
 
 class Geometry(NamedTuple):
-    """Where pairs and pixels are, and how paths become bins and phases.
+    """Positions of pairs and pixels, and how paths become bins and phases.
 
-    ``tx``, ``rx`` (pair,) index ``antenna`` (antenna, 3) m; ``pixels`` (3, pixel) m, padded to
-    whole blocks, of which ``pixel_count`` are wanted; ``medium`` the refractive indices above and
-    below z = 0 (zero: no ground); ``per_turn`` and ``carrier`` the tone spacing and the carrier
-    over the speed of light, 1/m; ``origin`` the 32-bit delay at which bin 0 starts and ``shift``
-    the number of its bits below a bin; ``gain`` (antenna, pixel), or (antenna, 0) for none;
-    ``weight`` (power, tap), flat, the polynomials of :func:`flgpr.kernels.kaiser.polynomials`,
-    padded. ``delay``, ``cosine`` and ``sine`` are what :func:`locate` found, or empty: then it is
-    found anew wherever it is needed.
+    ``delay``, ``cosine`` and ``sine`` are results of :func:`locate`, or empty: then they are
+    computed anew wherever they are needed.
     """
 
-    tx: NDArray[np.int64]
-    rx: NDArray[np.int64]
-    antenna: NDArray[np.float64]
-    pixels: NDArray[np.float64]
-    pixel_count: int
-    medium: NDArray[np.float64]
-    per_turn: float
-    carrier: float
-    origin: int
-    shift: int
-    gain: NDArray[np.float32]
+    tx: NDArray[np.int64]  #: (pair,) rows of the transmitters in ``antenna``
+    rx: NDArray[np.int64]  #: (pair,) rows of the receivers in ``antenna``
+    antenna: NDArray[np.float64]  #: (antenna, 3) positions, m
+    pixels: NDArray[np.float64]  #: (3, pixel) positions, m, padded to full blocks
+    pixel_count: int  #: pixels without the padding
+    medium: NDArray[np.float64]  #: refractive indices above and below z = 0 (zero: no ground)
+    per_turn: float  #: tone spacing over the speed of light, 1/m
+    carrier: float  #: carrier over the speed of light, 1/m
+    origin: int  #: 32-bit delay at which bin 0 starts
+    shift: int  #: number of a delay's bits below a bin
+    gain: NDArray[np.float32]  #: (antenna, pixel) amplitudes, or (antenna, 0) for none
+    #: (power, tap), flat: the polynomials of :func:`flgpr.kernels.kaiser.polynomials`, padded
     weight: NDArray[np.float32]
+    #: (block, antenna, pixel), flat, and likewise the phasors
     delay: NDArray[np.uint32] = np.empty(0, np.uint32)
     cosine: NDArray[np.float32] = np.empty(0, np.float32)
     sine: NDArray[np.float32] = np.empty(0, np.float32)
@@ -98,7 +94,24 @@ def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, **_FAST)
 def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # type: ignore[no-untyped-def]
-    """Fill some blocks of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
+    """Fill blocks of an image from range profiles.
+
+    Parameters
+    ----------
+    table : (pair·bin·lane,) ndarray of float32
+        Range profiles of :func:`flgpr.kernels.transform.compress`.
+    bins : int
+        Bins of a profile.
+    geometry : Geometry
+        Pairs and pixels.
+    out : (channel, pixel) ndarray of complex64
+        Image.
+    taps, powers, channels : tuple
+        As long as the window has bins, as its polynomials have coefficients, and as a table row
+        has channels.
+    begin, end : int
+        Blocks of this call.
+    """
     tx = geometry.tx
     rx = geometry.rx
     count = geometry.pixel_count
@@ -125,6 +138,7 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
         if not stored:
             for a in range(antennas):
                 _locate(geometry, a, block, a * BLOCK, delay, cosine, sine)
+        # A few pairs at a time: their weights stay in the nearest cache.
         for q in range(0, pairs, GATHER_PAIRS):
             group = min(GATHER_PAIRS, pairs - q)
             for g in range(group):
@@ -191,8 +205,9 @@ def _antennas_of(tx, rx, q, group, used, local):  # type: ignore[no-untyped-def]
 def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # type: ignore[no-untyped-def]
     """Fill the pairs ``q`` to ``end`` of ``table`` from ``image`` (channel, pixel).
 
-    This is the transpose of the adjoint. A call owns the profiles of its pairs and goes through all
-    pixels in order: what it finds for a pair does not depend on the others.
+    This is the transpose of :func:`adjoint`, whose other arguments it takes. A call owns the
+    profiles of its pairs and goes through all pixels in order: the result of a pair does not depend
+    on the other pairs.
     """
     tx = geometry.tx
     rx = geometry.rx

@@ -8,7 +8,7 @@ import numpy as np
 
 from flgpr.jit.compiled import njit
 
-_NEWTON = 60
+_NEWTON = 60  # steps of Newton's method, of which few are needed
 _TINY = 1e-300
 _RIDGE = 1 + 1e-12  # keeps the curvature of nearly dependent basis functions invertible
 _HOLD = 3  # sweeps between entries
@@ -72,8 +72,23 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
 
     The mode is found by Newton's method with line search.
 
-    ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}, ``alpha`` (k,) precisions, ``mean``
-    (k,) start.
+    Parameters
+    ----------
+    rows : (k, N) ndarray
+        Basis functions at the examples.
+    target : (N,) ndarray
+        Labels, 0 or 1.
+    offset : float
+        Log odds where all weights are zero.
+    alpha : (k,) ndarray
+        Precisions of the weights' prior.
+    mean : (k,) ndarray
+        Weights to begin with.
+
+    Returns
+    -------
+    Posterior
+        Approximation; it says whether the mode was reached.
     """
     k, n = rows.shape
     residual = np.empty(n)
@@ -95,6 +110,7 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
             break
         direction = step @ rows
         scale = 1.0
+        # Halved until the rise is a share of the predicted one (Armijo's condition).
         while True:
             trial = mean + scale * step
             moved = c + scale * direction
@@ -121,9 +137,16 @@ def best_variance(s: float, q: float, rate: float) -> float:
 
     A value that is not positive leaves the function out.
 
-    Root of -s u + q² - rate u² with u = 1 + s/α: Tipping & Faul 2003, Eq. 20 for ``rate`` 0, and
-    with an exponential prior exp(-rate/(2α)) on the variance, which makes the prior of the weight
-    Laplacian.
+    The variance follows from the root of -s u + q² - rate u² with u = 1 + s/α: Tipping & Faul 2003,
+    Eq. 20 for ``rate`` 0, and with an exponential prior exp(-rate/(2α)) on the variance, which
+    makes the prior of the weight Laplacian.
+
+    Parameters
+    ----------
+    s, q : float
+        Sparsity and quality of the function without its own weight.
+    rate : float
+        Rate of the exponential prior; zero for none.
     """
     q2 = q * q
     u = 2 * q2 / (s + np.sqrt(s * s + 4 * rate * q2))
@@ -161,10 +184,27 @@ def _gains(s: Any, q: Any, allowed: Any, active: Any, rate: float) -> Any:
 def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
     """Return gain, sparsity S and quality Q of all basis functions.
 
-    The gain is 0 for those that are in the model or not allowed.
-
     At the mode Q = φᵀ(t - y): the term of the model vanishes with the gradient (Tipping & Faul
     2003, Eq. 24).
+
+    Parameters
+    ----------
+    rows : (M, N) ndarray
+        All basis functions at the examples.
+    allowed : (M,) ndarray of bool
+        Functions that may enter.
+    active : (k,) ndarray of int
+        Functions that are in the model.
+    posterior : Posterior
+        Laplace's approximation of the model.
+    rate : float
+        Rate of the prior, as in :func:`best_variance`.
+
+    Returns
+    -------
+    gain, s, q : (M,) ndarray
+        Rise of the log evidence when the function enters, zero for those that are in the model or
+        not allowed; sparsity; quality.
     """
     covariance = posterior.covariance
     residual = posterior.residual
@@ -307,9 +347,38 @@ def ascend(
 ) -> Any:  # fmt: skip
     """Raise the evidence until no basis function gains by a change (Tipping & Faul 2003).
 
-    ``rows`` (M, N) all basis functions, ``coarse`` as :func:`single` makes it, ``allowed`` (M,)
-    which may enter; ``start``, ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,)
-    which may enter first.
+    Unlike the paper's single actions, all active precisions are set in sweeps between two entries;
+    it takes fewer of the expensive passes over all functions. :func:`climb` is the paper's way.
+
+    Parameters
+    ----------
+    rows : (M, N) ndarray
+        All basis functions at the examples.
+    coarse : (2, M, N) ndarray of float32
+        The same and their squares (:func:`single`).
+    target : (N,) ndarray
+        Labels, 0 or 1.
+    offset : float
+        Log odds where all weights are zero.
+    allowed : (M,) ndarray of bool
+        Functions that may enter.
+    rate : float
+        Rate of the prior, as in :func:`best_variance`.
+    start : (k,) ndarray of int
+        Functions of the model to begin with.
+    alpha, mean : (k,) ndarray
+        Its precisions and weights.
+    first : (M,) ndarray of bool
+        Functions that may enter in the first iteration.
+    tolerance : float
+        Gain of the log evidence, and change of log α, that counts.
+    max_iter : int
+        Most iterations.
+
+    Returns
+    -------
+    Ascent
+        Model at the end.
     """
     active = start.copy()
     alpha = alpha.copy()
@@ -332,6 +401,7 @@ def ascend(
             more = np.append(alpha, 1 / best_variance(s, q, rate))
             trial = laplace(rows[grown], target, offset, more, np.append(posterior.mean, 0.0))
             reached = trial.evidence - 0.5 * rate * (1 / more).sum()
+            # The gain held for a quadratic likelihood only: the function does not come back.
             if reached < peak - _DROP:
                 entries[entering] = _ENTRIES
                 continue
@@ -376,9 +446,23 @@ def climb(
 ) -> Any:
     """Take the single best action at a time, removals first (Tipping & Faul 2003, Sec. 4).
 
-    It begins with the function whose sums over the examples of either label differ most, for its
-    norm. Slower than :func:`ascend` and along another way, so that it ends in other maxima. Returns
-    active indices, precisions and mode.
+    It begins with the function whose sums over the examples of either label differ most, relative
+    to its norm. It is slower than :func:`ascend` and takes other steps, so that it ends in other
+    maxima.
+
+    Parameters
+    ----------
+    rows, coarse, target, offset, allowed, rate
+        As in :func:`ascend`.
+    max_iter : int
+        Most actions.
+
+    Returns
+    -------
+    active : (k,) ndarray of int
+        Functions of the model.
+    alpha, mean : (k,) ndarray
+        Its precisions and weights.
     """
     slant = rows @ (target - 0.5)
     for i in range(slant.size):
@@ -400,6 +484,7 @@ def climb(
         variance_j = np.diag(covariance)
         s = 1 / variance_j - alpha
         q = mean / variance_j
+        # The best action on an active function: to leave, or to change its precision.
         best = -1
         most = 0.0
         leave = False

@@ -13,7 +13,22 @@ from flgpr.jit.compiled import njit
 def bilinear(
     images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]
 ) -> NDArray[Any]:
-    """Return images (..., y, x) at fractional pixels; NaN outside the outermost pixel centres."""
+    """Return images at fractional pixels, interpolated between the four pixels about each.
+
+    Parameters
+    ----------
+    images : (..., y, x) ndarray
+        Images of one size; real or complex numbers.
+    row, column : array of float
+        Fractional pixel numbers along y and x, 0 at the centre of the first pixel; they are
+        broadcast against each other.
+
+    Returns
+    -------
+    (..., points) ndarray
+        Values of the images' type, in the shape of the broadcast points; NaN outside the outermost
+        pixel centres.
+    """
     row, column = np.broadcast_arrays(row, column)
     flat = np.ascontiguousarray(images).reshape(-1, *images.shape[-2:])
     out = np.empty((len(flat), row.size), images.dtype)
@@ -26,6 +41,7 @@ def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
     """Fill ``out`` (image, point) by bilinear interpolation; NaN outside an image."""
     ny, nx = images.shape[1:]
     for i in range(row.size):
+        # Rounding puts points on the outermost centres a little outside them.
         inside = (
             (row[i] >= -1e-9)
             & (row[i] <= ny - 1 + 1e-9)
@@ -37,6 +53,7 @@ def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
             continue
         r = min(max(row[i], 0.0), ny - 1.0)
         c = min(max(column[i], 0.0), nx - 1.0)
+        # The second pixel must exist, also for a point on the last one, and in an image of one row.
         r0 = min(int(r), max(ny - 2, 0))
         c0 = min(int(c), max(nx - 2, 0))
         r1 = min(r0 + 1, ny - 1)

@@ -20,20 +20,19 @@ _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
 
 class Spectrum(NamedTuple):
-    """How tones lie in the spectrum of ``size`` slots and bins in its transform.
+    """Positions of tones in a uniform spectrum, and of a table's bins in its transform.
 
-    The slots of tone k are ``slot[entries[k]:entries[k + 1]]`` with the weights ``share``; bin i of
-    a table is bin ``first + i`` of the transform, modulo ``size``, times ``factor[i]``; ``twiddle``
-    holds exp(+j2πk/size).
+    The slots of tone k are ``slot[entries[k]:entries[k + 1]]``; bin i of a table is bin
+    ``first + i`` of the transform, modulo ``size``, times ``factor[i]``.
     """
 
-    size: int
-    first: int
-    entries: NDArray[np.int64]
-    slot: NDArray[np.int64]
-    share: NDArray[Any]
-    factor: NDArray[Any]
-    twiddle: NDArray[Any]
+    size: int  #: slots of the spectrum, a power of two
+    first: int  #: bin of the transform that is bin 0 of a table
+    entries: NDArray[np.int64]  #: (tone + 1,) begin of every tone's entries in ``slot``
+    slot: NDArray[np.int64]  #: (entry,) slots of the tones
+    share: NDArray[Any]  #: (entry,) weights of the tones in their slots
+    factor: NDArray[Any]  #: (bin,) correction of the bins for the spread of the tones
+    twiddle: NDArray[Any]  #: (size,) exp(+j2πk/size)
 
     def single(self) -> Spectrum:
         """Return the spectrum in single precision, for :func:`compress` and :func:`expand`."""
@@ -43,22 +42,39 @@ class Spectrum(NamedTuple):
 
 
 class Form(NamedTuple):
-    """Layout of profiles in a table, whose rows are ``row`` numbers, and in the transform.
+    """Layout of profiles in a table and in the transform.
 
-    Of ``lane``, as long as a row of the transform, only the length counts. A single channel is
-    transformed for as many pairs ``together`` and has ``width`` bins in a row of the table; of
-    several, one pair is transformed at a time.
+    A single channel would waste most of a lane row: it is transformed for several pairs together,
+    and a row of its table holds the bins of all taps. Several channels are transformed for one pair
+    at a time.
     """
 
-    row: int
-    width: int
-    together: int
-    lane: tuple[int, ...]
+    row: int  #: float32 numbers in a row of the table
+    width: int  #: bins in a row of the table of a single channel
+    together: int  #: pairs that are transformed together
+    lane: tuple[int, ...]  #: as long as a row of the transform; only the length counts
 
 
 @njit(**_FAST)
 def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
-    """Transform lane rows to Σ_k a_k exp(+j2πkm/size) with work space ``b``; return the result."""
+    """Transform lane rows to Σ_k a_k exp(+j2πkm/size); return ``a`` or ``b``, which holds it.
+
+    The transform is Stockham's: every pass writes its results in the order of the next one, from
+    one array to the other, so that no bits of an index are reversed.
+
+    Parameters
+    ----------
+    a : (size·2·channel,) ndarray of float32
+        Lane rows of the spectrum, overwritten.
+    b : (size·2·channel,) ndarray of float32
+        Work space.
+    size : int
+        Slots, a power of two.
+    twiddle : (size,) ndarray of complex64
+        Factors exp(+j2πk/size).
+    channels : tuple
+        As long as a row has channels.
+    """
     lanes = uint64(2 * len(channels))
     length = uint64(size)
     stride = uint64(1)
@@ -75,6 +91,7 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
         length = quarter
         stride = stride * uint64(4)
     if length == uint64(2):
+        # A size that is no power of four leaves one pass of radix 2.
         half = stride * lanes
         for i in range(half):
             x, y = a[i], a[i + half]
@@ -86,10 +103,25 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, **_FAST)
 def compress(data, weight, spectrum, table, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
-    """Fill pairs of ``table`` (pair, bin, row) from ``data`` (polarization, pair, tone).
+    """Fill pairs of a table of range profiles from the tones of a scan.
 
     The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are
-    zero. From ``row`` on, arguments are as in :class:`Form`.
+    zero.
+
+    Parameters
+    ----------
+    data : (polarization, pair, tone) ndarray of complex64
+        Data of a scan.
+    weight : (subband, tone) ndarray of float32
+        Weights of the tones.
+    spectrum : Spectrum
+        Positions of tones and bins, in single precision.
+    table : (pair·bin·row,) ndarray of float32
+        Range profiles.
+    row, width, together, lane
+        Layout, as in :class:`Form`.
+    begin, end : int
+        Pairs of this call.
     """
     size = spectrum.size
     first = spectrum.first
@@ -112,7 +144,7 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
                     at = slot[e] * lanes + q - first_pair
                     for s in range(bands):
                         w = weight[s, k] * share[e]
-                        if w == 0:
+                        if w == 0:  # tones of other sub-bands: most of them
                             continue
                         for c in range(data.shape[0]):
                             source[at + c * bands + s] += w * data[c, q, k].real
@@ -127,6 +159,7 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
         else:
             for q in range(first_pair, min(first_pair + together, end)):
                 table[q * bins * row : (q + 1) * bins * row] = 0
+                # A bin is written into the rows of all bins whose window reaches it.
                 for i in range(bins):
                     at = ((first + i) % size) * lanes + q - first_pair
                     for a in range(min(width, i + 1)):
@@ -137,9 +170,9 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
 
 @njit(nogil=True, **_FAST)
 def expand(table, weight, spectrum, data, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
-    """Add the spectra of ``table`` to ``data`` (polarization, pair, tone).
+    """Add the spectra of a table of profiles to ``data`` (polarization, pair, tone).
 
-    This is the transpose of :func:`compress`.
+    This is the transpose of :func:`compress`, whose arguments it takes.
     """
     size = spectrum.size
     first = spectrum.first

@@ -26,15 +26,30 @@ def hamming(position: FloatArray) -> FloatArray:
 
 
 def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> FloatArray:
-    """Return weights for ``nbar`` sidelobes ``sidelobe_db`` below the peak of one (Taylor 1955)."""
+    """Return the weights of a Taylor window, whose peak is one (Taylor 1955).
+
+    Parameters
+    ----------
+    position : (tone,) ndarray
+        Positions across the band, in [-1, 1].
+    nbar : int
+        Number of sidelobes of nearly equal height next to the main lobe.
+    sidelobe_db : float
+        Height of these sidelobes below the main lobe, dB.
+    """
     a = np.arccosh(10 ** (sidelobe_db / 20)) / np.pi
+    # Stretch of the first zeros, so that they meet those of a uniform band at zero number nbar.
     sigma2 = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
     orders = np.arange(1, nbar)
+
+    # F_m = (-1)^(m+1) Π_n (1 - m²/σ²/(a² + (n - 1/2)²)) / (2 Π_{n≠m} (1 - m²/n²))
     coefficients = np.empty(nbar - 1)
     for i, m in enumerate(orders):
-        remaining = orders[orders != m]
-        numerator = (-1) ** (m + 1) * np.prod(1 - m**2 / sigma2 / (a**2 + (orders - 0.5) ** 2))
-        coefficients[i] = numerator / (2 * np.prod(1 - m**2 / remaining**2))
+        other_orders = orders[orders != m]
+        zeros = np.prod(1 - m**2 / sigma2 / (a**2 + (orders - 0.5) ** 2))
+        numerator = (-1) ** (m + 1) * zeros
+        coefficients[i] = numerator / (2 * np.prod(1 - m**2 / other_orders**2))
+
     weight = 1 + 2 * np.cos(np.pi * orders * position[:, None]) @ coefficients
     return np.asarray(weight / (1 + 2 * coefficients.sum()), dtype=np.float64)
 
@@ -64,10 +79,24 @@ def band_weights(
     subbands: tuple[tuple[float, float], ...],
     window: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """Return the weights (subband, tone); a band without a tone is a row of zeros.
+    """Return the weights of the tones in every sub-band.
 
-    ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi], edges included to one part
-    in a million, and spreads the window from its first to its last tone.
+    A window reaches from the first to the last tone of its sub-band.
+
+    Parameters
+    ----------
+    frequency : (tone,) ndarray
+        Frequencies in increasing order, Hz.
+    subbands : tuple of (float, float)
+        Lowest and highest frequency of every sub-band, Hz; tones on the edges, to one part in a
+        million, belong to it.
+    window : callable
+        Weights at positions in [-1, 1], one of ``WINDOWS``.
+
+    Returns
+    -------
+    (subband, tone) ndarray
+        Weights; a band without a tone is a row of zeros.
     """
     weights = np.zeros((len(subbands), frequency.size))
     for row, (lo, hi) in zip(weights, subbands, strict=True):
@@ -78,5 +107,9 @@ def band_weights(
         tones = frequency[inside]
         centre = (tones[0] + tones[-1]) / 2
         half = (tones[-1] - tones[0]) / 2
-        row[inside] = window((tones - centre) / half if half > 0 else np.zeros(1))
+        if half > 0:
+            position = (tones - centre) / half
+        else:
+            position = np.zeros(1)  # a single tone is the centre of its band
+        row[inside] = window(position)
     return weights

@@ -27,10 +27,9 @@ def check_causal(recipe: Recipe) -> None:
     ValueError
         With every reason why the recipe cannot run live.
     """
-    if recipe.not_live_because():
-        raise ValueError(
-            f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.not_live_because())}"
-        )
+    reasons = recipe.not_live_because()
+    if reasons:
+        raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(reasons)}")
 
 
 def causal_steps(
@@ -38,14 +37,30 @@ def causal_steps(
 ) -> Steps:
     """Return the recipe's steps with those features alone that decide on alarms.
 
-    What the model's detector reads, without one the contrast.
+    They are what the model's detector reads; without one, the contrast.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run to come.
+    recipe : Recipe
+        The recipe.
+    model : Model
+        What the recipe has learnt.
+    stages : mapping of str to Stage
+        The recipe's stages (:func:`build_stages`).
+
+    Returns
+    -------
+    Steps
+        The steps of a scan.
+
+    Raises
+    ------
+    ValueError
+        If the model's detector reads a feature that is not known when a scan comes.
     """
-    if model.detector is not None:
-        names = model.detector.features
-    elif recipe.confidence in RANKS:
-        names = ()
-    else:
-        names = (recipe.confidence,)
+    names = _deciding_columns(recipe, model)
     features = None
     if recipe.features and names:
         features = recipe.features.model_copy(update={"variants": False})
@@ -55,15 +70,13 @@ def causal_steps(
             feature_stages[name] = stage
 
     needed = {recipe.prescreen.subband}
-    known = {"magnitude"}.union(*(stage.columns for stage in feature_stages.values()))
+    known = {"magnitude"}
+    for stage in feature_stages.values():
+        known |= set(stage.columns)
     if features is None:
         needed.add(recipe.contrast.subband)
         known.add("contrast")
-    band_of_column = {}
-    if features is not None:
-        for band in recipe.image.subbands:
-            for feature in FEATURES:
-                band_of_column[f"{feature}_{band}"] = band
+    band_of_column = {} if features is None else _bands_of_columns(recipe)
     for name in names:
         if name not in known and name not in band_of_column:
             raise ValueError(
@@ -92,12 +105,51 @@ def causal_steps(
     )
 
 
+def _deciding_columns(recipe: Recipe, model: Model) -> tuple[str, ...]:
+    """Return the columns that decide on alarms; none where the magnitude alone ranks them."""
+    if model.detector is not None:
+        return tuple(model.detector.features)
+    if recipe.confidence in RANKS:
+        return ()
+    return (recipe.confidence,)
+
+
+def _bands_of_columns(recipe: Recipe) -> dict[str, str]:
+    """Return the sub-band of every column of features."""
+    band_of_column = {}
+    for band in recipe.image.subbands:
+        for feature in FEATURES:
+            band_of_column[f"{feature}_{band}"] = band
+    return band_of_column
+
+
 def build_stages(
     description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model
 ) -> dict[str, Stage]:
     """Build the recipe's stages before any scan came.
 
     The run in their setup has one scan without an echo, at the lane's origin.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run to come.
+    recipe : Recipe
+        The recipe.
+    lane : Lane or None
+        The lane; None for one along the first course, without an end.
+    model : Model
+        What the recipe has learnt.
+
+    Returns
+    -------
+    dict of str to Stage
+        The stages by name.
+
+    Raises
+    ------
+    ValueError
+        If the recipe ranks alarms by a column that no stage computes.
     """
     silence = np.zeros(description.shape, np.complex64)
     run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))

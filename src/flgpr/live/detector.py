@@ -7,10 +7,8 @@ maxima on the ground seen so far.
 
 from __future__ import annotations
 
-import bisect
 import math
 import warnings
-from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -34,13 +32,12 @@ from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
+from flgpr.live.density import SeenDensity
 from flgpr.live.event_types import ViewGrid
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.screen import (
-    counts,
-    density_threshold,
     look_weight,
     seen_along,
     view_array,
@@ -159,8 +156,7 @@ class LiveDetector:
         # sums of the run-view, with "row", counted from the lane's first
         self.view: Arrays = {}
         self.alarms = AlarmBook(self.recipe.prescreen.radius)
-        self.magnitudes = array("d")  # of all passed maxima that the density rule counts, ascending
-        self.seen_area = 0.0  # passed, m²
+        self.density = SeenDensity(self.recipe.prescreen, self.recipe.run_view.spacing)
         self.closed = -math.inf  # ground up to here (lane y) is final
         self.newest: tuple[int, FloatArray] | None = None
         self.previous_pose: FloatArray | None = None  # of the scan that was the newest before
@@ -171,7 +167,10 @@ class LiveDetector:
         return None if self.newest is None else self.newest[1]
 
     def add(self, scan: Scan) -> LiveUpdate:
-        """Take in a scan, and those held back that it releases.
+        """Judge a scan's pose, and take the scan in, hold it back or leave it out.
+
+        Scans held back that it releases are taken in, too. The judge is
+        :class:`flgpr.model.plausible.PoseGate`.
 
         Parameters
         ----------
@@ -275,7 +274,12 @@ class LiveDetector:
         if background is None:
             return LiveUpdate("warm-up", [])
         cleaned = self.steps.clean(
-            scan.number, pose, image, gain, background, own=self.mapper is not None
+            scan.number,
+            pose,
+            image,
+            gain,
+            background,
+            needs_own_phase=self.mapper is not None,
         )
         earlier_sums = self._extend_history(cleaned)
         left_behind = self._jump(newest_pose)
@@ -485,7 +489,7 @@ class LiveDetector:
         is_open = (maxima["y"] > self.closed).to_numpy()
         maxima = maxima[seen & is_open].reset_index(drop=True)
 
-        threshold = self._threshold(maxima, view)
+        threshold = self.density.threshold(maxima, view, self.closed, self._ground)
         strong = maxima[maxima["magnitude"] >= threshold].reset_index(drop=True)
         rated = strong.assign(**self._confidence(strong, earlier_sums))
         rated = rated[~np.isnan(rated["confidence"].to_numpy())]
@@ -497,28 +501,6 @@ class LiveDetector:
             final_ids = {alarm.alarm_id for alarm in final}
             changed = [alarm for alarm in changed if alarm.alarm_id not in final_ids] + final
         return changed
-
-    def _threshold(self, maxima: pd.DataFrame, view: xr.DataArray) -> float:
-        """Return the magnitude that the density rule asks for (Wang et al. 2007, Sec. II-B).
-
-        The rule is applied to the ground seen so far.
-        """
-        screen = self.recipe.prescreen
-        counted = self._counts(maxima["x"], maxima["y"])
-        passed = np.frombuffer(self.magnitudes)
-        magnitudes = np.append(passed, maxima["magnitude"].to_numpy()[counted])
-        area = self.seen_area + self._area(view, self.closed, math.inf)
-        return density_threshold(magnitudes, area, screen.radius, screen.density)
-
-    def _counts(self, x: Any, y: Any) -> NDArray[np.bool_]:
-        """Return which positions the density rule counts."""
-        return counts(x, y, self._ground, self.recipe.prescreen.count)
-
-    def _area(self, view: xr.DataArray, low: float, high: float) -> float:
-        """Return the area between two lane y that was seen and that the density rule counts, m²."""
-        x, y = np.meshgrid(view["x"].values, view["y"].values)
-        counted = np.isfinite(view.values) & (y > low) & (y <= high) & self._counts(x, y)
-        return float(counted.sum()) * self.recipe.run_view.spacing**2
 
     def _confidence(self, alarms: pd.DataFrame, earlier_sums: AlarmSums | None) -> dict[str, Any]:
         """Compute the confidence of alarms and the number of scans that entered it.
@@ -575,11 +557,7 @@ class LiveDetector:
 
         Its maxima and its area enter the density rule for good.
         """
-        passed = (maxima["y"] <= limit).to_numpy()
-        counted = maxima[self._counts(maxima["x"], maxima["y"]) & passed]
-        for magnitude in counted["magnitude"]:
-            bisect.insort(self.magnitudes, float(magnitude))
-        self.seen_area += self._area(view, self.closed, limit)
+        self.density.close(maxima, view, self.closed, limit, self._ground)
         return self._close_ground(limit)
 
     def _margin(self) -> float:

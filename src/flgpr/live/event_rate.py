@@ -96,8 +96,8 @@ class EventRate:
 
 def _gist(event: Event) -> str:
     """Return the first three words of a problem without numbers: they identify its kind."""
-    words = re.sub(r"\d[\d,.]*", "0", str(event.get("words", ""))[:200])
-    return " ".join(words.split()[:3])
+    problem = re.sub(r"\d[\d,.]*", "0", str(event.get("words", ""))[:200])
+    return " ".join(problem.split()[:3])
 
 
 def _summary(flood: _Flood, now: float) -> Event | None:
@@ -115,5 +115,5 @@ def _summary(flood: _Flood, now: float) -> Event | None:
     if event["event"] == "counts":
         return event
     noun = "problem" if left_out == 1 else "problems"
-    words = f"{left_out:,} more {noun} like this: {event['words']}"
-    return {**event, "more": left_out, "words": words}
+    summary = f"{left_out:,} more {noun} like this: {event['words']}"
+    return {**event, "more": left_out, "words": summary}

@@ -84,7 +84,7 @@ class EventFile:
         write_all(self._file, text.encode())
 
     def beat(self) -> None:
-        """Set a new time stamp on the file, which shows that detection runs though nothing comes."""
+        """Set a new time stamp on the file: it shows that detection runs though nothing comes."""
         self._write(self._rate.due())
         with contextlib.suppress(OSError):  # whoever moved the file away does not stop detection
             os.utime(self.path)
@@ -147,7 +147,8 @@ def add_places_on_earth(events: Sequence[AnyAlarm], anchor: Anchor) -> None:
     Parameters
     ----------
     events : sequence of dict
-        Events of :func:`alarm_event`, or alarms of a result, with x and y on the ground of their lane.
+        Events of :func:`alarm_event`, or alarms of a result, with x and y on the ground of their
+        lane, m.
     anchor : Anchor
         Where the lane lies. All places are found at once, which takes as long as one.
     """
@@ -181,6 +182,11 @@ def start_event(
         Confidence from which on alarms are shown.
     vehicle : Vehicle
         Speed, brakes and front.
+
+    Returns
+    -------
+    StartEvent
+        The event.
     """
     screen = detector.recipe.prescreen
     return {
@@ -227,6 +233,11 @@ def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: flo
         When it arrived, s since 1970.
     latency : float
         Time from its arrival to the event, s.
+
+    Returns
+    -------
+    ScanEvent
+        The event.
     """
     pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
     return {
@@ -240,14 +251,37 @@ def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: flo
 
 
 def problem_event(name: str, words: str) -> ProblemEvent:
-    """Return the event that something is wrong with ``name``, a file or the socket."""
+    """Return the event that something is wrong with a file or the socket.
+
+    Parameters
+    ----------
+    name : str
+        The file, or the socket.
+    words : str
+        What is wrong, a sentence.
+
+    Returns
+    -------
+    ProblemEvent
+        The event.
+    """
     return {"event": "problem", "name": name, "words": words}
 
 
 def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
     """Return the events of a frame whose pose ("pose") or time ("clock") is not plausible.
 
-    ``name`` is the frame's file, or the socket.
+    Parameters
+    ----------
+    name : str
+        The frame's file, or the socket.
+    update : LiveUpdate
+        What became of its scan.
+
+    Returns
+    -------
+    list of PositionEvent
+        The events; none where both are plausible.
     """
     faults: list[tuple[Literal["pose", "clock"], Step]] = []
     # A strain up to 1 is plausible by itself: the pose only agrees better with those held back.
@@ -264,10 +298,22 @@ def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
 
 
 def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> AnewEvent:
-    """Return the event that detection started anew with ``scan`` and those held back before it.
+    """Return the event that detection started anew with a scan and those held back before it.
 
-    ``pose`` is the newest scan's. ``forgotten`` in the event is whether all before was given up,
-    because too few poses agreed on it.
+    Parameters
+    ----------
+    scan : int
+        Number of the scan.
+    update : LiveUpdate
+        What became of it; ``forgotten`` in the event is whether all before was given up, because
+        too few poses agreed on it.
+    pose : (6,) ndarray of float
+        Pose of the newest scan, m and rad.
+
+    Returns
+    -------
+    AnewEvent
+        The event.
     """
     return {
         "event": "anew",
@@ -279,10 +325,22 @@ def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> Anew
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> ViewEvent:
-    """Return the event of rows of the run-view (y, x).
+    """Return the event of rows of the run-view.
 
     ``halves`` holds dB over the background as little-endian half floats in base64. Rows before the
     lane's first are left out.
+
+    Parameters
+    ----------
+    row : int
+        Number of the first row, from the lane's first.
+    view : (y, x) ndarray of float
+        The rows, magnitude over background.
+
+    Returns
+    -------
+    ViewEvent
+        The event.
     """
     skip = max(-row, 0)
     values = decibels(view[skip:])

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -121,6 +122,11 @@ def feed(
         TCP address that is listened on: port, or address and port, see
         ``parse_tcp``.
 
+    Returns
+    -------
+    int
+        The number of frames.
+
     Raises
     ------
     ValueError
@@ -129,7 +135,8 @@ def feed(
     parsed_faults = [Fault.parse(text) for text in faults]
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")
-    if sum(target is not None for target in (folder, socket_path, tcp)) != 1:
+    targets = [target for target in (folder, socket_path, tcp) if target is not None]
+    if len(targets) != 1:
         raise ValueError("feed needs one of a folder, a socket and a TCP address")
     address = None if tcp is None else parse_tcp(tcp)
     dataset = open_run(run)
@@ -138,12 +145,8 @@ def feed(
     if not 0 <= first < total:
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
     last = total if count is None else min(first + count, total)
-    for fault in parsed_faults:
-        if not first <= fault.scan < last:
-            raise ValueError(
-                f"fault must begin with a scan that is played ({first} to {last - 1}), "
-                f"got {fault.scan}"
-            )
+    _check_faults(parsed_faults, first, last)
+
     sink: _FolderSink | _SocketSink
     if folder is not None:
         sink = _FolderSink(Path(folder))
@@ -158,6 +161,7 @@ def feed(
         start = time.monotonic()
         frames = _playing_order(first, last, parsed_faults)
         for frame in frames:
+            # Encoded before the wait, so that the frame leaves in time.
             data = _encoded(dataset, frame, description.run_id)
             if not math.isinf(rate):
                 due = start + (frame.moment - first) / rate - time.monotonic()
@@ -167,6 +171,16 @@ def feed(
         if last == total:
             sink.end(total)
     return len(frames)
+
+
+def _check_faults(faults: Sequence[Fault], first: int, last: int) -> None:
+    """Refuse faults of scans that are not played; ``last`` is the first that is not."""
+    for fault in faults:
+        if not first <= fault.scan < last:
+            raise ValueError(
+                f"fault must begin with a scan that is played ({first} to {last - 1}), "
+                f"got {fault.scan}"
+            )
 
 
 def _encoded(run: xr.Dataset, frame: _PlayedFrame, run_id: str) -> bytes:
@@ -195,7 +209,8 @@ def _playing_order(first: int, last: int, faults: Sequence[Fault]) -> list[_Play
         frames.append(_PlayedFrame(moment, scan, False, kinds))
         if "twice" in kinds:
             frames.append(_PlayedFrame(moment, scan, True, kinds))
-    return sorted(frames, key=lambda frame: (frame.moment, frame.scan, frame.is_repeat))
+    frames.sort(key=attrgetter("moment", "scan", "is_repeat"))
+    return frames
 
 
 class _FolderSink(AbstractContextManager["_FolderSink"]):

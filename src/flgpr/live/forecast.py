@@ -44,11 +44,12 @@ _LARGEST = 30.0  # of log odds: beyond it the probability no longer changes
 class Followed(NamedTuple):
     """An alarm's log odds, and those after further looks (``later``).
 
-    ``seen`` is the sum of the weights of the looks before, and ``total`` that of the further looks.
+    ``weight_before`` is the sum of the weights of the looks before, and ``total`` that of the
+    further looks.
     """
 
     odds: float
-    seen: float
+    weight_before: float
     total: float
     squares: float  #: sum of the squared weights of the further looks
     later: float
@@ -62,17 +63,24 @@ class Forecast:
     spread: tuple[float, float]
     correlation: float
 
-    def after(self, odds: float, seen: float, looks: Sequence[float]) -> tuple[float, float]:
+    def after(
+        self, odds: float, weight_before: float, looks: Sequence[float]
+    ) -> tuple[float, float]:
         """Return mean and standard deviation of the log odds after further looks.
 
         Parameters
         ----------
         odds : float
             Log odds now.
-        seen : float
+        weight_before : float
             Sum of the weights of the looks so far.
         looks : sequence of float
             Weights of the further looks.
+
+        Returns
+        -------
+        mean, deviation : float
+            Of the log odds.
         """
         a, b, c = self.mean
         g, h = self.spread
@@ -80,7 +88,7 @@ class Forecast:
         total = sum(looks)
         clipped = min(max(odds, -_LARGEST), _LARGEST)
         p = _probability(odds)
-        share = total / (seen + total)
+        share = total / (weight_before + total)
         squares = sum(weight * weight for weight in looks)
         alike = rho + (1 - rho) * squares / total**2
         mean = odds + share * (a + (b + c * p) * clipped)
@@ -99,7 +107,19 @@ class Forecast:
 def foresees(recipe: Recipe, model: Model) -> bool:
     """Return whether further looks can be forecast.
 
-    The map is a mean of looks, and the confidence its log odds.
+    The map must be a mean of looks, and the confidence its log odds.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    model : Model
+        Its model.
+
+    Returns
+    -------
+    bool
+        Whether they can.
     """
     detector = model.detector
     if not isinstance(detector, TrainedEstimator) or not detector.linear_in_magnitude:
@@ -108,9 +128,21 @@ def foresees(recipe: Recipe, model: Model) -> bool:
 
 
 def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
-    """Return what a model has learnt of further looks; None where the recipe allows no forecast.
+    """Return what a model has learnt of further looks.
 
     A model that could have learnt it and has not gives a UserWarning and None.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    model : Model
+        Its model.
+
+    Returns
+    -------
+    Forecast or None
+        What it has learnt; None where the recipe allows no forecast.
 
     Raises
     ------
@@ -128,8 +160,8 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     shapes = {name: array.shape for name, array in learnt.items()}
     expected = {"mean": (3,), "spread": (2,), "correlation": ()}
-    are_numbers = all(array.dtype == np.float64 for array in learnt.values())
-    are_finite = are_numbers and all(np.isfinite(array).all() for array in learnt.values())
+    are_floats = all(array.dtype == np.float64 for array in learnt.values())
+    are_finite = are_floats and all(np.isfinite(array).all() for array in learnt.values())
     if shapes != expected or not are_finite:
         raise ValueError(
             f"model must hold finite {NAME} of shapes {expected}, got {shapes}: train it again"
@@ -179,6 +211,11 @@ def forecast_event(
     worth : float
         Waiting is worth it if the next look still leaves room to stop, and the probability that it
         brings the confidence to the other side of ``threshold`` is at least this.
+
+    Returns
+    -------
+    ForecastEntries
+        The members; of an alarm that no look can change, its probability alone.
     """
     odds = alarm.confidence
     event: ForecastEntries = {"p": round(_probability(odds), 4)}
@@ -186,21 +223,30 @@ def forecast_event(
         return event
     expected = detector.expected_looks(alarm)
     weights = [weight for _, weight in expected]
-    in_time = [margin is None or distance <= margin for distance, _ in expected]
-    left = sum(in_time)
+    left = len(expected)
+    if margin is not None:
+        left = sum(distance <= margin for distance, _ in expected)
     event["looks_left"] = left
     if weights:
-        _, seen = detector.mean_of_looks(alarm)
-        mean, deviation = forecast.after(odds, seen, weights[:1])
+        _, weight_before = detector.mean_of_looks(alarm)
+        mean, deviation = forecast.after(odds, weight_before, weights[:1])
         event["next_p"] = _interval(mean, deviation)
-        beyond = math.erfc(abs(mean - threshold) / deviation / math.sqrt(2)) / 2
-        stays = (mean < threshold) == (odds < threshold)
-        event["change"] = round(beyond if stays else 1 - beyond, 4)
+        event["change"] = round(_change(odds, mean, deviation, threshold), 4)
         if left:
-            event["last_p"] = _interval(*forecast.after(odds, seen, weights[:left]))
+            last_mean, last_deviation = forecast.after(odds, weight_before, weights[:left])
+            event["last_p"] = _interval(last_mean, last_deviation)
     if margin is not None:
         event["wait"] = left > 0 and event["change"] >= worth
     return event
+
+
+def _change(odds: float, mean: float, deviation: float, threshold: float) -> float:
+    """Return the probability that log odds come to lie on the other side of a threshold."""
+    deviations = abs(mean - threshold) / deviation
+    # Gaussian: the tail on the far side of the threshold from the mean.
+    tail = math.erfc(deviations / math.sqrt(2)) / 2
+    stays = (mean < threshold) == (odds < threshold)
+    return tail if stays else 1 - tail
 
 
 def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
@@ -214,20 +260,22 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
         if detector.add(scan).outcome != "taken":
             continue
         remaining = []
-        for alarm, seen, looks in followed:
+        for alarm, weight_before, looks in followed:
             if alarm.y <= detector.closed:
                 continue
             value, weight = detector.mean_of_looks(alarm)
-            new = weight - seen - sum(looks)
-            if new > 1e-9 * weight:
-                looks.append(new)
+            added = weight - weight_before - sum(looks)
+            # The difference of sums is not quite zero where the scan did not see the alarm.
+            if added > 1e-9 * weight:
+                looks.append(added)
                 later = _later_odds(detector, alarm, value)
                 squares = sum(look * look for look in looks)
-                yield Followed(alarm.confidence, seen, sum(looks), squares, later)
-            remaining.append((alarm, seen, looks))
+                yield Followed(alarm.confidence, weight_before, sum(looks), squares, later)
+            remaining.append((alarm, weight_before, looks))
         followed = remaining
         for alarm in detector.alarms.open.values():
-            followed.append((alarm, detector.mean_of_looks(alarm)[1], []))
+            _, weight = detector.mean_of_looks(alarm)
+            followed.append((alarm, weight, []))
 
 
 def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float:
@@ -244,6 +292,11 @@ def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float
 def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     """Fit the forecast's numbers by maximum likelihood.
 
+    Parameters
+    ----------
+    followed : iterable of Followed
+        Log odds of alarms on training lanes after further looks.
+
     Returns
     -------
     arrays : dict of ndarray
@@ -259,9 +312,9 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     notes: dict[str, Any] = {"looks": len(rows)}
     if len(rows) < _LEAST:
         return {}, notes
-    odds, seen, total, squares, later = rows.T
+    odds, weight_before, total, squares, later = rows.T
     alike = squares / total**2
-    share = total / (seen + total)
+    share = total / (weight_before + total)
     p = expit(odds)
     clipped = np.clip(odds, -_LARGEST, _LARGEST)
     error = (later - odds) / share  # e of the looks, from the mean so far

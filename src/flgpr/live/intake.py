@@ -1,8 +1,8 @@
 """Decides which frames become scans, and fills in missing poses.
 
 Whether a pose that is there is believed is judged by the gate (``model/plausible.py``) of the
-detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans late, repeated,
-out of order, damaged, without a pose or with a bad one are all counted.
+detector (``live/detector.py``), which holds such a scan back or leaves it out. Scans that are late,
+repeated, out of order, damaged, without a pose or with a bad one are all counted.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import bisect
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
+from flgpr.store.scan_file import Frame, pose_fault
 
 NumberedPose = tuple[int, NDArray[np.float64]]
 
@@ -93,9 +95,10 @@ class Numbers:
 class Intake:
     """Decides which frames become scans, and counts the others.
 
-    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose is
-    filled in from known ones at most ``longest_gap`` scans away. A number counts as used when its
-    scan went on and was not refused: a bad frame uses up no number.
+    A pose that is there is judged by :meth:`flgpr.live.detector.LiveDetector.add`. A missing pose
+    is filled in on the line through two known ones, or beyond the last two, where the nearer is at
+    most ``longest_gap`` scans away. A number counts as used when
+    its scan went on and was not refused: a bad frame uses up no number.
     """
 
     def __init__(
@@ -111,6 +114,9 @@ class Intake:
         self._poses: list[NumberedPose] = []
         # the last that came, plausible or not, without those that were filled in
         self._own_poses: list[NumberedPose] = []
+        #: why the pose in the last frame cannot be one, and what became of its scan; "" if it can,
+        #: or if the frame states that it has none
+        self.pose_fault = ""
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
         """Return a frame's scan; None, and a count, if it cannot be used.
@@ -131,10 +137,12 @@ class Intake:
             If the frame is damaged or of another run.
         """
         self.counts["received"] += 1
+        self.pose_fault = ""
         try:
             if fault is not None:
                 raise fault
-            scan = scan_of(decode_frame(data), self.description)
+            frame = decode_frame(data)
+            scan = scan_of(frame, self.description)
         except ScanFileError:
             self.counts["corrupt"] += 1
             raise
@@ -149,11 +157,19 @@ class Intake:
             return scan
         # While scans are held back it is in doubt where the vehicle is.
         pose = None if self.counts["held"] else self._fill(scan.number)
+        self._note_pose_fault(scan.number, frame, filled=pose is not None)
         if pose is None:
             self.counts["pose_missing"] += 1
             return None
         self.counts["pose_filled"] += 1
         return Scan(scan.number, scan.time, pose, scan.signal)
+
+    def _note_pose_fault(self, number: int, frame: Frame, *, filled: bool) -> None:
+        """Note in words what is wrong with the pose in a frame."""
+        fault = pose_fault(frame)
+        if fault:
+            outcome = "it was filled in from its neighbours'" if filled else "the scan was left out"
+            self.pose_fault = f"scan {number}: {fault}; {outcome}"
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
         """Count the outcome of an admitted scan.
@@ -255,8 +271,12 @@ class Intake:
         """
         if not self._poses:
             return True
-        known, known_pose = min(self._poses, key=lambda other: abs(other[0] - number))
-        start = Sighting(known, math.nan, known_pose)
+
+        def scans_from(known: NumberedPose) -> int:
+            return abs(known[0] - number)
+
+        nearest, nearest_pose = min(self._poses, key=scans_from)
+        start = Sighting(nearest, math.nan, nearest_pose)
         end = Sighting(number, math.nan, pose)
         return step_between(self._limits, start, end).strain <= 1
 
@@ -265,14 +285,17 @@ class Intake:
         known = [entry for entry in self._poses if entry[0] != number]
         if len(known) < 2:
             return None
-        index = bisect.bisect([known_number for known_number, _ in known], number)
+        numbers = [known_number for known_number, _ in known]
+        index = bisect.bisect(numbers, number)
         index = min(max(index, 1), len(known) - 1)
         first, first_pose = known[index - 1]
         last, last_pose = known[index]
-        if min(abs(number - first), abs(number - last)) > self._longest:
+        gap = min(abs(number - first), abs(number - last))
+        if gap > self._longest:
             return None
         share = (number - first) / (last - first)
         step = last_pose - first_pose
+        # Angles go the shorter way round, and the heading stays between -π and π.
         step[3:] = np.angle(np.exp(1j * step[3:]))
         pose: NDArray[np.float64] = first_pose + share * step
         pose[3] = np.angle(np.exp(1j * pose[3]))
@@ -286,8 +309,10 @@ def _with_pose(
 
     Only the last few, ascending.
     """
-    others = [known for known in poses if known[0] != number]
-    return sorted([*others, (number, pose)], key=lambda known: known[0])[-_KNOWN_POSES:]
+    numbered = [known for known in poses if known[0] != number]
+    numbered.append((number, pose))
+    numbered.sort(key=itemgetter(0))
+    return numbered[-_KNOWN_POSES:]
 
 
 def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
@@ -297,4 +322,7 @@ def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
 
 def _poses_from_json(entries: list[list[Any]]) -> list[NumberedPose]:
     """Return numbered poses from JSON values."""
-    return [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in entries]
+    poses = []
+    for number, pose in entries:
+        poses.append((int(number), np.asarray(pose, dtype=np.float64)))
+    return poses

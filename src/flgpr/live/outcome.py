@@ -25,7 +25,19 @@ class LiveReport:
 
 
 def latency_percentiles(latency: list[float]) -> Latencies:
-    """Return median, 95th percentile and largest of latencies (s) in ms, and their number."""
+    """Return median, 95th percentile and largest of latencies, and their number.
+
+    Parameters
+    ----------
+    latency : list of float
+        Latencies, s.
+
+    Returns
+    -------
+    dict
+        ``median``, ``p95`` and ``largest`` in ms, and the number ``scans``; without any, that
+        alone.
+    """
     if not latency:
         return {"scans": 0}
     return {

@@ -36,6 +36,11 @@ def read_recording(path: str | Path) -> tuple[list[Event], list[RecordedScan], l
     path : path
         Lines of JSON, compressed by gzip.
 
+    Returns
+    -------
+    before, scans, end
+        Events before the first scan, those of each scan with its latency, and those of the end.
+
     Raises
     ------
     ValueError
@@ -81,6 +86,11 @@ def play_recording(
         Scans per second.
     wait : callable, optional
         Waits for so many seconds, and returns whether to stop; by default it sleeps.
+
+    Returns
+    -------
+    int
+        The number of scans.
 
     Raises
     ------

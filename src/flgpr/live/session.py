@@ -11,12 +11,11 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.memory import check_scan_memory
@@ -25,11 +24,10 @@ from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
 from flgpr.geo import Anchor, own_anchor, read_anchor
-from flgpr.live import forecast
+from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.event_types import (
-    AlarmEvent,
     EndEvent,
     Event,
     ReportEntries,
@@ -39,16 +37,14 @@ from flgpr.live.event_types import (
 from flgpr.live.events import (
     EVENT_FILE,
     EventFile,
-    add_places_on_earth,
-    alarm_event,
     anew_event,
-    as_line,
     position_events,
     problem_event,
     scan_event,
     start_event,
     view_event,
 )
+from flgpr.live.forecast import forecast_of
 from flgpr.live.intake import Intake
 from flgpr.live.options import LiveOptions
 from flgpr.live.outcome import LiveReport, latency_percentiles
@@ -64,7 +60,7 @@ from flgpr.live.state import (
 )
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
-from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
+from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
 from flgpr.store import (
@@ -115,15 +111,13 @@ class LiveRun:
         self._tcp = None if options.tcp is None else parse_tcp(options.tcp)
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
-        self._send_line = tell
+        self._alarms = AlarmReporter(options, tell)
         digest = "" if options.model is None else sha256(read_model(options.model))
         self._model = Model() if options.model is None else load_model(options.model, digest)
         self._recipe: Recipe | None = None
-        self._forecast: forecast.Forecast | None = None
-        # alarms whose last event advised to wait
-        self._waiting: set[str] = set()
         self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
-        self._anchor = None if options.anchor is None else read_anchor(options.anchor)
+        if options.anchor is not None:
+            self._alarms.anchor = read_anchor(options.anchor)
         # what a snapshot must agree with, beside the run
         self._identity: dict[str, Any] = {
             "model": digest,
@@ -152,7 +146,7 @@ class LiveRun:
         check_causal(recipe)
         unlearnt(recipe, self._model)
         self._recipe = recipe
-        self._forecast = forecast.forecast_of(recipe, self._model)
+        self._alarms.forecast = forecast_of(recipe, self._model)
         self._identity["recipe"] = sha256(text.encode())
         return recipe
 
@@ -325,10 +319,10 @@ class LiveRun:
     def _use_own_anchor(self, description: RunDescription, events: EventFile) -> None:
         """Use the georeference that a run is described with, unless an anchor was given."""
         reference = description.attrs.get("georeference")
-        if self._anchor is not None or reference is None:
+        if self._alarms.anchor is not None or reference is None:
             return
         try:
-            self._anchor = _anchor_on_earth(reference)
+            self._alarms.anchor = _anchor_on_earth(reference)
         except ValueError as error:
             words = f"alarms have places in the lane alone: {error}"
             events.append([problem_event(RUN_FILE, words)])
@@ -343,7 +337,7 @@ class LiveRun:
         detector = LiveDetector(description, recipe, self._lane, self._model, self.options.settings)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
-            self._waiting = set(detector.alarms.open)
+            self._alarms.resume(detector.alarms.open)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
             resumed: ResumeEvent = {"event": "resume", "scan": newest, "counts": intake.counts}
@@ -368,10 +362,14 @@ class LiveRun:
         scan, problem = _admitted(arrival, intake)
         if detector is None:
             if scan is None:
-                events.append([problem_event(arrival.name, problem or _NO_POSE)])
+                reasons = [problem] if problem else [intake.pose_fault, _NO_POSE]
+                problems = [problem_event(arrival.name, reason) for reason in reasons if reason]
+                events.append(problems)
                 return False
             recipe = self._fit_recipe(scan, intake.description, events)
             detector = self._build(recipe, intake, events, None)
+        if intake.pose_fault:
+            lines.append(problem_event(arrival.name, intake.pose_fault))
         update = None
         if scan is not None:
             update, problem = self._judge(scan, detector, intake)
@@ -402,7 +400,7 @@ class LiveRun:
         if update.anew and pose is not None:
             lines.append(anew_event(scan.number, update, pose))
             self._started = self._started and detector.lane is not None and not update.forgotten
-            self._waiting &= detector.alarms.open.keys()
+            self._alarms.keep_open(detector.alarms.open)
         if update.outcome in ("held", "implausible", "duplicate"):
             return lines
         if not self._started and detector.first_pose is not None:
@@ -414,60 +412,13 @@ class LiveRun:
             outcome = cast(SettledOutcome, change.outcome)
             lines.append(scan_event(settled_scan, outcome, arrival.when, latency))
         if pose is not None:
-            lines += self._alarm_events(update, scan.number, pose, latency, detector)
+            lines += self._alarms.events(update, scan.number, pose, latency, detector)
         for _, change in settled:
             if change.view is not None:
                 lines.append(view_event(change.row, change.view))
         if update.outcome == "taken":
             self._latency = [*self._latency[-_MOST_LATENCIES:], latency]
         return lines
-
-    def _alarm_events(
-        self,
-        update: LiveUpdate,
-        scan: int,
-        pose: NDArray[np.float64],
-        latency: float,
-        detector: LiveDetector,
-    ) -> list[AlarmEvent]:
-        """Return the events of alarms that changed, and send their lines to the callback."""
-        events = [self._alarm_event(alarm, scan, pose, latency) for alarm in update.alarms]
-        # The last event of some alarms advised to wait for a look that did not come. They are
-        # reported again where waiting is no longer worth it.
-        changed = {alarm.alarm_id for alarm in update.alarms}
-        unchanged = detector.alarms.open.keys() - changed
-        for alarm_id in self._waiting & unchanged:
-            alarm = replace(detector.alarms.open[alarm_id], state="update")
-            event = self._alarm_event(alarm, scan, pose, latency)
-            if event.get("wait") is False:
-                events.append(event)
-        if self._anchor is not None:
-            add_places_on_earth(events, self._anchor)
-        for event in events:
-            if event.get("wait"):
-                self._waiting.add(event["alarm_id"])
-            else:
-                self._waiting.discard(event["alarm_id"])
-            self._send_line(as_line(event))
-        return events
-
-    def _alarm_event(
-        self, alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], latency: float
-    ) -> AlarmEvent:
-        """Return an alarm's event, with a forecast where the model has one."""
-        event = alarm_event(alarm, scan, pose, self.options.vehicle, latency)
-        if self._forecast is None or self._detector is None:
-            return event
-        threshold = 0.0 if self.options.threshold is None else self.options.threshold
-        entries = forecast.forecast_event(
-            self._forecast,
-            self._detector,
-            alarm,
-            event.get("margin_m"),
-            threshold,
-            self.options.worth,
-        )
-        return {**event, **entries}
 
     def _judge(
         self, scan: Scan, detector: LiveDetector, intake: Intake
@@ -490,8 +441,9 @@ class LiveRun:
     def _start_event(self, detector: LiveDetector, description: RunDescription) -> StartEvent:
         """Return the event that detection starts."""
         reference = description.attrs.get("georeference")
-        if self.options.anchor is not None and self._anchor is not None:
-            reference = self._anchor.georeference()
+        anchor = self._alarms.anchor
+        if self.options.anchor is not None and anchor is not None:
+            reference = anchor.georeference()
         options = self.options
         return start_event(
             description.title, detector, reference, options.threshold, options.vehicle

@@ -27,7 +27,7 @@ SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
 # Scalars of the detector, by these names in the file.
-_SCALARS = ("closed", "seen_area", "left_out")
+_SCALARS = ("closed", "left_out")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -50,6 +50,11 @@ def take_snapshot(
         Files that were read.
     fingerprint : str
         Digest of the run, recipe, model and settings.
+
+    Returns
+    -------
+    header, arrays
+        The state, as :func:`write_snapshot` takes it.
     """
     return _header(detector, intake, names, fingerprint), _arrays(detector)
 
@@ -61,12 +66,12 @@ def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
         arrays[f"background.{name}"] = value
     for name, value in detector.view.items():
         arrays[f"view.{name}"] = value
-    for i, scan in enumerate(detector.history):
+    for position, scan in enumerate(detector.history):
         for name, value in vars(scan).items():
             if isinstance(value, np.ndarray):
-                arrays[f"scan{i}.{name}"] = value
+                arrays[f"scan{position}.{name}"] = value
     arrays["numbers.passed"] = np.array(detector.alarms.passed)
-    arrays["numbers.magnitudes"] = np.array(detector.magnitudes)
+    arrays["numbers.magnitudes"] = np.array(detector.density.magnitudes)
     for number, held_scan in detector.held.items():
         arrays[f"held{number}.signal"] = held_scan.signal
     return arrays
@@ -79,7 +84,10 @@ def _header(
     newest = None
     if detector.newest is not None:
         newest = [detector.newest[0], detector.newest[1].tolist()]
-    scalars: dict[str, float | None] = {"named": detector.alarms.count}
+    scalars: dict[str, float | None] = {
+        "named": detector.alarms.count,
+        "seen_area": detector.density.final_area,
+    }
     for name in _SCALARS:
         value = getattr(detector, name)
         scalars[name] = value if np.isfinite(value) else None
@@ -112,13 +120,31 @@ def _pose_from_json(values: list[float] | None) -> NDArray[np.float64] | None:
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
-    """Write a snapshot to a temporary file and rename it when it is complete."""
+    """Write a snapshot to a temporary file and rename it when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        The file; one that exists is replaced.
+    snapshot : tuple
+        As :func:`take_snapshot` returns it.
+    """
     header, arrays = snapshot
     write_bundle(path, arrays, header, lasting=True)
 
 
 def read_snapshot(path: Path) -> Snapshot | None:
-    """Read a snapshot; None if there is none.
+    """Read a snapshot.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    tuple or None
+        The snapshot; None if there is no file.
 
     Raises
     ------
@@ -133,7 +159,8 @@ def read_snapshot(path: Path) -> Snapshot | None:
         return None
     except BundleError as error:
         raise SnapshotError(f"{error}; --fresh begins anew") from None
-    if (header.get("format"), header.get("version")) != (FORMAT, VERSION):
+    is_known = header.get("format") == FORMAT and header.get("version") == VERSION
+    if not is_known:
         raise SnapshotError(
             f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew"
         )
@@ -155,6 +182,11 @@ def restore_snapshot(
         New, of the same run.
     fingerprint : str
         Digest of the run, recipe, model and settings.
+
+    Returns
+    -------
+    set of str
+        Names of the files that were read.
 
     Raises
     ------
@@ -182,12 +214,17 @@ def _restore(
     detector.background.restore(_group(arrays, "background."))
     detector.view = _group(arrays, "view.")
     detector.history = []
-    for i, number in enumerate(header["history"]):
-        detector.history.append(CleanedScan(number, **_group(arrays, f"scan{i}.")))
-    detector.alarms.open = {alarm["alarm_id"]: LiveAlarm(**alarm) for alarm in header["alarms"]}
+    for position, number in enumerate(header["history"]):
+        arrays_of_scan = _group(arrays, f"scan{position}.")
+        detector.history.append(CleanedScan(number, **arrays_of_scan))
+    detector.alarms.open = {}
+    for entries in header["alarms"]:
+        alarm = LiveAlarm(**entries)
+        detector.alarms.open[alarm.alarm_id] = alarm
     detector.alarms.passed = array("d", arrays["numbers.passed"].tobytes())
     detector.alarms.count = header["scalars"]["named"]
-    detector.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
+    detector.density.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
+    detector.density.final_area = float(header["scalars"]["seen_area"])
     detector.previous_pose = _pose_from_json(header["before"])
     detector.first_pose = _pose_from_json(header["first_pose"])
     detector.newest = None

@@ -26,6 +26,16 @@ def largest_frame(description: RunDescription) -> int:
     """Return the most bytes that a frame of a run may have.
 
     A frame is a scan, or the description, perhaps written with more digits than ours.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run.
+
+    Returns
+    -------
+    int
+        Bytes.
     """
     scan_size = 8 * math.prod(description.shape)
     description_size = len(canonical_json(description.as_json()))

@@ -57,13 +57,13 @@ def parse_tcp(text: str) -> TcpAddress:
         If the text is none of these.
     """
     rule = "tcp must be PORT or ADDRESS:PORT with an IP address, such as 5601 or 0.0.0.0:5601"
-    parts = _ADDRESS.fullmatch(str(text))
-    if parts is None:
+    matched = _ADDRESS.fullmatch(str(text))
+    if matched is None:
         raise ValueError(f"{rule}, got {text!r}")
-    port = int(parts["port"])
+    port = int(matched["port"])
     if port > _LARGEST_PORT:
         raise ValueError(f"tcp must have a port from 0 to {_LARGEST_PORT}, got {port}")
-    host = parts["host"] or parts["long"] or LOOPBACK
+    host = matched["host"] or matched["long"] or LOOPBACK
     if host == "localhost":
         host = LOOPBACK
     try:
@@ -76,7 +76,19 @@ def parse_tcp(text: str) -> TcpAddress:
 
 
 def listening_tcp(address: TcpAddress, backlog: int) -> socket.socket:
-    """Return a socket that listens on an address of this machine; port 0 takes a free one.
+    """Return a socket that listens on an address of this machine.
+
+    Parameters
+    ----------
+    address : TcpAddress
+        The address; port 0 takes a free one.
+    backlog : int
+        Connections that may wait.
+
+    Returns
+    -------
+    socket.socket
+        The socket.
 
     Raises
     ------
@@ -99,6 +111,16 @@ def listening_tcp(address: TcpAddress, backlog: int) -> socket.socket:
 
 def connected_tcp(address: TcpAddress) -> socket.socket:
     """Return a socket that is connected to an address on which ``flgpr live`` listens.
+
+    Parameters
+    ----------
+    address : TcpAddress
+        The address.
+
+    Returns
+    -------
+    socket.socket
+        The socket.
 
     Raises
     ------

@@ -34,6 +34,11 @@ def unix_socket(path: Path) -> socket.socket:
     path : Path
         Where it is to listen, or what it is to connect to.
 
+    Returns
+    -------
+    socket.socket
+        The socket.
+
     Raises
     ------
     ValueError

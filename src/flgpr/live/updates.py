@@ -70,6 +70,16 @@ def last_states(alarms: list[LiveAlarm]) -> list[LiveAlarm]:
 
     Whoever listens has heard of none of these changes: an alarm that one of the scans raised is
     still "new", and one that was raised and withdrawn among them is left out.
+
+    Parameters
+    ----------
+    alarms : list of LiveAlarm
+        States in the order of their changes.
+
+    Returns
+    -------
+    list of LiveAlarm
+        A state per alarm.
     """
     last = {alarm.alarm_id: alarm for alarm in alarms}
     new_ids = {alarm.alarm_id for alarm in alarms if alarm.state == "new"}

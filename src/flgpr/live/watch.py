@@ -69,7 +69,9 @@ class ArrivalQueue(queue.Queue[Arrival]):
 
     def _qsize(self) -> int:
         """Return the number of arrivals; the largest one if there are too many bytes."""
-        return self.maxsize if self._bytes >= self._most_bytes else super()._qsize()
+        if self._bytes >= self._most_bytes:
+            return self.maxsize
+        return super()._qsize()
 
 
 @dataclass
@@ -143,30 +145,40 @@ class FolderWatch(threading.Thread):
             stamp = self._folder.stat().st_mtime_ns
         except FileNotFoundError:
             return False
-        settled = time.time_ns() - stamp > _SETTLED * 1e9
-        if stamp == self._stamp and settled and not self._growing:
+        is_settled = time.time_ns() - stamp > _SETTLED * 1e9
+        if stamp == self._stamp and is_settled and not self._growing:
             return False
-        if not self._described:
-            description = read_description(self._folder)
-            if description is None:
-                return False
-            self._described = True
-            source = str(self._folder)
-            self._inbox.put(Arrival("run", source, time.time(), value=description.as_json()))
+        if not self._described and not self._describe():
+            return False
         names = set(os.listdir(self._folder))
-        self._known &= names  # files that the radar removed need not be remembered
-        for name in list(self._growing):
-            if name not in names:
-                del self._growing[name]
-        new = sorted(name for name in names - self._known if name.endswith(SCAN_SUFFIX))
+        self._forget_removed(names)
+        unread = [name for name in names - self._known if name.endswith(SCAN_SUFFIX)]
         n_read = 0
-        for name in new:
+        for name in sorted(unread):
             n_read += self._read(name)
+        # The end may be written before the last scans can be read: it is passed on after them.
         if END_FILE in names and not self._ended and not n_read and not self._growing:
             self._ended = True
             self._inbox.put(Arrival("end", END_FILE, time.time()))
-        self._stamp = stamp if settled and not n_read else -1
+        self._stamp = stamp if is_settled and not n_read else -1
         return n_read > 0
+
+    def _describe(self) -> bool:
+        """Hand the description of the run over; return False if it is not there yet."""
+        description = read_description(self._folder)
+        if description is None:
+            return False
+        self._described = True
+        source = str(self._folder)
+        self._inbox.put(Arrival("run", source, time.time(), value=description.as_json()))
+        return True
+
+    def _forget_removed(self, names: set[str]) -> None:
+        """Forget files that the radar removed; ``names`` are those in the folder."""
+        self._known &= names
+        for name in list(self._growing):
+            if name not in names:
+                del self._growing[name]
 
     def _read(self, name: str) -> bool:
         """Hand a file over; return False if it still grows or cannot be a scan."""

@@ -135,9 +135,9 @@ def longest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
     It leads to a corner, as paths are convex.
     """
     corners = np.array([(a, b, 0.0) for a, b in itertools.product(x, y)])[:, None]
-    there = np.linalg.norm(corners - np.asarray(tx), axis=-1)
+    outward = np.linalg.norm(corners - np.asarray(tx), axis=-1)
     back = np.linalg.norm(corners - np.asarray(rx), axis=-1)
-    return float((there + back).max())
+    return float((outward + back).max())
 
 
 def shortest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:

@@ -11,10 +11,20 @@ _TICK_LABEL = "$\\mathdefault{"
 def show_dollar_signs(figure: Any) -> None:
     """Let a Matplotlib figure show the dollar signs of its texts as they are.
 
-    Matplotlib takes two of them for the ends of a formula, and cannot draw a name such as ``$x^{$``. Call this when the
-    figure is complete, before it is drawn.
+    Matplotlib takes two of them for the ends of a formula, and cannot draw a name such as
+    ``$x^{$``. Call this when the figure is complete, before it is drawn.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure, changed in place.
     """
-    for text in figure.findobj(lambda artist: hasattr(artist, "set_parse_math")):
-        words = text.get_text()
-        if "$" in words and _TICK_LABEL not in words:
-            text.set_parse_math(False)
+    for artist in figure.findobj(_has_formulas):
+        label = artist.get_text()
+        if "$" in label and _TICK_LABEL not in label:
+            artist.set_parse_math(False)
+
+
+def _has_formulas(artist: Any) -> bool:
+    """Return whether Matplotlib reads formulas in an artist's text."""
+    return hasattr(artist, "set_parse_math")

@@ -1,10 +1,11 @@
 """Lane, vehicle and scan frames, and the pixel grids that lie in them.
 
-Lane frame: x cross-track (right positive), y down-track (forward positive), z up, mean ground at z
-= 0. Vehicle frame: the same axes at the array's reference point. Scan frame: the vehicle frame
-levelled and dropped to the ground, that is lane axes turned by the heading only, origin on the mean
-ground below the array's reference point. Scan images live in it, because whatever moves with the
-vehicle (the self-signature) stays in place there.
+- Lane frame: x cross-track (right positive), y down-track (forward positive), z up, mean ground at
+  z = 0.
+- Vehicle frame: the same axes at the array's reference point.
+- Scan frame: the vehicle frame levelled and dropped to the ground, that is lane axes turned by the
+  heading only, origin on the mean ground below the array's reference point. Scan images live in it,
+  because whatever moves with the vehicle (the self-signature) stays in place there.
 """
 
 from __future__ import annotations
@@ -21,7 +22,18 @@ if TYPE_CHECKING:
 
 
 def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
-    """Return rotations Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to level axes."""
+    """Return rotations Rx(pitch)·Ry(roll) from the vehicle frame to level axes.
+
+    Parameters
+    ----------
+    pitch, roll : (...) array_like
+        Angles, rad.
+
+    Returns
+    -------
+    (..., 3, 3) ndarray
+        Rotations.
+    """
     cp, sp = _cos_sin(pitch)
     cr, sr = _cos_sin(roll)
     m = np.zeros((*cp.shape, 3, 3))
@@ -88,8 +100,9 @@ def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
     """
     m = np.asarray(rotation, dtype=np.float64)
     heading = np.arctan2(m[..., 0, 1], m[..., 1, 1])
+    sine_of_pitch = np.clip(m[..., 2, 1], -1.0, 1.0)  # rounding may leave it beyond one
     roll = np.arctan2(-m[..., 2, 0], m[..., 2, 2])
-    return np.stack([heading, np.arcsin(np.clip(m[..., 2, 1], -1.0, 1.0)), roll], axis=-1)
+    return np.stack([heading, np.arcsin(sine_of_pitch), roll], axis=-1)
 
 
 def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
@@ -123,7 +136,8 @@ def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
 def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
     """Convert points (..., 3), m, from the lane frame to the scan frame of a pose (6,)."""
     p = np.asarray(pose, dtype=np.float64)
-    return (np.asarray(position, dtype=np.float64) - _shift(p, [0, 1])) @ heading_matrix(p[..., 3])
+    offset = np.asarray(position, dtype=np.float64) - _shift(p, [0, 1])
+    return offset @ heading_matrix(p[..., 3])  # of rows: the inverse rotation
 
 
 def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
@@ -210,7 +224,12 @@ class Grid:
         left, right, bottom, top = self.extent()
         end = min(top, y_max)
         return np.array(
-            [(left, bottom, 0.0), (left, end, 0.0), (right, bottom, 0.0), (right, end, 0.0)]
+            [
+                (left, bottom, 0.0),
+                (left, end, 0.0),
+                (right, bottom, 0.0),
+                (right, end, 0.0),
+            ]
         )
 
 

@@ -138,39 +138,59 @@ def judge_poses(
     doubtful = _doubtful(limits, times, poses, numbers)
     if not doubtful.any():
         return Motion(np.ones(len(poses), bool))
-    gate = PoseGate(limits)
-    trusted = set[int]()
-    faults: dict[int, Step] = {}
-    restarts = []
-    clock = []
+
+    judged = _JudgedTrack(limits)
     sightings = list(map(Sighting, numbers.tolist(), times.tolist(), poses))
     scan = 0
     while scan < len(sightings):
-        sighting = sightings[scan]
-        if scan and not doubtful[scan] and gate.is_settled_at(sightings[scan - 1].number):
+        if scan and not doubtful[scan] and judged.gate.is_settled_at(sightings[scan - 1].number):
             # Up to the next doubtful pose each follows from the one before.
             stop = scan + int(np.argmax(np.append(doubtful[scan:], True)))
-            trusted |= set(numbers[scan:stop].tolist())
-            gate.trust(sightings[max(stop - REMEMBERED, scan) : stop])
+            judged.trust(sightings[scan:stop])
             scan = stop
-            continue
-        scan += 1
-        verdict = gate.judge(sighting)
-        trusted = (trusted - set(verdict.forgotten)) | set(verdict.trusted)
+        else:
+            judged.judge(sightings[scan])
+            scan += 1
+
+    plausible = np.isin(numbers, list(judged.trusted))
+    faults = judged.faults
+    is_confirmed = len(judged.gate.confirmed) >= limits.agree
+    fits = is_confirmed and 2 * np.count_nonzero(plausible) > len(poses)
+    if not fits:
+        all_plausible = np.ones(len(poses), bool)
+        return Motion(all_plausible, list(faults.values()), judged.restarts, judged.clock, False)
+    steps = [faults[number] for number in numbers[~plausible]]
+    return Motion(plausible, steps, judged.restarts, judged.clock)
+
+
+class _JudgedTrack:
+    """Verdicts on the poses of a track so far."""
+
+    def __init__(self, limits: MotionLimits) -> None:
+        self.gate = PoseGate(limits)
+        self.trusted = set[int]()  # numbers of the scans
+        self.faults: dict[int, Step] = {}  # by number, why a pose is not plausible
+        self.restarts: list[Step] = []
+        self.clock: list[Step] = []
+
+    def trust(self, sightings: list[Sighting]) -> None:
+        """Trust sightings that follow from one another."""
+        self.trusted |= {sighting.number for sighting in sightings}
+        self.gate.trust(sightings[-REMEMBERED:])
+
+    def judge(self, sighting: Sighting) -> None:
+        """Let the gate judge the next sighting."""
+        verdict = self.gate.judge(sighting)
+        self.trusted = (self.trusted - set(verdict.forgotten)) | set(verdict.trusted)
         if verdict.clock is not None:
-            clock.append(verdict.clock)
+            self.clock.append(verdict.clock)
         if verdict.step is not None:
-            faults[sighting.number] = verdict.step
+            self.faults[sighting.number] = verdict.step
         if verdict.anew and not verdict.forgotten:
-            restarts.append(faults[verdict.trusted[0]])
+            self.restarts.append(self.faults[verdict.trusted[0]])
         # The step away from a forgotten pose is that of the first one that others agree with.
         for forgotten in verdict.forgotten:
-            faults[forgotten] = faults[verdict.trusted[0]]
-    plausible = np.isin(numbers, list(trusted))
-    fits = len(gate.confirmed) >= limits.agree and 2 * np.count_nonzero(plausible) > len(poses)
-    if not fits:
-        return Motion(np.ones(len(poses), bool), list(faults.values()), restarts, clock, False)
-    return Motion(plausible, [faults[number] for number in numbers[~plausible]], restarts, clock)
+            self.faults[forgotten] = self.faults[verdict.trusted[0]]
 
 
 def _doubtful(
@@ -186,10 +206,12 @@ def _doubtful(
     seconds = np.where(known, np.maximum(elapsed, SHORTEST), limits.interval * gaps)
     for limit, value in moved(poses[:-1], poses[1:]).items():
         doubt |= value > np.maximum(getattr(limits, limit) * seconds, FLOOR[limit])
+    # How far a pose lies from where the step before, at its speed, would have led.
     step = np.diff(poses[:, :2], axis=0)
     past = seconds[:-1]
     now = seconds[1:]
-    swerve = np.hypot(*(step[1:] - step[:-1] * (now / past)[:, None]).T)
+    continued = step[:-1] * (now / past)[:, None]
+    swerve = np.hypot(*(step[1:] - continued).T)
     most = np.maximum(limits.acceleration * now * (now + past) / 2, FLOOR["acceleration"])
     doubt[1:] |= (swerve > most) & known[1:] & known[:-1]
     return np.append(False, doubt)

@@ -11,17 +11,44 @@ from flgpr.model.constants import SPEED_OF_LIGHT
 
 
 def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
-    """Compute the field (..., frequency) of a unit scatterer at a total path (...), m.
+    """Compute the field of a unit scatterer at a total path, ``exp(-j2πf·path/c)``.
 
-    It is ``exp(-j2πf·path/c)``, exact for long paths.
+    Parameters
+    ----------
+    frequency : (frequency,) array_like
+        Tones, Hz.
+    path : (...) array_like
+        Lengths of the paths out and back, m.
+
+    Returns
+    -------
+    (..., frequency) ndarray of complex128
+        Field.
     """
     lengths = np.asarray(path, dtype=np.float64)[..., None]
     turns = lengths * np.asarray(frequency, dtype=np.float64) / SPEED_OF_LIGHT
-    return np.asarray(np.exp(-2j * np.pi * (turns - np.floor(turns))), dtype=np.complex128)
+    # Whole turns are taken off first: the argument of the exponential stays small.
+    fraction = turns - np.floor(turns)
+    return np.asarray(np.exp(-2j * np.pi * fraction), dtype=np.complex128)
 
 
 def lengthen(signal: ArrayLike, frequency: ArrayLike, path: ArrayLike) -> NDArray[Any]:
-    """Lengthen the paths of a signal (..., frequency) by ``path`` (m), of its leading axes."""
+    """Lengthen the paths of a signal.
+
+    Parameters
+    ----------
+    signal : (..., frequency) array_like
+        Signal.
+    frequency : (frequency,) array_like
+        Tones, Hz.
+    path : (...) array_like
+        By how much the paths of the leading axes get longer, m; it is broadcast.
+
+    Returns
+    -------
+    (..., frequency) ndarray of complex
+        Signal, in the precision of the input.
+    """
     values = np.asarray(signal)
     dtype = values.dtype if np.iscomplexobj(values) else np.dtype(np.complex128)
     return (values * path_phase(frequency, path)).astype(dtype, copy=False)

@@ -345,9 +345,9 @@ class PoseGate:
         chain = self._chain(number)
         if len(chain) < self.limits.agree:
             return Verdict([], dropped, True, step, clock)
-        dropped += [held for held in self.held if held not in chain]
+        dropped += [earlier for earlier in self.held if earlier not in chain]
         forgotten = [] if self._is_confirmed else self.confirmed
-        self._begin_with([self.held[held] for held in chain])
+        self._begin_with([self.held[member] for member in chain])
         return Verdict(chain, dropped, False, step, clock, True, forgotten)
 
     def _judge_late(self, sighting: Sighting) -> Verdict:
@@ -428,10 +428,10 @@ class PoseGate:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from a :meth:`state`."""
-        held = [_from_json(values) for values in state["held"]]
+        held_back = [_from_json(values) for values in state["held"]]
         self.trusted = [_from_json(values) for values in state["trusted"]]
         self.confirmed = [int(number) for number in state["confirmed"]]
-        self.held = {sighting.number: sighting for sighting in held}
+        self.held = {sighting.number: sighting for sighting in held_back}
         self._links = {int(number): int(before) for number, before in state["links"]}
 
 

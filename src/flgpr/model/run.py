@@ -77,21 +77,8 @@ def make_run(
     >>> dict(run["signal"].sizes)
     {'scan': 2, 'polarization': 1, 'pair': 2, 'frequency': 64}
     """
-    data = np.asarray(signal)
-    if data.ndim != 4:
-        raise ValueError(
-            "signal must have the dimensions (scan, polarization, pair, frequency), "
-            f"got shape {data.shape}"
-        )
-    if not np.issubdtype(data.dtype, np.inexact):
-        raise ValueError(f"signal must be complex numbers, got {data.dtype}")
-    data = data.astype(np.complex64, copy=False)
+    data = _checked_signal(signal)
     scans, polarizations, pairs, tones = data.shape
-    if data.size == 0:
-        raise ValueError(
-            "signal must hold at least one scan, polarization, pair and frequency, "
-            f"got shape {data.shape}"
-        )
     valid = np.isfinite(data).all(axis=-1)
     if not valid.any():
         raise ValueError("signal must hold at least one sweep of finite values, got none")
@@ -112,6 +99,24 @@ def make_run(
         },
         attrs=dict(attrs or {}),
     )
+
+
+def _checked_signal(signal: ArrayLike) -> NDArray[np.complex64]:
+    """Return a signal as complex64, which must have four dimensions and hold a number."""
+    data = np.asarray(signal)
+    if data.ndim != 4:
+        raise ValueError(
+            "signal must have the dimensions (scan, polarization, pair, frequency), "
+            f"got shape {data.shape}"
+        )
+    if not np.issubdtype(data.dtype, np.inexact):
+        raise ValueError(f"signal must be complex numbers, got {data.dtype}")
+    if data.size == 0:
+        raise ValueError(
+            "signal must hold at least one scan, polarization, pair and frequency, "
+            f"got shape {data.shape}"
+        )
+    return data.astype(np.complex64, copy=False)
 
 
 def check_frequency(frequency: ArrayLike, count: int | None = None) -> NDArray[np.float64]:

@@ -151,11 +151,26 @@ def poses_at(
     check_track(track)
     stamp = track["time"].to_numpy()
     track_time = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
+    _check_times(track_time, stamp, max_gap)
+    pose = np.empty((track_time.size, 6))
+    for column, name in enumerate(POSE_COMPONENTS):
+        values = track[name].to_numpy(dtype=np.float64)
+        if name == "heading":
+            values = np.unwrap(values)
+        pose[:, column] = np.interp(track_time, stamp, values)
+    pose[:, 3] = np.angle(np.exp(1j * pose[:, 3]))
+    return pose
+
+
+def _check_times(
+    track_time: NDArray[np.float64], stamp: NDArray[np.float64], max_gap: float
+) -> None:
+    """Refuse times of scans that are missing, outside a track's fixes or in too long a gap."""
     if not np.isfinite(track_time).all():
         raise ValueError(
             "time must be finite for every scan to take poses from a track, got a missing time"
         )
-    slack = 1e-9 * max(1.0, float(np.abs(stamp).max()))
+    slack = 1e-9 * max(1.0, float(np.abs(stamp).max()))  # for the rounding of offset and rate
     if track_time.min() < stamp[0] - slack or track_time.max() > stamp[-1] + slack:
         raise ValueError(
             f"scan times must lie within the track, {stamp[0]:g} to {stamp[-1]:g} s, "
@@ -168,14 +183,6 @@ def poses_at(
         raise ValueError(
             f"the track must have no gap over {max_gap:g} s, got {gap[worst]:g} s at scan {worst}"
         )
-    pose = np.empty((track_time.size, 6))
-    for column, name in enumerate(POSE_COMPONENTS):
-        values = track[name].to_numpy(dtype=np.float64)
-        if name == "heading":
-            values = np.unwrap(values)
-        pose[:, column] = np.interp(track_time, stamp, values)
-    pose[:, 3] = np.angle(np.exp(1j * pose[:, 3]))
-    return pose
 
 
 def reference_track(

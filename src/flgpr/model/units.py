@@ -1,4 +1,7 @@
-"""Units that files are written in, and what takes each to hertz, metres, seconds or radians."""
+"""Units that files are written in, by quantity, with their factors to SI units.
+
+A foot is 0.3048 m and an inch 0.0254 m exactly (international yard and pound, 1959).
+"""
 
 from __future__ import annotations
 

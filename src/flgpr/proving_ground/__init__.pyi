@@ -1,13 +1,13 @@
 from flgpr.proving_ground.croissant import describe_ground as describe_ground
 from flgpr.proving_ground.croissant import write_croissant as write_croissant
 from flgpr.proving_ground.entering import enter_submissions as enter_submissions
+from flgpr.proving_ground.entries import find_entry as find_entry
+from flgpr.proving_ground.entries import packaged_entries as packaged_entries
 from flgpr.proving_ground.ground import Ground as Ground
 from flgpr.proving_ground.ground import load_ground as load_ground
 from flgpr.proving_ground.leaderboard import write_leaderboard as write_leaderboard
 from flgpr.proving_ground.oracle import run_oracle as run_oracle
-from flgpr.proving_ground.running import find_entry as find_entry
 from flgpr.proving_ground.running import make_ground as make_ground
-from flgpr.proving_ground.running import packaged_entries as packaged_entries
 from flgpr.proving_ground.running import run_benchmark as run_benchmark
 from flgpr.proving_ground.submission import Submission as Submission
 from flgpr.proving_ground.submission import check_submission as check_submission

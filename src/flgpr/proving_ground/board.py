@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.door import Folder
 from flgpr.proving_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr.proving_ground.citing import is_packaged
+from flgpr.proving_ground.entries import ORACLES
 from flgpr.proving_ground.ground import MINES, Ground
-from flgpr.proving_ground.running import ORACLES, SEALED, read_ground
+from flgpr.proving_ground.running import SEALED, read_ground
 from flgpr.scoring import clopper_pearson
 from flgpr.store.tables import parse_columns
 from flgpr.trials import read_register
@@ -34,7 +36,7 @@ _MOST_ENTRIES = 500
 _MOST_TABLE_BYTES = 64 * 2**20
 _KEYS = ("tier", "entry", "split", "group", "far_allowed")
 _COUNTS = ("n_detected", "n_targets", "n_false", "area", "chance")
-_WHOLE = ("n_detected", "n_targets", "n_false")
+_INTEGERS = ("n_detected", "n_targets", "n_false")
 _LARGEST_COUNT = 1e9
 _PAIRED = ("only", "reference_only", "p")
 
@@ -86,7 +88,24 @@ class Board:
 
 
 def read_board(folders: Sequence[Path]) -> Board:
-    """Read the tables, cards and logs of folders; see :func:`write_leaderboard`."""
+    """Read the tables, cards and logs of folders.
+
+    Parameters
+    ----------
+    folders : sequence of path
+        Folders of ``flgpr benchmark enter`` or ``run``, of one ground.
+
+    Returns
+    -------
+    Board
+        The scores of all of them, and of the packaged entries.
+
+    Raises
+    ------
+    ValueError
+        If there is no folder, they are of different grounds, hold no scores, or a table or card
+        breaks a rule.
+    """
     if not folders:
         raise ValueError("folders must be one or more, got none")
     grounds = [read_ground(folder) for folder in folders]
@@ -98,8 +117,9 @@ def read_board(folders: Sequence[Path]) -> Board:
     for folder in folders:
         _add_folder(board, folder)
     if board.scores.empty:
+        names = ", ".join(map(str, folders))
         raise ValueError(
-            f"folders must hold scores, got none in {', '.join(map(str, folders))}: "
+            f"folders must hold scores, got none in {names}: "
             "`flgpr benchmark enter` and `run` write them"
         )
     return board
@@ -108,14 +128,26 @@ def read_board(folders: Sequence[Path]) -> Board:
 def packaged_board(ground: Ground) -> Board:
     """Return the scores of the packaged entries that come with the package.
 
-    They are those of the authors' full run. For another ground, or the quick form, there are none.
+    They are those of the authors' full run.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground.
+
+    Returns
+    -------
+    Board
+        The scores; empty for another ground, or the quick form.
     """
     package = resources.files("flgpr.proving_ground")
-    if not is_packaged(ground) or not (package / f"scores-{ground.title}.csv").is_file():
-        return Board(ground, pd.DataFrame(columns=[*_KEYS, *_COUNTS, *_PAIRED]), {}, {})
     scores_file = package / f"scores-{ground.title}.csv"
+    costs_file = package / f"costs-{ground.title}.csv"
+    if not is_packaged(ground) or not scores_file.is_file():
+        no_scores = pd.DataFrame(columns=[*_KEYS, *_COUNTS, *_PAIRED])
+        return Board(ground, no_scores, {}, {})
     scores = _checked_scores(scores_file.read_bytes(), ground, scores_file.name)
-    costs = _checked_costs((package / f"costs-{ground.title}.csv").read_bytes())
+    costs = _checked_costs(costs_file.read_bytes())
     sources = dict.fromkeys(scores["entry"], PACKAGED)
     return Board(ground, scores, costs, sources)
 
@@ -124,23 +156,33 @@ def _add_folder(board: Board, folder: Path) -> None:
     """Add what a folder holds; its entries replace packaged ones of the same name."""
     files = Folder(folder)
     if files.has(SCORES):
-        scores = _checked_scores(files.read(SCORES, _MOST_TABLE_BYTES), board.ground, SCORES)
+        table = files.read(SCORES, _MOST_TABLE_BYTES)
+        scores = _checked_scores(table, board.ground, SCORES)
         names = set(scores["entry"])
-        others = {name for name in names if board.sources.get(name, PACKAGED) != PACKAGED}
-        if others - set(ORACLES):
-            raise ValueError(
-                f"folders must have entries of different names, got {sorted(others)[0]} twice"
-            )
+        _check_names(board, names)
         earlier = board.scores[~board.scores["entry"].isin(names)]
-        board.scores = scores if earlier.empty else pd.concat([earlier, scores], ignore_index=True)
+        if earlier.empty:
+            board.scores = scores
+        else:
+            board.scores = pd.concat([earlier, scores], ignore_index=True)
         board.sources |= dict.fromkeys(names, RUN_HERE)
-        for key in [key for key in board.costs if key[1] in names]:
-            del board.costs[key]
+        for tier, name in list(board.costs):
+            if name in names:
+                del board.costs[tier, name]
         if files.has(COSTS):
             board.costs |= _checked_costs(files.read(COSTS, _MOST_TABLE_BYTES))
         for name in sorted(names):
             _add_card(board, files, name)
     _count_looks(board, folder)
+
+
+def _check_names(board: Board, names: set[str]) -> None:
+    """Refuse entries whose names another folder has used; oracles are in every folder."""
+    claimed = {name for name in names if board.sources.get(name, PACKAGED) != PACKAGED}
+    if claimed - set(ORACLES):
+        raise ValueError(
+            f"folders must have entries of different names, got {sorted(claimed)[0]} twice"
+        )
 
 
 def _add_card(board: Board, files: Folder, name: str) -> None:
@@ -193,32 +235,47 @@ def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
     chosen = table[[*_KEYS, *_COUNTS, *_PAIRED]].copy()
     for column in ("far_allowed", *_COUNTS, *_PAIRED):
         chosen[column] = pd.to_numeric(chosen[column], errors="coerce")
-    is_known = chosen["split"].isin(list(ground.table.splits))
-    is_known &= chosen["tier"].isin(list(ground.table.tiers) or [""])
-    is_known &= chosen["entry"].notna() & chosen["group"].notna()
-    is_count = is_known.to_numpy(copy=True)
-    for column in _COUNTS:
-        values = chosen[column].to_numpy(float)
-        is_count &= np.isfinite(values) & (values >= 0) & (values <= _LARGEST_COUNT)
-        if column in _WHOLE:
-            is_count &= values == np.floor(values)
-    is_count &= (chosen["n_detected"] <= chosen["n_targets"]).to_numpy()
-    is_count &= (chosen["n_targets"] >= 1).to_numpy()
-    if not is_count.all():
+
+    is_usable = _is_of_ground(chosen, ground) & _has_counts(chosen)
+    if not is_usable.all():
+        faulty = int((~is_usable).sum())
         raise ValueError(
             f"{name} must have counts of targets of splits and tiers of {ground.title} in every "
-            f"row, got {int((~is_count).sum())} rows without"
+            f"row, got {faulty} rows without"
         )
     if chosen["entry"].nunique() > _MOST_ENTRIES:
         raise ValueError(f"{name} must have at most {_MOST_ENTRIES} entries, got more")
     if chosen.duplicated(list(_KEYS)).any():
         raise ValueError(f"{name} must have one row per entry, split, group and FAR, got more")
+
     points = []
-    for found, targets in zip(chosen["n_detected"], chosen["n_targets"], strict=True):
-        low, high = clopper_pearson(int(found), int(targets))
-        points.append((found / targets, float(low), float(high)))
+    for detected, targets in zip(chosen["n_detected"], chosen["n_targets"], strict=True):
+        low, high = clopper_pearson(int(detected), int(targets))
+        points.append((detected / targets, float(low), float(high)))
     chosen[["pd", "pd_low", "pd_high"]] = np.array(points).reshape(-1, 3)
     return chosen
+
+
+def _is_of_ground(scores: pd.DataFrame, ground: Ground) -> NDArray[np.bool_]:
+    """Return which rows are of a split and a tier of the ground, and name entry and group."""
+    tiers = list(ground.table.tiers) or [""]
+    is_known = scores["split"].isin(list(ground.table.splits))
+    is_known &= scores["tier"].isin(tiers)
+    is_known &= scores["entry"].notna() & scores["group"].notna()
+    return np.asarray(is_known, dtype=np.bool_)
+
+
+def _has_counts(scores: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which rows hold possible counts: none negative, and no more found than there are."""
+    has_counts = np.ones(len(scores), dtype=np.bool_)
+    for column in _COUNTS:
+        values = scores[column].to_numpy(float)
+        has_counts &= np.isfinite(values) & (values >= 0) & (values <= _LARGEST_COUNT)
+        if column in _INTEGERS:
+            has_counts &= values == np.floor(values)
+    has_counts &= (scores["n_detected"] <= scores["n_targets"]).to_numpy()
+    has_counts &= (scores["n_targets"] >= 1).to_numpy()
+    return has_counts
 
 
 def _checked_costs(data: bytes) -> dict[tuple[str, str], dict[str, float]]:
@@ -251,6 +308,11 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
         The tier, empty on a ground without tiers.
     split : str
         The split.
+
+    Returns
+    -------
+    list of Row
+        A row per entry.
     """
     scores = scores_at(board, tier, split, board.ground.table.far)
     ordered = scores.sort_values(["pd", "entry"], ascending=[False, True], kind="stable")
@@ -284,7 +346,29 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
 
 
 def scores_at(board: Board, tier: str, split: str, far: float, group: str = MINES) -> pd.DataFrame:
-    """Return the scores of a group of targets in a tier and a split at an allowed FAR."""
+    """Return the scores of a group of targets in a tier and a split at an allowed FAR.
+
+    Parameters
+    ----------
+    board : Board
+        All scores.
+    tier : str
+        The tier, empty on a ground without tiers.
+    split : str
+        The split.
+    far : float
+        The allowed FAR, per m².
+    group : str
+        The group: all mines by default, a site, a kind or a body.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per entry.
+    """
     scores = board.scores
-    chosen = (scores["tier"] == tier) & (scores["split"] == split) & (scores["group"] == group)
-    return scores[chosen & np.isclose(scores["far_allowed"].astype(float), far)]
+    is_chosen = (scores["tier"] == tier) & (scores["split"] == split)
+    is_chosen &= scores["group"] == group
+    # A FAR that was written to a table and read again may differ in its last digit.
+    is_chosen &= np.isclose(scores["far_allowed"].astype(float), far)
+    return scores[is_chosen]

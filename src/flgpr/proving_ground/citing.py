@@ -30,7 +30,8 @@ class Licence:
 DATA_LICENCE = Licence(
     "CC-BY-4.0",
     "https://creativecommons.org/licenses/by/4.0/",
-    "the lanes that the packaged descriptions give, their truth, and scores and tables made of them",
+    "the lanes that the packaged descriptions give, their truth, and scores and tables made of "
+    "them",
 )
 """Of what the packaged grounds give; as the licence of the software it asks for the names."""
 SOFTWARE_LICENCE = Licence(

@@ -73,7 +73,10 @@ CONTEXT = {
     "subField": "cr:subField",
     "transform": "cr:transform",
 }
-"""The context that the specification recommends (its appendix 1), with two terms of later data sets."""
+"""The context that the specification recommends (its appendix 1).
+
+Two terms of later data sets are added.
+"""
 ZARR = "application/vnd+zarr"
 """Media type of run stores; none is registered, and this one is in use."""
 _PARTS = {
@@ -126,7 +129,7 @@ def describe_ground(
         "isLiveDataset": False,
         "citeAs": bibtex_of_ground(ground) if is_packaged(ground) else cite_ground(ground),
     }
-    addresses = [one.url for one in licences(ground)]
+    addresses = [stated.url for stated in licences(ground)]
     if not addresses and licence:
         addresses = [licence]
     if addresses:
@@ -165,7 +168,9 @@ def _command(ground: Ground) -> str:
 def _description(ground: Ground) -> str:
     """Return what the ground is and how its files come to be."""
     tiers = [f"{name}: {row.title}" for name, row in ground.table.tiers.items()]
-    of_tiers = f" in {len(tiers)} tiers of one design ({'; '.join(tiers)})" if tiers else ""
+    of_tiers = ""
+    if tiers:
+        of_tiers = f" in {len(tiers)} tiers of one design ({'; '.join(tiers)})"
     return (
         f"{ground.title}: {len(ground.lanes)} lanes{of_tiers}, seen by the forward-looking "
         f"ground-penetrating radar {ground.table.sensor}, on which detectors of buried mines are "
@@ -227,9 +232,10 @@ def _files(ground: Ground, root: Path) -> Iterator[Node]:
         if lane.part != "test":
             names.append(f"lanes/{name}-truth.csv")
     encodings = {".json": "application/json", ".toml": "application/toml", ".csv": "text/csv"}
-    stored = {
-        f"lanes/{name}.zarr/commit.json" for name, lane in ground.lanes.items() if lane.stored
-    }
+    stored = set()
+    for name, lane in ground.lanes.items():
+        if lane.stored is not None:
+            stored.add(f"lanes/{name}.zarr/commit.json")
     for name in names:
         # A stored lane is a link to where it lies, which is not followed.
         if name in stored or not folder.has(name):
@@ -362,14 +368,14 @@ def _splits(ground: Ground) -> Node:
     for tier in ground.chosen_tiers():
         for split, row in tier.table.splits.items():
             for number, fold in enumerate(row.folds, 1):
-                about = {"split": split, "fold": number}
+                columns = {"split": split, "fold": number}
                 for lane in tier.matching(fold.train, fold.without):
-                    rows.append({**about, "use": "train", "lane": lane.name})
+                    rows.append({**columns, "use": "train", "lane": lane.name})
                 for lane in tier.matching(fold.test):
-                    rows.append({**about, "use": "test", "lane": lane.name})
+                    rows.append({**columns, "use": "test", "lane": lane.name})
     key = [{"@id": f"splits/{name}"} for name in ("split", "fold", "use", "lane")]
-    titles = [f"{name}: {row.title}" for name, row in ground.table.splits.items()]
-    return _record_set("splits", "; ".join(titles), fields, key=key, data=_records("splits", rows))
+    titles = "; ".join(f"{name}: {row.title}" for name, row in ground.table.splits.items())
+    return _record_set("splits", titles, fields, key=key, data=_records("splits", rows))
 
 
 def _targets() -> Node:

@@ -11,16 +11,10 @@ import pandas as pd
 
 from flgpr.door import Folder
 from flgpr.proving_ground.card import CARD, RECORD, entered_card
+from flgpr.proving_ground.entries import Entry
 from flgpr.proving_ground.ground import Ground
 from flgpr.proving_ground.leaderboard import refuse_other_page, write_leaderboard
-from flgpr.proving_ground.running import (
-    ALARMS,
-    Entry,
-    begin_folder,
-    read_ground,
-    seal_tested,
-    write_about,
-)
+from flgpr.proving_ground.running import ALARMS, begin_folder, read_ground, seal_tested, write_about
 from flgpr.proving_ground.submission import (
     Submission,
     check_submission,
@@ -79,15 +73,12 @@ def enter_submissions(
         raise ValueError("submissions must be one or more folders, got none")
     for submission in checked:
         _refuse_faults(submission)
-    grounds = [submission.ground for submission in checked]
-    entered_ground = grounds[0]
-    if entered_ground is None or any(other != entered_ground for other in grounds):
-        titles = ", ".join(other.title for other in grounds if other is not None)
-        raise ValueError(f"submissions must all enter one ground, got {titles}")
+    entered_ground = _common_ground(checked)
     names = [submission.name for submission in checked]
     if len(set(names)) < len(names):
         raise ValueError(f"submissions must have names of their own, got {', '.join(names)}")
 
+    # All of them are checked before any looks at the truth.
     folder = Path(output)
     page = folder / LEADERBOARD
     refuse_other_page(page)
@@ -106,15 +97,26 @@ def enter_submissions(
     return text
 
 
+def _common_ground(submissions: Sequence[Submission]) -> Ground:
+    """Return the ground that all submissions enter; several are a ValueError."""
+    grounds = [submission.ground for submission in submissions]
+    first = grounds[0]
+    if first is None or any(other != first for other in grounds):
+        titles = ", ".join(other.title for other in grounds if other is not None)
+        raise ValueError(f"submissions must all enter one ground, got {titles}")
+    return first
+
+
 def _refuse_faults(submission: Submission) -> None:
     """Refuse a submission that breaks a rule, with the first few."""
     faults = submission.faults
     if not faults:
         return
     shown = "; ".join(faults[:_SHOWN_FAULTS])
+    if len(faults) > _SHOWN_FAULTS:
+        shown += "; `flgpr benchmark validate` lists all"
     raise ValueError(
         f"submission {submission.folder} must break no rule, got {len(faults)}: {shown}"
-        + ("; `flgpr benchmark validate` lists all" if len(faults) > _SHOWN_FAULTS else "")
     )
 
 
@@ -164,7 +166,8 @@ def _by_tier(submission: Submission, ground: Ground) -> Iterator[tuple[Ground, s
 def _digests(submission: Submission, ground: Ground) -> Iterator[tuple[str, str]]:
     """Yield every list by ``TIER/SPLIT``, or ``SPLIT`` without tiers, and its digest."""
     for tier, split, alarms in _by_tier(submission, ground):
-        yield (f"{tier.tier}/{split}" if tier.tier else split), alarm_hash(alarms)
+        key = f"{tier.tier}/{split}" if tier.tier else split
+        yield key, alarm_hash(alarms)
 
 
 def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
@@ -182,10 +185,14 @@ def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
 
 def _fill_entry(submission: Submission, ground: Ground, target: Path) -> None:
     """Write the files of an entry into a folder, which may hold other splits of it."""
-    entered = Folder(target).json(RECORD)["alarms"] if Folder(target).has(RECORD) else {}
+    files = Folder(target)
+    digests: dict[str, str] = {}
+    if files.has(RECORD):
+        digests |= files.json(RECORD)["alarms"]
+    digests |= dict(_digests(submission, ground))
     record = {
         "card": sha256(submission.card_text),
-        "alarms": entered | dict(_digests(submission, ground)),
+        "alarms": digests,
         "lanes": submission.likeness,
     }
     # Before the alarms, so that an interrupted submission is known as the one that goes on.

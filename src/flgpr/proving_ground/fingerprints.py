@@ -77,10 +77,18 @@ def likeness_of(ground: Ground, prints: bytes) -> dict[str, str]:
 
 
 def packaged_fingerprints(ground: Ground) -> pd.DataFrame:
-    """Return the authors' fingerprints of the lanes of a ground, by the name of the lane.
+    """Return the authors' fingerprints of the lanes of a ground.
 
-    Columns are ``sha256`` and the rms of the echoes of every polarization. There are no rows for a
-    ground of somebody else.
+    Parameters
+    ----------
+    ground : Ground
+        The ground.
+
+    Returns
+    -------
+    pandas.DataFrame
+        By the name of the lane: ``sha256`` and the rms of the echoes of every polarization. There
+        are no rows for a ground of somebody else.
     """
     packaged = resources.files("flgpr.proving_ground") / "fingerprints.csv"
     table = parse_csv(io.StringIO(packaged.read_text("utf-8")))
@@ -95,8 +103,8 @@ def _compared(present: Any, known: Any) -> str:
         return "same bits"
     levels = [column for column in known.index if column != "sha256" and pd.notna(known[column])]
     try:
-        found = [float(present[column]) for column in levels]
+        measured = [float(present[column]) for column in levels]
     except (KeyError, TypeError, ValueError):
         return "other"  # no number for a polarization
-    is_alike = np.allclose(found, known[levels].astype(float), rtol=1e-4, atol=0)
+    is_alike = np.allclose(measured, known[levels].astype(float), rtol=1e-4, atol=0)
     return "alike" if is_alike else "other"

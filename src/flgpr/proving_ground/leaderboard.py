@@ -20,9 +20,9 @@ from flgpr.proving_ground.board import (
     scores_at,
 )
 from flgpr.proving_ground.citing import DATA_LICENCE, cite_ground, cite_submission
+from flgpr.proving_ground.entries import ORACLES, packaged_entries
 from flgpr.proving_ground.figures import leaderboard_figure, opening_split
 from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.running import ORACLES, packaged_entries
 from flgpr.proving_ground.table import paired_in_words
 from flgpr.report import render
 from flgpr.store import write_whole
@@ -68,7 +68,18 @@ def write_leaderboard(folders: Sequence[str | Path], output: str | Path) -> Path
 
 
 def refuse_other_page(path: Path) -> None:
-    """Refuse an output that is there and is no leaderboard with a FileExistsError."""
+    """Refuse an output that is there and is no leaderboard.
+
+    Parameters
+    ----------
+    path : Path
+        The output.
+
+    Raises
+    ------
+    FileExistsError
+        If another file is there.
+    """
     if path.exists() and _MARK not in read_named(path)[:_HEAD]:
         raise FileExistsError(
             f"output must not exist yet or be an older leaderboard, got {path}, which holds "
@@ -77,7 +88,7 @@ def refuse_other_page(path: Path) -> None:
 
 
 def leaderboard_html(board: Board) -> str:
-    """Return the page."""
+    """Return the page of a board, HTML text without references to other files."""
     ground = board.ground
     split = opening_split(ground)
     tiers = []
@@ -90,10 +101,12 @@ def leaderboard_html(board: Board) -> str:
         heads = _heads_of(board, tier, split, rows)
         table = _table_of(board, tier, split, rows)
         tiers.append((tier, heads, table, _other_splits(board, tier)))
-    submitted = sorted(board.cards)
-    titles = {name: entry.title for name, entry in packaged_entries(ground).items()}
-    titles |= {name: title for name, (_, title) in ORACLES.items()}
     shown = set(board.scores["entry"])
+    titles = []
+    for name, entry in packaged_entries(ground).items():
+        titles.append((name, entry.title))
+    for name, (_, title) in ORACLES.items():
+        titles.append((name, title))
     return render(
         "leaderboard.html",
         ground=ground,
@@ -103,8 +116,8 @@ def leaderboard_html(board: Board) -> str:
         narrow=leaderboard_figure(figures, board.cards, narrow=True),
         tiers=tiers,
         headline=_headline(board, split),
-        cards=[_card_rows(board, name) for name in submitted],
-        others=[(name, title) for name, title in titles.items() if name in shown],
+        cards=[_card_rows(board, name) for name in sorted(board.cards)],
+        others=[(name, title) for name, title in titles if name in shown],
         not_ranked=[(name, reason) for name, reason in board.not_ranked.items() if name in shown],
         looks=board.looks,
         lists=board.lists,
@@ -121,15 +134,15 @@ def _headline(board: Board, split: str) -> list[str]:
         if not rows:
             continue
         best = rows[0]
-        where = f"On {tier.tier_title}" if tier.tier_title else "Here"
-        found = f"{best.score['n_detected']:.0f} of {best.score['n_targets']:.0f} mines"
+        on_tier = f"On {tier.tier_title}" if tier.tier_title else "Here"
+        mines = f"{best.score['n_detected']:.0f} of {best.score['n_targets']:.0f} mines"
         unclear = len(best.unclear)
         if not unclear:
-            sentences.append(f"{where} {best.entry} is first and finds {found}.")
+            sentences.append(f"{on_tier} {best.entry} is first and finds {mines}.")
             continue
-        others = "another entry" if unclear == 1 else f"{unclear} other entries"
+        near_entries = "another entry" if unclear == 1 else f"{unclear} other entries"
         sentences.append(
-            f"{where} {best.entry} finds most, {found}; it is not told apart from {others}."
+            f"{on_tier} {best.entry} finds most, {mines}; it is not told apart from {near_entries}."
         )
     return sentences
 
@@ -172,8 +185,8 @@ def _table_of(board: Board, tier: Ground, split: str, rows: Sequence[Row]) -> li
         score = row.score
         cells = []
         for kind in _KINDS:
-            found = by_kind[kind]["n_detected"]
-            cells.append(f"{found[row.entry]:.0f}" if row.entry in found.index else "")
+            detected = by_kind[kind]["n_detected"]
+            cells.append(f"{detected[row.entry]:.0f}" if row.entry in detected.index else "")
         paired = paired_in_words(score)
         if row.entry == board.ground.table.reference:
             paired = "reference"
@@ -217,13 +230,13 @@ def _other_splits(board: Board, tier: Ground) -> tuple[list[str], list[tuple[str
     """Return heads and rows of Pd in all splits, at the FAR of comparison."""
     splits = list(board.ground.table.splits)
     columns = {}
+    names: dict[str, None] = {}  # in the order of the first split that has them
     for split in splits:
-        scores = scores_at(board, tier.tier, split, board.ground.table.far).set_index("entry")
-        columns[split] = scores
-    names: dict[str, None] = {}
-    for split in splits:
-        order = columns[split].sort_values("pd", ascending=False, kind="stable")
-        names |= dict.fromkeys(str(name) for name in order.index)
+        scores = scores_at(board, tier.tier, split, board.ground.table.far)
+        by_entry = scores.set_index("entry")
+        columns[split] = by_entry
+        order = by_entry.sort_values("pd", ascending=False, kind="stable")
+        names |= dict.fromkeys(map(str, order.index))
     rows = []
     for name in names:
         cells = [name]

@@ -29,6 +29,9 @@ ORACLE = "oracle.csv"
 """File of what the oracle finds on a ground without tiers."""
 STEP = 0.2  # m between places, and between the nine pixels of a chip
 RADIUS = 0.75  # m; of false alarms nearer than this the largest counts
+_LOAD = 1e-3  # of the mean power, on the diagonal: the inverse exists with few looks, too
+_OFFSETS = np.arange(-1, 2)
+"""Numbers of the pixels of a chip along an axis, from its middle."""
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex64]
 
@@ -50,7 +53,7 @@ def oracle_file(ground: Ground) -> str:
 def run_oracle(
     folder: str | Path,
     recipe: str = "wang2007",
-    how: RunOptions = DEFAULTS,
+    options: RunOptions = DEFAULTS,
     tier: str | None = None,
 ) -> pd.DataFrame:
     r"""Compute at how many false alarms each mine is found by a detector that knows its echo.
@@ -78,7 +81,7 @@ def run_oracle(
         written there, of a ground with tiers ``oracle-TIER.csv`` for each.
     recipe : str
         Recipe whose images it looks at, with their self-signature and gain.
-    how : RunOptions, optional
+    options : RunOptions, optional
         Who does the work.
     tier : str, optional
         The tier to look at; by default, and with "all", every tier of the ground.
@@ -97,24 +100,32 @@ def run_oracle(
         If the folder is no benchmark's, its lanes are not there, no site has a target-free test
         lane, or the ground has no such tier.
     """
-    home = Path(folder)
-    tiers = read_ground(home).chosen_tiers(tier)
+    benchmark = Path(folder)
+    tiers = read_ground(benchmark).chosen_tiers(tier)
     for ground in tiers:
-        needed = _needed(ground)
-        if not needed:
-            raise ValueError(
-                "sites must have test lanes without targets, whose false alarms count, got none "
-                f"in {home}"
-            )
-        missing = [name for name in needed if not (home / "lanes" / f"{name}.zarr").is_dir()]
-        if missing:
-            raise ValueError(
-                "lanes must be made by `flgpr benchmark run` first, not there: "
-                f"{', '.join(missing)}"
-            )
-    truth = open_truth(home / "lanes" / SEALED, passphrase(tiers[0]))[0]
-    tables = [_look_at_tier(ground, home, recipe, how, truth) for ground in tiers]
+        _check_lanes(ground, benchmark)
+    # Opening the truth is logged: it comes after all that can be wrong.
+    truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
+    tables = [_look_at_tier(ground, benchmark, recipe, options, truth) for ground in tiers]
     return pd.concat(tables, ignore_index=True)
+
+
+def _check_lanes(ground: Ground, benchmark: Path) -> None:
+    """Refuse a ground without target-free test lanes, and lanes that are not there yet."""
+    needed = _needed(ground)
+    if not needed:
+        raise ValueError(
+            "sites must have test lanes without targets, whose false alarms count, got none "
+            f"in {benchmark}"
+        )
+    missing = []
+    for name in needed:
+        run = benchmark / "lanes" / f"{name}.zarr"
+        if not run.is_dir():
+            missing.append(name)
+    if missing:
+        names = ", ".join(missing)
+        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {names}")
 
 
 def _needed(ground: Ground) -> list[str]:
@@ -160,7 +171,19 @@ def _look_at_tier(
 def lanes_of_site(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
     """Return a site's test lane without targets, and those with some that are like it.
 
-    Their ground, and the array that sees them, are like those of the lane without targets.
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one of its tiers.
+    site : str
+        Name of the site.
+
+    Returns
+    -------
+    bare : GroundLane or None
+        The lane without targets; None if the site has none.
+    with_targets : list of GroundLane
+        Lanes of the same ground, seen by the same array.
     """
     simulated = []
     for lane in ground.lanes.values():
@@ -192,19 +215,26 @@ def _look_at_site(
     ground = load_ground(*description)
     bare, *tested = (ground.lanes[name] for name in names)
     targets = pd.DataFrame(truth)
-    clutter = Clutter(cleaned_lane(folder, bare, recipe), bare.lane)
+    bare_setup = cleaned_lane(folder, bare, recipe)
+    clutter = Clutter(bare_setup, bare.lane)
     rows = []
     for lane in tested:
         mines = targets[targets["lane"] == lane.name]
-        looks, echoes = looks_at_mines(cleaned_lane(folder, lane, recipe), lane, mines)
+        setup = cleaned_lane(folder, lane, recipe)
+        looks, echoes = looks_at_mines(setup, lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
             at_mine = looks.place == number
-            row: dict[str, Any] = {"site": site, "lane": lane.name}
-            row |= {"target_id": target["target_id"], "kind": target["kind"]}
-            row["looks"] = int(at_mine.sum())
+            row: dict[str, Any] = {
+                "site": site,
+                "lane": lane.name,
+                "target_id": target["target_id"],
+                "kind": target["kind"],
+                "looks": int(at_mine.sum()),
+            }
             if "body" in target:
                 row["body"] = target["body"]
-            row |= clutter.rates(looks.ahead[at_mine], looks.chip[at_mine], echoes[at_mine])
+            ahead = looks.ahead[at_mine]
+            row |= clutter.rates(ahead, looks.chip[at_mine], echoes[at_mine])
             rows.append(row)
     return {"lane": site, "found": rows}
 
@@ -226,13 +256,15 @@ class Clutter:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
+        # Clutter weakens and resolution falls with distance: a covariance for every metre.
         metre = self.looks.ahead.astype(int)
         self._inverse = {}
-        for number in np.unique(metre):
-            self._inverse[int(number)] = inverse_covariance(self.looks.chip[metre == number])
-        for number, inverse in self._inverse.items():
-            chips = self.looks.chip[metre == number]
-            self.looks.chip[metre == number] = divided_by_rms(chips, inverse)
+        for number in np.unique(metre).tolist():
+            is_at_metre = metre == number
+            chips = self.looks.chip[is_at_metre]
+            inverse = inverse_covariance(chips)
+            self._inverse[number] = inverse
+            self.looks.chip[is_at_metre] = divided_by_rms(chips, inverse)
 
     def inverse(self, ahead: float) -> NDArray[np.complex128]:
         """Return the inverse covariance (value, value) at a distance (m).
@@ -240,10 +272,11 @@ class Clutter:
         At a distance that was not seen it is that of the nearest one.
         """
 
-        def off(metre: int) -> float:
-            return abs(metre + 0.5 - ahead)
+        def distance_to(metre: int) -> float:
+            return abs(metre + 0.5 - ahead)  # of a metre's middle
 
-        return self._inverse[min(self._inverse, key=off)]
+        nearest = min(self._inverse, key=distance_to)
+        return self._inverse[nearest]
 
     def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
         """Compute the false alarms per m² that reach a mine's statistics.
@@ -263,14 +296,14 @@ class Clutter:
             ``far`` and ``far_phase`` (per m²) without and with the phase, and ``area`` (m²).
         """
         filters = []
-        evened = []
+        normalized = []
         for y, look, look_echo in zip(ahead, chip, echo, strict=True):
             inverse = self.inverse(y)
             filters.append(inverse @ look_echo)
-            evened.append(divided_by_rms(look[None], inverse)[0])
+            normalized.append(divided_by_rms(look[None], inverse)[0])
         filter_array = np.array(filters)
-        at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(evened))[None]
-        levels = log_likelihoods(at_mine)
+        at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(normalized))
+        levels = log_likelihoods(at_mine[None])
 
         columns = []
         for y, look_filter in zip(ahead, filter_array, strict=True):
@@ -293,30 +326,74 @@ class Clutter:
         They are zero for places never seen.
         """
         # Of the looks at one place the nearest comes last, and so is the one that stays.
-        order = np.lexsort((-np.abs(self.looks.ahead - ahead), self.looks.place))
-        chips = np.zeros((self.grid.nx * self.grid.ny, self.looks.chip.shape[1]), np.complex64)
+        distance = np.abs(self.looks.ahead - ahead)
+        order = np.lexsort((-distance, self.looks.place))
+        places = self.grid.nx * self.grid.ny
+        values = self.looks.chip.shape[1]
+        chips = np.zeros((places, values), np.complex64)
         chips[self.looks.place[order]] = self.looks.chip[order]
         return chips
 
 
 def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
-    """Invert the covariance of chips (look, value).
+    """Invert the covariance of chips.
 
     A thousandth of its mean power is added to its diagonal.
+
+    Parameters
+    ----------
+    chip : (look, value) ndarray of complex
+        The looks.
+
+    Returns
+    -------
+    (value, value) ndarray of complex
+        The inverse.
     """
     covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
-    load = 1e-3 * np.trace(covariance).real / len(covariance)
-    return np.asarray(np.linalg.inv(covariance + load * np.eye(len(covariance))))
+    size = len(covariance)
+    load = _LOAD * np.trace(covariance).real / size
+    return np.asarray(np.linalg.inv(covariance + load * np.eye(size)))
 
 
 def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
-    """Divide chips (look, value) by their own rms in whitened clutter."""
-    power = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True).real / len(inverse)
-    return np.asarray(chip / np.sqrt(np.maximum(power, 1e-12))[:, None], dtype=np.complex64)
+    """Divide chips by their own rms in whitened clutter.
+
+    Parameters
+    ----------
+    chip : (look, value) ndarray of complex
+        The looks.
+    inverse : (value, value) ndarray of complex
+        Inverse covariance of the clutter.
+
+    Returns
+    -------
+    (look, value) ndarray of complex
+        The divided looks.
+    """
+    whitened = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True)
+    power = whitened.real / len(inverse)
+    rms = np.sqrt(np.maximum(power, 1e-12))
+    return np.asarray(chip / rms[:, None], dtype=np.complex64)
 
 
 def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
-    """Return a lane with its background."""
+    """Return a lane with its background.
+
+    Parameters
+    ----------
+    folder : str
+        Folder of ``flgpr benchmark run``.
+    lane : GroundLane
+        The lane.
+    recipe : str
+        Recipe of the images and of the background.
+
+    Returns
+    -------
+    LaneSetup
+        The lane, whose images are cleaned when they are asked for.
+    """
     run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
     setup = LaneSetup(run, load_recipe(recipe), lane.lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
@@ -350,7 +427,24 @@ def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
 def looks_at_mines(
     setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame
 ) -> tuple[Looks, ComplexArray]:
-    """Cut the chips about the mines of a lane, and what the mines' bodies add to them."""
+    """Cut the chips about the mines of a lane, and what the mines' bodies add to them.
+
+    Parameters
+    ----------
+    setup : LaneSetup
+        The lane with its background.
+    lane : GroundLane
+        The same lane, with its scene.
+    mines : pandas.DataFrame
+        Truth of the mines: ``x`` and ``y``, m.
+
+    Returns
+    -------
+    looks : Looks
+        Scan after scan; places are numbers of mines.
+    echoes : (look, value) ndarray of complex
+        What the bodies add to each look.
+    """
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
     cleaned = setup.cleaned
     points = ground_points(mines)
@@ -384,6 +478,22 @@ def places_in_sight(
     """Return the numbers of the places whose chips the image of a pose shows, and their x and y.
 
     They count as far ahead as the run-view takes looks; x and y are in the scan frame, m.
+
+    Parameters
+    ----------
+    setup : LaneSetup
+        A lane with its background.
+    points : (place, 3) ndarray of float
+        Places in the lane frame, m.
+    pose : (6,) array_like
+        The pose, m and rad.
+
+    Returns
+    -------
+    numbers : (seen,) ndarray of int
+        Numbers of the places.
+    places : (seen, 2) ndarray of float
+        Their x and y, m.
     """
     places = lane_to_scan(points, np.asarray(pose))[:, :2]
     x_min, x_max, y_min, _ = setup.cleaned.grid.extent()
@@ -398,6 +508,15 @@ def places_in_sight(
 def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
     """Cut chips out of an image: the pixels nearest to places and those about them.
 
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        The image.
+    grid : Grid
+        Its pixels, in the scan frame.
+    places : (place, 2) ndarray of float
+        x and y of the places in the scan frame, m.
+
     Returns
     -------
     (place, value) ndarray of complex
@@ -405,26 +524,56 @@ def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArra
     """
     row = np.round((places[:, 1] - grid.y_min) / grid.dy)
     column = np.round((places[:, 0] - grid.x_min) / grid.dx)
-    down = np.round(STEP * np.arange(-1, 2) / grid.dy)
-    across = np.round(STEP * np.arange(-1, 2) / grid.dx)
+    down = np.round(STEP * _OFFSETS / grid.dy)
+    across = np.round(STEP * _OFFSETS / grid.dx)
     rows = (row[:, None, None] + down[:, None]).astype(int)
     columns = (column[:, None, None] + across).astype(int)
+    # (polarization, sub-band, place, 3, 3) becomes (place, value).
     cut = np.moveaxis(image[:, :, rows, columns], 2, 0)
-    return np.ascontiguousarray(cut.reshape(len(places), math.prod(image.shape[:2]) * 9))
+    values = math.prod(image.shape[:2]) * _OFFSETS.size**2
+    return np.ascontiguousarray(cut.reshape(len(places), values))
 
 
 def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
-    """Sum log-likelihood ratios of filtered looks (place, look): phases unknown, and known."""
+    """Sum log-likelihood ratios of filtered looks (Van Trees 1968, Sec. 4.2 and 4.4).
+
+    Parameters
+    ----------
+    values : (place, look) ndarray of complex
+        Looks, each filtered by the mine's own echo.
+
+    Returns
+    -------
+    unknown : (place,) ndarray of float
+        Sums with a phase of its own in every look.
+    known : (place,) ndarray of float
+        Sums with the phases known.
+    """
     z = 2 * np.abs(values)
+    # I_0 itself overflows beyond z of 700; ive is I_0 exp(-z).
     unknown = (np.log(ive(0, z)) + z).sum(axis=1)
     known = 2 * values.real.sum(axis=1)
     return unknown, known
 
 
 def count_maxima(values: FloatArray, level: float) -> int:
-    """Count the local maxima of a map (y, x) that reach a level."""
+    """Count the local maxima of a map that reach a level.
+
+    Parameters
+    ----------
+    values : (y, x) ndarray of float
+        The map, in steps of ``STEP``.
+    level : float
+        The level.
+
+    Returns
+    -------
+    int
+        Maxima that none within ``RADIUS`` exceeds.
+    """
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
     largest_about = maximum_filter(values, footprint=disc, mode="nearest")
-    return int(np.count_nonzero((values >= level) & (values == largest_about)))
+    is_maximum = values == largest_about
+    return int(np.count_nonzero(is_maximum & (values >= level)))

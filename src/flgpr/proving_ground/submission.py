@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,11 +23,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.door import DoorError, Folder
+from flgpr.model import Lane
 from flgpr.model.printable import printable
 from flgpr.proving_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card
+from flgpr.proving_ground.entries import ORACLES, packaged_entries
 from flgpr.proving_ground.fingerprints import likeness_of
 from flgpr.proving_ground.ground import GROUNDS, Ground, GroundLane, load_ground
-from flgpr.proving_ground.running import ALARMS, ORACLES, PRINTS, packaged_entries
+from flgpr.proving_ground.running import ALARMS, PRINTS
 from flgpr.store.tables import parse_columns
 
 MOST_PRINT_BYTES = 2**20
@@ -98,7 +101,7 @@ class _Check:
     def __init__(self, root: Path, ground: str | Path | None) -> None:
         self.files = Folder(root)
         self.root = root
-        self.own_ground = ground
+        self.ground_file = ground
         self.faults: list[str] = []
         self.notes: list[str] = []
         self.not_read: list[str] = []
@@ -116,11 +119,9 @@ class _Check:
             alarms = self._alarm_lists(ground)
             self._check_lanes(ground)
         if self.not_read:
-            names = _some(self.not_read)
             count = len(self.not_read)
-            self.notes.append(
-                f"{count} other {'file' if count == 1 else 'files'} not read: {names}"
-            )
+            noun = "file" if count == 1 else "files"
+            self.notes.append(f"{count} other {noun} not read: {_some(self.not_read)}")
         return Submission(
             folder=self.root,
             card=card,
@@ -154,31 +155,18 @@ class _Check:
 
     def _ground(self, card: Card) -> Ground | None:
         """Return the ground that the card names, with all of its tiers."""
-        if self.own_ground is not None:
-            source = self.own_ground
-            is_packaged = str(source) in GROUNDS
-            path = str(source) if is_packaged else Path(source)
-            titles = {}
-            for quick in (False, True):
-                try:
-                    ground = load_ground(quick, path)
-                except ValueError:
-                    if not quick:
-                        raise
-                    continue  # it has no quick form
-                titles[ground.title] = ground
+        hint = ""
+        if self.ground_file is None:
+            grounds = packaged_grounds()
+            hint = "; a ground of one's own is given by its file"
+        elif str(self.ground_file) in GROUNDS:
+            grounds = _forms_of(str(self.ground_file))
         else:
-            titles = packaged_grounds()
-        if card.ground in titles:
-            return titles[card.ground]
-        self.faults.append(
-            f"{CARD}: ground must be {' or '.join(titles)}, got {card.ground!r}"
-            + (
-                ""
-                if self.own_ground is not None
-                else "; a ground of one's own is given by its file"
-            )
-        )
+            grounds = _forms_of(Path(self.ground_file))
+        if card.ground in grounds:
+            return grounds[card.ground]
+        titles = " or ".join(grounds)
+        self.faults.append(f"{CARD}: ground must be {titles}, got {card.ground!r}{hint}")
         return None
 
     def _check_name(self, card: Card, ground: Ground) -> None:
@@ -226,11 +214,12 @@ class _Check:
             )
         self._check_complete(ground, split, present)
         self.lanes[split] = tuple(sorted(present))
-        self._note_outside(split, sum(len(table) for table in tables if table is not None))
-        read = [table for table in tables if table is not None]
-        if not read:
+        faultless = [table for table in tables if table is not None]
+        alarms = sum(len(table) for table in faultless)
+        self._note_outside(split, alarms)
+        if not faultless:
             return pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []})
-        return pd.concat(read, ignore_index=True)
+        return pd.concat(faultless, ignore_index=True)
 
     def _note_outside(self, split: str, count: int) -> None:
         """Note how many of the alarms of a split lie outside their lanes."""
@@ -294,8 +283,8 @@ class _Check:
         absent = [name for name in sorted(needed) if likeness[name] == "not there"]
         if absent:
             self.faults.append(
-                f"{PRINTS}: every test lane that was searched must be in it, got {len(absent)} that are "
-                f"not: {_some(absent)}"
+                f"{PRINTS}: every test lane that was searched must be in it, got {len(absent)} "
+                f"that are not: {_some(absent)}"
             )
         other = [name for name, word in likeness.items() if word == "other"]
         if other:
@@ -335,12 +324,11 @@ class _Check:
 
 def _table_faults(table: pd.DataFrame, lane: GroundLane, margin: float) -> Iterator[str]:
     """Yield the rules that the alarms of a lane break, each with a count and the first row."""
-    missing = [name for name in _REQUIRED if name not in table.columns]
-    if missing:
+    if not set(_REQUIRED) <= set(table.columns):
+        names = ", ".join(str(name)[:40] for name in table.columns[:12])
         yield (
-            f"it must have the columns x, y (m, in the lane frame) and confidence, got "
-            f"{', '.join(str(name)[:40] for name in table.columns[:12])}; `flgpr import table` "
-            "converts other names and units"
+            f"it must have the columns x, y (m, in the lane frame) and confidence, got {names}; "
+            "`flgpr import table` converts other names and units"
         )
         return
     if len(table) > MOST_ALARMS:
@@ -355,20 +343,26 @@ def _table_faults(table: pd.DataFrame, lane: GroundLane, margin: float) -> Itera
             value = repr(str(table[name].iloc[first]))[:60]
             yield f"{name} must be a finite number, got {value} {_where(bad)}"
         numbers[name] = column
-    x = numbers["x"]
-    y = numbers["y"]
+    yield from _position_faults(numbers["x"], numbers["y"], lane.lane, margin)
+    yield from _label_faults(table, lane)
+
+
+def _position_faults(
+    x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane, margin: float
+) -> Iterator[str]:
+    """Yield faults of positions: far outside the lane, or twice at one place."""
     finite = np.isfinite(x) & np.isfinite(y)
-    distance = np.full(len(table), 0.0)
-    distance[finite] = lane.lane.distance(x[finite], y[finite])
+    distance = np.zeros(x.size)
+    distance[finite] = lane.distance(x[finite], y[finite])
     far = distance > margin
     if far.any():
         first = int(np.flatnonzero(far)[0])
-        borders = lane.lane
         yield (
-            f"alarms must lie in the lane (x {borders.x_min:g} to {borders.x_max:g} m, "
-            f"y {borders.y_min:g} to {borders.y_max:g} m) or at most {margin:g} m outside, got "
+            f"alarms must lie in the lane (x {lane.x_min:g} to {lane.x_max:g} m, "
+            f"y {lane.y_min:g} to {lane.y_max:g} m) or at most {margin:g} m outside, got "
             f"x = {x[first]:.6g}, y = {y[first]:.6g} {_where(far)}"
         )
+    # An alarm that is repeated would hit a target, or count as false, twice.
     repeated = pd.DataFrame({"x": x, "y": y}).duplicated().to_numpy() & finite
     if repeated.any():
         first = int(np.flatnonzero(repeated)[0])
@@ -376,7 +370,6 @@ def _table_faults(table: pd.DataFrame, lane: GroundLane, margin: float) -> Itera
             f"alarms must lie at places of their own, got x = {x[first]:.6g}, y = {y[first]:.6g} "
             f"again {_where(repeated)}"
         )
-    yield from _label_faults(table, lane)
 
 
 def _label_faults(table: pd.DataFrame, lane: GroundLane) -> Iterator[str]:
@@ -387,18 +380,19 @@ def _label_faults(table: pd.DataFrame, lane: GroundLane) -> Iterator[str]:
             value = table["alarm_id"].iloc[int(np.flatnonzero(repeated)[0])]
             yield f"alarm_id must be unique, got {value[:40]!r} again {_where(repeated)}"
     if "lane" in table.columns:
-        named = table["lane"].fillna("").astype(str)
-        strange = (~named.isin(["", lane.name])).to_numpy()
+        lane_name = table["lane"].fillna("").astype(str)
+        strange = (~lane_name.isin(["", lane.name])).to_numpy()
         if strange.any():
-            value = named.iloc[int(np.flatnonzero(strange)[0])]
+            value = lane_name.iloc[int(np.flatnonzero(strange)[0])]
             yield f"lane must be {lane.name} or empty, got {value[:60]!r} {_where(strange)}"
 
 
 def _where(marked: NDArray[np.bool_]) -> str:
     """Return the line of the file that the first marked row stands in, and the number of rows."""
     count = int(marked.sum())
-    row = "row" if count == 1 else "rows"
-    return f"in line {int(np.flatnonzero(marked)[0]) + 2} ({count} {row})"
+    noun = "row" if count == 1 else "rows"
+    first_row = int(np.flatnonzero(marked)[0])
+    return f"in line {first_row + 2} ({count} {noun})"  # the header is line 1
 
 
 def _some(names: list[str]) -> str:
@@ -409,20 +403,37 @@ def _some(names: list[str]) -> str:
 
 def packaged_grounds() -> dict[str, Ground]:
     """Return the packaged grounds and their quick forms by title."""
-    grounds = {}
+    grounds: dict[str, Ground] = {}
     for name in GROUNDS:
-        full = load_ground(False, name)
-        grounds[full.title] = full
-        try:
-            quick = load_ground(True, name)
-        except ValueError:
-            continue  # it has no quick form
-        grounds[quick.title] = quick
+        grounds |= _forms_of(name)
     return grounds
 
 
+def _forms_of(source: str | Path) -> dict[str, Ground]:
+    """Return a ground and its quick form, if it has one, by title."""
+    full = load_ground(False, source)
+    forms = {full.title: full}
+    with suppress(ValueError):  # it has no quick form
+        quick = load_ground(True, source)
+        forms[quick.title] = quick
+    return forms
+
+
 def in_tier(alarms: pd.DataFrame, tier: Ground) -> pd.DataFrame:
-    """Return the alarms in the lanes of a tier; all of them on a ground without tiers."""
+    """Return the alarms in the lanes of a tier.
+
+    Parameters
+    ----------
+    alarms : pandas.DataFrame
+        Alarms with the column ``lane``.
+    tier : Ground
+        The tier.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Its alarms; all of them on a ground without tiers.
+    """
     if not tier.tier:
         return alarms
     return alarms[alarms["lane"].isin(tier.lanes)].reset_index(drop=True)

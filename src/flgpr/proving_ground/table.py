@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
 from flgpr.proving_ground.card import entered_card, parse_card
+from flgpr.proving_ground.entries import ORACLES, packaged_entries
 from flgpr.proving_ground.figures import opening_split, split_figure, tiers_figure
 from flgpr.proving_ground.fingerprints import same_lanes
 from flgpr.proving_ground.ground import BODY, MINES, Ground, load_ground
@@ -22,10 +23,8 @@ from flgpr.proving_ground.oracle import oracle_file
 from flgpr.proving_ground.running import (
     ABOUT,
     ALARMS,
-    ORACLES,
     SEALED,
     entry_folder,
-    packaged_entries,
     passphrase,
     read_costs,
     read_ground,
@@ -40,6 +39,8 @@ from flgpr.trials import alarm_hash
 from flgpr.trials.blind import match_blind
 
 _COUNTS = ("n_detected", "n_targets", "n_false")
+_KEY_DIGITS = 12  # of the digest in the name of a stored score
+_BOOTSTRAP_DRAWS = 200  # of a paired comparison
 
 
 def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -75,14 +76,13 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     costs: list[dict[str, Any]] = []
     for tier in ground.chosen_tiers():
         tier_rows, tier_costs = _score_tier(tier, benchmarks)
-        about = {"tier": tier.tier} if tier.tier else {}
-        rows += [about | row for row in tier_rows]
-        costs += [about | row for row in tier_costs]
+        tier_column = {"tier": tier.tier} if tier.tier else {}
+        rows += [tier_column | row for row in tier_rows]
+        costs += [tier_column | row for row in tier_costs]
     scores = pd.DataFrame(rows)
     if scores.empty:
-        raise ValueError(
-            f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}"
-        )
+        names = ", ".join(map(str, folders))
+        raise ValueError(f"folders must hold entries that were run, got none in {names}")
     return scores, pd.DataFrame(costs)
 
 
@@ -100,10 +100,15 @@ def _score_tier(
         for split in ground.table.splits:
             if (entry / split / ALARMS).is_file():
                 rows += _stored_score(ground, folder, name, split, reference[split])
-        costs.append(_declared_cost(folder, name) or _cost(ground, name, entry))
+        cost = _declared_cost(folder, name)
+        if cost is None:
+            cost = _measured_cost(ground, name, entry)
+        costs.append(cost)
+
+    oracle_name = oracle_file(ground)
     for folder in folders:
-        if (folder / oracle_file(ground)).is_file():
-            table = parse_columns(Folder(folder).read(oracle_file(ground)))
+        if (folder / oracle_name).is_file():
+            table = parse_columns(Folder(folder).read(oracle_name))
             rows += _oracle_rows(ground, table)
     return rows, costs
 
@@ -147,18 +152,20 @@ def _stored_score(
     is_reference = name == ground.table.reference
     other = None if is_reference else reference
     sealed = folder / "lanes" / SEALED
-    score_name = f"score-{_score_key(ground, alarms, other, sealed)}.json"
-    if not Folder(entry).has(f"{split}/{score_name}"):
-        names = [lane.name for lane in ground.tested(split)]
-        matched = match_blind(alarms, sealed, passphrase(ground), some=names).matched
+    score_key = _score_key(ground, alarms, other, sealed)
+    score_name = f"{split}/score-{score_key}.json"
+    if not Folder(entry).has(score_name):
+        lanes = [lane.name for lane in ground.tested(split)]
+        look = match_blind(alarms, sealed, passphrase(ground), only_lanes=lanes)
+        matched = look.matched
         paired = None
         if other is not None:
             # The reference's own score was logged when it was scored; here it is only paired.
             paired = match(other, matched.truth, matched.lanes, matched.halo)
         rows = list(_rows(ground, split, matched, paired))
-        write_whole(entry / split / score_name, json.dumps(rows) + "\n")
-    about = {"entry": name, "split": split}
-    return [about | row for row in Folder(entry).json(f"{split}/{score_name}")]
+        write_whole(entry / score_name, json.dumps(rows) + "\n")
+    entry_columns = {"entry": name, "split": split}
+    return [entry_columns | row for row in Folder(entry).json(score_name)]
 
 
 def _score_key(
@@ -168,9 +175,12 @@ def _score_key(
     # Without tiers nothing is said of them, so that scores from before there were tiers are found.
     excluded = None if ground.table.tiers else {"tiers"}
     rules = ground.table.model_dump(mode="json", exclude=excluded)
-    made_of = [rules, alarm_hash(alarms), other is not None and alarm_hash(other)]
-    truth = sha256(Folder(sealed.parent).read(sealed.name))
-    return sha256(json.dumps([made_of, truth]).encode())[:12]
+    # Without a reference it is false, not null, as in the keys of scores stored so far.
+    other_hash = False if other is None else alarm_hash(other)
+    alarms_and_rules = [rules, alarm_hash(alarms), other_hash]
+    truth_hash = sha256(Folder(sealed.parent).read(sealed.name))
+    text = json.dumps([alarms_and_rules, truth_hash])
+    return sha256(text.encode())[:_KEY_DIGITS]
 
 
 def _rows(
@@ -179,8 +189,6 @@ def _rows(
     """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
     kind = matched.truth["kind"].astype(str)
     mines = _mines(ground, split, kind).to_numpy()
-    site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
-    site = matched.truth["lane"].map(site_of_lane).to_numpy()
     level = chance(matched)
     groups = {MINES: mines}
     for name in sorted(kind.unique()):
@@ -190,12 +198,19 @@ def _rows(
     for group, rows in groups.items():
         paired = reference if group == MINES else None
         yield from _points(ground, group, matched, level, rows, paired)
-    for name in ground.sites:
-        lanes = [lane.name for lane in ground.tested(split) if lane.site == name]
-        if lanes and (mines & (site == name)).any():
-            at_site = _match_of_lanes(matched, lanes)
-            rows = _mines(ground, split, at_site.truth["kind"].astype(str)).to_numpy()
-            yield from _points(ground, name, at_site, chance(at_site), rows, None)
+
+    site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
+    site_of_target = matched.truth["lane"].map(site_of_lane).to_numpy()
+    for site in ground.sites:
+        lanes = [name for name, site_of in site_of_lane.items() if site_of == site]
+        has_mines = (mines & (site_of_target == site)).any()
+        if not lanes or not has_mines:
+            continue
+        # Matched again: false alarms and area are those of the site's lanes alone.
+        at_site = _match_of_lanes(matched, lanes)
+        kind_at_site = at_site.truth["kind"].astype(str)
+        rows = _mines(ground, split, kind_at_site).to_numpy()
+        yield from _points(ground, site, at_site, chance(at_site), rows, None)
 
 
 def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
@@ -210,44 +225,52 @@ def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
     return groups
 
 
-def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Yield the score of both oracles in the splits whose targets they know.
 
     Chance is that of strewn alarms.
     """
+    halo = ground.table.halo
     for name, split in itertools.product(ORACLES, ground.table.splits):
         tested = {lane.name for lane in ground.tested(split) if not lane.empty}
-        targets = found[found["lane"].isin(tested)]
+        targets = false_alarms[false_alarms["lane"].isin(tested)]
         if set(targets["lane"]) != tested:
             continue
-        mines = _mines(ground, split, targets["kind"])
-        groups = {MINES: mines}
-        for kind in sorted(targets["kind"].unique()):
-            groups[str(kind)] = targets["kind"] == kind
-        groups |= _body_groups(targets)
-        for site in ground.sites:
-            groups[site] = mines & (targets["site"] == site)
-        column = ORACLES[name][0]
+        column, _ = ORACLES[name]
         area = float(targets.drop_duplicates("site")["area"].sum())
+        groups = _oracle_groups(ground, split, targets)
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
-            count = int((targets.loc[rows, column] <= allowed).sum())
+            detected = int((targets.loc[rows, column] <= allowed).sum())
             total = int(rows.sum())
-            low, high = clopper_pearson(count, total)
+            low, high = clopper_pearson(detected, total)
             yield {
                 "entry": name,
                 "split": split,
                 "group": group,
                 "far_allowed": allowed,
-                "pd": count / total,
+                "pd": detected / total,
                 "pd_low": low,
                 "pd_high": high,
-                "n_detected": count,
+                "n_detected": detected,
                 "n_targets": total,
-                "chance": -math.expm1(-allowed * math.pi * ground.table.halo**2),
+                # Alarms strewn by a Poisson process: one at least in the halo.
+                "chance": -math.expm1(-allowed * math.pi * halo**2),
                 "far": allowed,
                 "n_false": int(allowed * area),
                 "area": area,
             }
+
+
+def _oracle_groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, Any]:
+    """Return which targets of an oracle are in each group: mines, kinds, bodies and sites."""
+    mines = _mines(ground, split, targets["kind"])
+    groups = {MINES: mines}
+    for kind in sorted(targets["kind"].unique()):
+        groups[str(kind)] = targets["kind"] == kind
+    groups |= _body_groups(targets)
+    for site in ground.sites:
+        groups[site] = mines & (targets["site"] == site)
+    return groups
 
 
 def _mines(ground: Ground, split: str, kind: Any) -> Any:
@@ -284,7 +307,12 @@ def _points(
             row["pd_mean"] = float(pd_mean(curve, max(fars)))
             if reference is not None:
                 paired = compare(
-                    matched, reference, rows, far=allowed, far_max=max(fars), draws=200
+                    matched,
+                    reference,
+                    rows,
+                    far=allowed,
+                    far_max=max(fars),
+                    draws=_BOOTSTRAP_DRAWS,
                 )
                 row["only"] = paired.only_a
                 row["reference_only"] = paired.only_b
@@ -292,40 +320,43 @@ def _points(
         yield row
 
 
-def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
-    """Return what an entry cost."""
-    costs = read_costs(entry)
-    of_lanes = {}
+def _measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
+    """Return what an entry cost where it was run."""
+    metres = 0.0
+    lane_seconds = 0.0
     training_seconds = 0.0
-    for what, cost in costs.items():
-        if what in ground.lanes and cost:
-            of_lanes[what] = cost
-        if what.startswith("training"):
+    peaks = []
+    for work, cost in read_costs(entry).items():
+        if work in ground.lanes and cost:
+            metres += ground.lanes[work].length
+            lane_seconds += cost["processor_seconds"]
+            peaks.append(cost["peak_bytes"])
+        if work.startswith("training"):
             training_seconds += cost["processor_seconds"]
-    length = sum(ground.lanes[lane].length for lane in of_lanes) / 1000
-    seconds = sum(cost["processor_seconds"] for cost in of_lanes.values())
-    peaks = [cost["peak_bytes"] for cost in of_lanes.values()]
+    kilometres = metres / 1000
     return {
         "entry": name,
-        "seconds_per_km": seconds / length if length else float("nan"),
+        "seconds_per_km": lane_seconds / kilometres if kilometres else math.nan,
         "training_seconds": training_seconds,
-        "peak_bytes": max(peaks, default=float("nan")),
+        "peak_bytes": max(peaks, default=math.nan),
     }
 
 
 def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
     """Return what a submission cost by its card; None for an entry without one."""
-    data = entered_card(Folder(folder), name)
-    card = None if data is None else parse_card(data)[0]
+    card_text = entered_card(Folder(folder), name)
+    if card_text is None:
+        return None
+    card, _ = parse_card(card_text)
     if card is None:
         return None
     seconds = card.cost.training_seconds
-    peak = card.cost.peak_mib
+    peak_mib = card.cost.peak_mib
     return {
         "entry": name,
         "seconds_per_km": card.cost.seconds_per_km,
         "training_seconds": math.nan if seconds is None else seconds,
-        "peak_bytes": math.nan if peak is None else peak * 2**20,
+        "peak_bytes": math.nan if peak_mib is None else peak_mib * 2**20,
     }
 
 
@@ -346,6 +377,11 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
         The ground with all of its tiers.
     scores, costs : DataFrame
         What :func:`score_entries` returns.
+
+    Returns
+    -------
+    str
+        Lines for every tier and split, the largest Pd first, and lines of costs.
     """
     lines = [
         f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
@@ -355,25 +391,32 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
         tier_scores = of_tier(scores, tier)
         if len(tier_scores):
             lines += _tier_lines(tier, tier_scores)
-    name_width = max(len(name) for name in ("", *ground.table.tiers))
-    lines += ["", f"{'cost':22} {'':{name_width}} processor s/km  training s  largest process MiB"]
+
+    tier_width = max((len(name) for name in ground.table.tiers), default=0)
+    head = f"{'cost':22} {'':{tier_width}}"
+    lines += ["", f"{head} processor s/km  training s  largest process MiB"]
     for cost in costs.to_dict("records"):
-        name = f"  {cost['entry']:20} {cost.get('tier', ''):{name_width}}"
+        name = f"  {cost['entry']:20} {cost.get('tier', ''):{tier_width}}"
         times = f"{cost['seconds_per_km']:14.0f} {cost['training_seconds']:11.0f}"
-        lines.append(f"{name} {times} {cost['peak_bytes'] / 2**20:20.0f}")
+        peak_mib = cost["peak_bytes"] / 2**20
+        lines.append(f"{name} {times} {peak_mib:20.0f}")
     return "\n".join(lines)
 
 
 def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
     """Return the lines of every split of a ground, or of one of its tiers."""
     lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
-    chosen = scores[(scores["group"] == MINES) & (scores["far_allowed"] == ground.table.far)]
+    is_compared = scores["group"] == MINES
+    is_compared &= scores["far_allowed"] == ground.table.far
+    compared = scores[is_compared]
+    against = f"; against {ground.table.reference} "
     for split, row in ground.table.splits.items():
         lines += ["", f"{split}: {row.title}"]
-        ranked = chosen[chosen["split"] == split].sort_values("pd", ascending=False, kind="stable")
+        of_split = compared[compared["split"] == split]
+        ranked = of_split.sort_values("pd", ascending=False, kind="stable")
         for score in ranked.to_dict("records"):
-            start = f"  {score['entry']:20} {pd_in_words(score)}"
-            lines.append(start + paired_in_words(score, f"; against {ground.table.reference} "))
+            entry = f"  {score['entry']:20} {pd_in_words(score)}"
+            lines.append(entry + paired_in_words(score, against))
     return lines
 
 
@@ -432,7 +475,7 @@ def _write_page(path: Path, page: str) -> None:
     """Write the page, and report if it was there."""
     if path.is_file() and read_named(path).decode("utf-8", "replace") == page:
         log_finished(path)
-    write_whole(path, page)
+    write_whole(path, page)  # leaves a file of the same bytes as it is
 
 
 def _titles_and_faults(ground: Ground, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
@@ -440,13 +483,15 @@ def _titles_and_faults(ground: Ground, folders: Sequence[Path]) -> tuple[dict[st
     titles: dict[str, str] = {}
     faults = []
     for tier in ground.chosen_tiers():
-        where = f" on the tier {tier.tier}" if tier.tier else ""
+        on_tier = f" on the tier {tier.tier}" if tier.tier else ""
         for folder, name in _entries(folders, tier):
-            about = Folder(entry_folder(folder, name, tier)).json(ABOUT)
+            entry = entry_folder(folder, name, tier)
+            about = Folder(entry).json(ABOUT)
             titles.setdefault(name, about["title"])
             if about["fault"]:
-                titles[name] += f"; did not finish{where}: {about['fault']}"
-                faults.append(f"{name} did not finish{where}: {about['fault']}")
+                reason = f"did not finish{on_tier}: {about['fault']}"
+                titles[name] += f"; {reason}"
+                faults.append(f"{name} {reason}")
     return titles, faults
 
 
@@ -514,14 +559,19 @@ def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tup
     """Yield the rows of the table of a split, the largest Pd at the FAR of comparison first."""
     mines = scores[(scores["split"] == split) & (scores["group"] == MINES)]
     compared = mines[mines["far_allowed"] == ground.table.far]
-    order = compared.sort_values("pd", ascending=False, kind="stable")["entry"]
-    mines = mines.set_index("entry", drop=False).loc[list(order)].rename_axis(None)
+    ranked = compared.sort_values("pd", ascending=False, kind="stable")
+    order = list(ranked["entry"])
+    mines = mines.set_index("entry", drop=False).loc[order].rename_axis(None)
     for entry, rows in mines.groupby("entry", sort=False):
         by_far = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        paired = paired_in_words(by_far[ground.table.far])
+        cells = [str(entry)]
+        for far in ground.table.fars:
+            cells.append(pd_in_words(by_far[far]))
         if entry == ground.table.reference:
-            paired = "reference"
-        yield (str(entry), *(pd_in_words(by_far[far]) for far in ground.table.fars), paired)
+            cells.append("reference")
+        else:
+            cells.append(paired_in_words(by_far[ground.table.far]))
+        yield tuple(cells)
 
 
 def listing(
@@ -538,6 +588,11 @@ def listing(
         same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes.
     ground : str or path, optional
         Name of a packaged ground, by default the newest, or a file.
+
+    Returns
+    -------
+    list of str
+        The lines.
     """
     chosen = load_ground(quick, None if ground is None else Path(ground))
     lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]
@@ -546,7 +601,8 @@ def listing(
     if chosen.table.tiers:
         lines += ["", "tiers, each with all splits:"]
         for name, tier in chosen.table.tiers.items():
-            lines.append(f"  {name:20} {tier.title}, at {', '.join(tier.sites.values())}")
+            sites = ", ".join(tier.sites.values())
+            lines.append(f"  {name:20} {tier.title}, at {sites}")
     lines += ["", "splits:"]
     for name, split in chosen.table.splits.items():
         lines.append(f"  {name:20} {split.title}")
@@ -554,6 +610,9 @@ def listing(
     likeness = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
     width = max(20, *(len(name) for name in chosen.lanes))
     for name, lane in chosen.lanes.items():
-        line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
-        lines.append(f"{line}  {likeness[name]}" if likeness else line)
+        targets = len(lane.truth())
+        line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {targets:3} targets"
+        if likeness:
+            line += f"  {likeness[name]}"
+        lines.append(line)
     return lines

@@ -21,6 +21,8 @@ from flgpr.store.outputs import write_new
 _BLUE = "#1b5e9b"
 _RED = "#c1440e"
 _SHADES = "viridis"
+_HALF_POWER = -3.01  # dB
+_CONTOURS = 4  # between the smallest and the largest width of a map
 
 
 def design_report(
@@ -42,6 +44,11 @@ def design_report(
     track : callable
         Shows the progress.
 
+    Returns
+    -------
+    list of Design
+        A design per array.
+
     Raises
     ------
     ValueError
@@ -60,7 +67,20 @@ def design_report(
 
 
 def design_html(designs: Sequence[Design], asked: Question) -> str:
-    """Return the page of one to four arrays."""
+    """Return the page of one to four arrays.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+    asked : Question
+        Band, window, site and depth of the mines.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
+    """
     worst_lobes = [max(design.lobes, key=itemgetter("level")) for design in designs]
     return render(
         "design.html",
@@ -81,7 +101,18 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
 
 
 def geometry_figure(designs: Sequence[Design]) -> Figure:
-    """Draw the antennas as seen from the ground ahead."""
+    """Draw the antennas as seen from the ground ahead.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per array, side by side.
+    """
     figure = Figure(figsize=(11, 2.4), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(designs)))
     for axes, design in zip(panels, designs, strict=True):
@@ -90,10 +121,31 @@ def geometry_figure(designs: Sequence[Design]) -> Figure:
         middle = (tx + rx) / 2
         # Below the antennas, so that the midpoints do not hide them.
         marks_z = middle[:, 2] + height - 0.25
-        axes.plot(middle[:, 0], marks_z, "|", color="0.6", ms=6, label="midpoints of the pairs")
-        axes.plot(tx[:, 0], tx[:, 2] + height, "^", color=_RED, ms=6, label="transmitters")
         axes.plot(
-            rx[:, 0], rx[:, 2] + height, "v", color=_BLUE, ms=5, mfc="none", label="receivers"
+            middle[:, 0],
+            marks_z,
+            "|",
+            color="0.6",
+            ms=6,
+            label="midpoints of the pairs",
+        )
+        axes.plot(
+            tx[:, 0],
+            tx[:, 2] + height,
+            "^",
+            color=_RED,
+            ms=6,
+            label="transmitters",
+        )
+        # Open marks: receivers that also transmit do not hide the transmitters.
+        axes.plot(
+            rx[:, 0],
+            rx[:, 2] + height,
+            "v",
+            color=_BLUE,
+            ms=5,
+            mfc="none",
+            label="receivers",
         )
         axes.set(title=design.sensor.name, xlabel="cross-track x (m)", ylabel="height (m)")
         axes.margins(0.1, 0.35)
@@ -104,16 +156,32 @@ def geometry_figure(designs: Sequence[Design]) -> Figure:
 def spread_figure(designs: Sequence[Design]) -> Figure:
     """Draw the point spread close to the point, 0 to -40 dB.
 
-    There is a row per array and a column per distance.
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per array and a column per distance.
     """
     figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), 3, squeeze=False)
     for row, design in zip(rows, designs, strict=True):
-        for axes, (distance, (y, x, power)) in zip(row, design.close.items(), strict=True):
+        for axes, (distance, spread) in zip(row, design.close.items(), strict=True):
+            y, x, power = spread
             image = axes.pcolormesh(
-                x, y, power, vmin=-40, vmax=0, cmap=_SHADES, shading="nearest", rasterized=True
+                x,
+                y,
+                power,
+                vmin=-40,
+                vmax=0,
+                cmap=_SHADES,
+                shading="nearest",
+                rasterized=True,
             )
-            axes.contour(x, y, power, levels=[-3.01], colors="white", linewidths=1)
+            axes.contour(x, y, power, levels=[_HALF_POWER], colors="white", linewidths=1)
             axes.set(
                 title=f"{design.sensor.name}, {distance:.0f} m ahead",
                 xlabel="cross-range offset (m)",
@@ -124,7 +192,18 @@ def spread_figure(designs: Sequence[Design]) -> Figure:
 
 
 def resolution_figure(designs: Sequence[Design]) -> Figure:
-    """Draw the half-power widths over the ground, an array per row."""
+    """Draw the half-power widths over the ground.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Widths down-range and cross-range, cm, a row per array.
+    """
     figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), 2, squeeze=False)
     for column, (name, title) in enumerate((("down", "down-range"), ("cross", "cross-range"))):
@@ -142,15 +221,25 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
                 shading="gouraud",
                 rasterized=True,
             )
-            inner = np.linspace(np.nanmin(width), np.nanmax(width), 6)[1:-1]
-            levels = np.unique(np.round(inner, 0))
-            lines = axes.contour(
-                design.y, design.x, width.T, levels=levels, colors="white", linewidths=0.8
-            )
-            axes.clabel(lines, fmt="%.0f cm", fontsize=8)
+            _draw_contours(axes, design, width)
             _label_ground(axes, f"{design.sensor.name}, {title}")
             figure.colorbar(image, ax=axes, label="half-power width (cm)")
     return figure
+
+
+def _draw_contours(axes: Axes, design: Design, width: NDArray[np.float64]) -> None:
+    """Draw contours of a map (y, x) of widths at whole centimetres between its extremes."""
+    steps = np.linspace(np.nanmin(width), np.nanmax(width), _CONTOURS + 2)
+    levels = np.unique(np.round(steps[1:-1], 0))
+    lines = axes.contour(
+        design.y,
+        design.x,
+        width.T,
+        levels=levels,
+        colors="white",
+        linewidths=0.8,
+    )
+    axes.clabel(lines, fmt="%.0f cm", fontsize=8)
 
 
 def _label_ground(axes: Axes, title: str) -> None:
@@ -161,7 +250,15 @@ def _label_ground(axes: Axes, title: str) -> None:
 def lobe_figure(designs: Sequence[Design]) -> Figure:
     """Draw the response over the ground to a point at the middle distance, 0 to -60 dB.
 
-    A ring marks its highest lobe.
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per array; a ring marks the highest lobe.
     """
     figure = Figure(figsize=(11, 3.8 * len(designs)), layout="constrained")
     panels = figure.subplots(len(designs), 1, squeeze=False)[:, 0]
@@ -169,11 +266,21 @@ def lobe_figure(designs: Sequence[Design]) -> Figure:
         distance = list(design.responses)[1]
         y, x, power = design.responses[distance]
         image = axes.pcolormesh(
-            y, x, power.T, vmin=-60, vmax=0, cmap=_SHADES, shading="nearest", rasterized=True
+            y,
+            x,
+            power.T,
+            vmin=-60,
+            vmax=0,
+            cmap=_SHADES,
+            shading="nearest",
+            rasterized=True,
         )
+        # A lobe's place is counted from the point, which lies on the middle line.
         lobe = design.lobes[1]
-        middle = (design.x[0] + design.x[-1]) / 2
-        axes.plot(distance + lobe["y"], middle + lobe["x"], "o", ms=13, mfc="none", mec=_RED, mew=2)
+        lobe_y = distance + lobe["y"]
+        middle_x = (design.x[0] + design.x[-1]) / 2
+        lobe_x = middle_x + lobe["x"]
+        axes.plot(lobe_y, lobe_x, "o", ms=13, mfc="none", mec=_RED, mew=2)
         name = design.sensor.name
         level = lobe["level"]
         title = f"{name}: a point {distance:.0f} m ahead, highest lobe {level:.0f} dB"
@@ -185,36 +292,70 @@ def lobe_figure(designs: Sequence[Design]) -> Figure:
 def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
     """Draw the signal-to-clutter map of a kind of mine.
 
-    There is a row per array and a column per polarization.
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+    kind : str
+        Kind of mine: "metal" or "plastic".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Signal to clutter, dB, a row per array and a column per polarization.
     """
     ratios = [_ratios_of(design, kind) for design in designs]
-    columns = max(1, *(len(by_polarization) for by_polarization in ratios))
+    most = max(len(by_polarization) for by_polarization in ratios)
+    columns = max(1, most)
     figure = Figure(figsize=(11, 3.2 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), columns, squeeze=False)
-    low = 0.0
-    high = 1.0
-    maps = [ratio for by_polarization in ratios for ratio in by_polarization.values()]
-    if maps:
-        low = min(float(ratio.min()) for ratio in maps)
-        high = max(float(ratio.max()) for ratio in maps)
+    # One scale for all maps, so that arrays and polarizations compare.
+    low, high = _common_range(ratios)
     image = None
     for row, design, by_polarization in zip(rows, designs, ratios, strict=True):
         for axes in row[len(by_polarization) :]:
             axes.set_axis_off()
         for axes, (polarization, ratio) in zip(row, by_polarization.items(), strict=False):
-            y = design.ratio_y
-            x = design.ratio_x
             image = axes.pcolormesh(
-                y, x, ratio.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest"
+                design.ratio_y,
+                design.ratio_x,
+                ratio.T,
+                vmin=low,
+                vmax=high,
+                cmap=_SHADES,
+                shading="nearest",
             )
-            centred = {"fontsize": 8, "ha": "center", "va": "center"}
-            for i, j in np.ndindex(*ratio.shape):
-                colour = "black" if ratio[i, j] > (low + high) / 2 else "white"
-                axes.text(y[i], x[j], f"{ratio[i, j]:.0f}", color=colour, **centred)
+            _write_values(axes, design, ratio, (low + high) / 2)
             _label_ground(axes, f"{design.sensor.name}, {kind}, {polarization}")
     if image is not None:
         figure.colorbar(image, ax=rows, label="signal to clutter (dB)")
     return figure
+
+
+def _common_range(ratios: Sequence[dict[str, NDArray[np.float64]]]) -> tuple[float, float]:
+    """Return the smallest and the largest value of all maps, dB; 0 and 1 where there is none."""
+    lowest = []
+    highest = []
+    for by_polarization in ratios:
+        for ratio in by_polarization.values():
+            lowest.append(float(ratio.min()))
+            highest.append(float(ratio.max()))
+    return min(lowest, default=0.0), max(highest, default=1.0)
+
+
+def _write_values(axes: Axes, design: Design, ratio: NDArray[np.float64], middle: float) -> None:
+    """Write the values of a map (y, x) into its cells, dark on cells brighter than the middle."""
+    for i, j in np.ndindex(*ratio.shape):
+        value = ratio[i, j]
+        axes.text(
+            float(design.ratio_y[i]),
+            float(design.ratio_x[j]),
+            f"{value:.0f}",
+            color="black" if value > middle else "white",
+            fontsize=8,
+            ha="center",
+            va="center",
+        )
 
 
 def _ratios_of(design: Design, kind: str) -> dict[str, NDArray[np.float64]]:
@@ -227,21 +368,36 @@ def _ratios_of(design: Design, kind: str) -> dict[str, NDArray[np.float64]]:
 
 
 def range_figure(designs: Sequence[Design]) -> Figure:
-    """Draw signal to clutter straight ahead against distance, a panel per kind of mine."""
+    """Draw signal to clutter straight ahead against distance.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+        The arrays, one to four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per kind of mine.
+    """
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     colours = [_BLUE, _RED, "#3a7d44", "#6b4c9a"]
-    for axes, kind in zip(figure.subplots(1, 2, sharey=True), KINDS, strict=True):
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, kind in zip(panels, KINDS, strict=True):
         for design, colour in zip(designs, colours, strict=False):
             for (of_kind, polarization), ratio in design.ratio.items():
                 if of_kind != kind:
                     continue
                 style = "-" if polarization == "HH" else "--"
-                ahead = ratio[:, ratio.shape[1] // 2]
+                middle = ratio.shape[1] // 2
                 label = f"{design.sensor.name} {polarization}"
-                axes.plot(design.ratio_y, ahead, style, color=colour, label=label)
+                axes.plot(design.ratio_y, ratio[:, middle], style, color=colour, label=label)
         axes.axhline(0, color="0.5", lw=0.8)
         axes.set(title=f"{kind} mine, straight ahead", xlabel="ahead y (m)")
-    figure.axes[0].set_ylabel("signal to clutter (dB)")
-    if figure.axes[0].lines[:-1]:
-        figure.axes[0].legend(fontsize=8)
+
+    first_panel = panels[0]
+    first_panel.set_ylabel("signal to clutter (dB)")
+    # The last line is that of 0 dB: without others there is nothing to name.
+    if first_panel.lines[:-1]:
+        first_panel.legend(fontsize=8)
     return figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from functools import partial
@@ -59,18 +60,25 @@ def run_view_figure(
         Targets, which are drawn with their halos.
     objects : pandas.DataFrame, optional
         Other objects on the lane.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per detection, side by side.
     """
     screen = result.recipe.prescreen
     chosen = [detection for detection in result.detections if detection.name in names]
+    first_view = chosen[0].view
     width = _PANEL_WIDTH * len(chosen) + 0.6
-    height = _PANEL_WIDTH * _ratio(chosen[0].view) * 0.82 + 1.5
+    height = _PANEL_WIDTH * _ratio(first_view) * 0.82 + 1.5
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(chosen)))
     for axes, detection in zip(panels, chosen, strict=True):
         view = select(detection.view, screen.polarization, screen.subband)
         _draw_view(axes, view, result.lane)
         _draw_marks(axes, detection.alarms, result, truth, objects)
-        axes.set_title(_wrapped(_title_of(detection), 38), fontsize=9)
+        title = _wrapped(_title_of(detection), 38)
+        axes.set_title(title, fontsize=9)
     figure.legend(
         handles=_legend(truth, objects),
         loc="outside lower center",
@@ -78,10 +86,9 @@ def run_view_figure(
         fontsize=8,
         frameon=False,
     )
-    scale = ", not to scale" if _is_long(chosen[0].view) else ""
-    figure.suptitle(
-        f"Run-view {screen.polarization}, {_band_label(screen.subband)}{scale}", fontsize=11
-    )
+    band = _band_label(screen.subband)
+    scale = ", not to scale" if _is_long(first_view) else ""
+    figure.suptitle(f"Run-view {screen.polarization}, {band}{scale}", fontsize=11)
     return figure
 
 
@@ -93,19 +100,29 @@ def _title_of(detection: Detection | Score) -> str:
 def channel_figure(result: Result) -> Figure:
     """Draw the main run-view, each channel in dB re its strongest pixel in the lane.
 
-    There is a row per polarization and a column per sub-band.
+    Parameters
+    ----------
+    result : Result
+        The result.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per polarization and a column per sub-band.
     """
     view = result.detections[0].view
     rows = view.sizes["polarization"]
     columns = view.sizes["subband"]
-    size = (2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6)
-    figure = Figure(figsize=size, layout="constrained")
+    width = 2.6 * columns + 0.6
+    height = 2.6 * _ratio(view) * rows * 0.92 + 0.6
+    figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for i, polarization in enumerate(view["polarization"].values):
         for j, subband in enumerate(view["subband"].values):
-            _draw_view(grid[i, j], view[i, j], result.lane, bar=False)
-            grid[i, j].set_title(f"{polarization}  {_band_label(subband)}", fontsize=9)
-            grid[i, j].label_outer()
+            axes = grid[i, j]
+            _draw_view(axes, view[i, j], result.lane, bar=False)
+            axes.set_title(f"{polarization}  {_band_label(subband)}", fontsize=9)
+            axes.label_outer()
     return figure
 
 
@@ -113,6 +130,16 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
     """Draw every detection's Pd up to its last alarm.
 
     The main curve also has its exact intervals and chance.
+
+    Parameters
+    ----------
+    scored : sequence of Score
+        Scores of the detections, the main one first.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A curve per detection.
     """
     figure = Figure(figsize=(5.2, 4.0), layout="constrained")
     axes = figure.subplots()
@@ -120,7 +147,8 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
         curve = detection.curve
         targets = int(curve.attrs["n_targets"])
         # A step beyond the last alarm, so that its Pd is seen.
-        far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / curve.attrs["area"])
+        step = 1 / curve.attrs["area"]
+        far = np.append(curve["far"], curve["far"].iloc[-1] + step)
         label = "all targets" if len(scored) == 1 else _title_of(detection)
         is_main = i == 0
         axes.step(
@@ -143,9 +171,8 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
         ylabel=f"probability of detection ({targets} targets)",
         ylim=(-0.02, 1.02),
     )
-    axes.set_title(
-        f"Every alarm, {100 * scored[0].rules.level:g} % intervals point by point", fontsize=10
-    )
+    level = 100 * scored[0].rules.level
+    axes.set_title(f"Every alarm, {level:g} % intervals point by point", fontsize=10)
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="best")
@@ -172,6 +199,11 @@ def geometry_figure(
         Number of scans (y, x) that see each pixel.
     beyond : float
         Ground that is drawn before the first pose and after the lane's end, m.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The plan on the left, the side view on the right.
     """
     pose = plausible_poses(run)
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
@@ -205,18 +237,29 @@ def _draw_plan(
     tx = np.asarray(run["tx_m"], dtype=float)
     rx = np.asarray(run["rx_m"], dtype=float)
     axes.add_patch(_lane_patch(lane))
-    every = -(-len(pose) // _POSES)
-    for k, stop in enumerate(pose[::every]):
+    every = math.ceil(len(pose) / _POSES)
+    for number, stop in enumerate(pose[::every]):
+        # Heading counts clockwise from +y, as on a compass.
         cosine = np.cos(stop[3])
         sine = np.sin(stop[3])
         rotation = np.array([[cosine, sine], [-sine, cosine]])
-        for antennas, marker, colour, name in (
-            (rx, ".", "0.25", "receivers"),
-            (tx, "^", "C3", "transmitters"),
-        ):
-            position = antennas[:, :2] @ rotation.T + stop[:2]
-            label = name if k == 0 else None
-            axes.plot(*position.T, marker, ms=5, color=colour, label=label)
+        is_first = number == 0  # labelled once for the legend
+        receivers = rx[:, :2] @ rotation.T + stop[:2]
+        transmitters = tx[:, :2] @ rotation.T + stop[:2]
+        axes.plot(
+            *receivers.T,
+            ".",
+            ms=5,
+            color="0.25",
+            label="receivers" if is_first else None,
+        )
+        axes.plot(
+            *transmitters.T,
+            "^",
+            ms=5,
+            color="C3",
+            label="transmitters" if is_first else None,
+        )
     axes.set(
         xlabel="cross-track x (m)",
         ylabel="down-track y (m)",
@@ -265,7 +308,7 @@ def _is_long(view: xr.DataArray) -> bool:
 
 def _thinned(view: xr.DataArray) -> xr.DataArray:
     """Return a view with no more rows than a figure shows: the largest of neighbouring rows."""
-    return thinned(view, -(-view.sizes["y"] // _ROWS))
+    return thinned(view, math.ceil(view.sizes["y"] / _ROWS))
 
 
 def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
@@ -275,11 +318,20 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
     x = view["x"].values
     y = view["y"].values
     level = 20 * np.log10(np.maximum(view.values, 1e-12))
-    inside = level[lane.contains(*np.meshgrid(x, y)) & np.isfinite(level)]
-    level = level - (inside.max() if inside.size else 0.0)
+    is_in_lane = lane.contains(*np.meshgrid(x, y))
+    imaged_in_lane = level[is_in_lane & np.isfinite(level)]
+    top = imaged_in_lane.max() if imaged_in_lane.size else 0.0
+    # Ground that no scan has seen is NaN: the grey behind the image shows there.
     axes.set_facecolor("0.8")
     mesh = axes.pcolormesh(
-        x, y, level, cmap="viridis", vmin=-DYNAMIC_RANGE, vmax=0, shading="nearest", rasterized=True
+        x,
+        y,
+        level - top,
+        cmap="viridis",
+        vmin=-DYNAMIC_RANGE,
+        vmax=0,
+        shading="nearest",
+        rasterized=True,
     )
     axes.add_patch(_lane_patch(lane))
     axes.set(
@@ -324,39 +376,57 @@ def _draw_marks(
             axes.plot(x, y, marker, mfc="none", mec="red", ms=9, mew=1.8)
             axes.add_patch(Circle((x, y), radius, fill=False, ec="red", lw=1.2, ls=":"))
     axes.plot(alarms["x"], alarms["y"], "o", mfc="none", mec="white", ms=6, mew=1.2)
-    ranked = zip(alarms["x"][:_RANKS], alarms["y"][:_RANKS], strict=True)
-    for rank, (x, y) in enumerate(ranked, 1):
+    ranked = alarms[:_RANKS]
+    places = zip(ranked["x"], ranked["y"], strict=True)
+    for rank, (x, y) in enumerate(places, 1):
         # Next to the right edge the number stands on the left.
-        offset = (-11, 3) if x > 0.8 * result.lane.x_max else (5, 3)
+        is_near_edge = x > 0.8 * result.lane.x_max
         axes.annotate(
-            str(rank), (x, y), xytext=offset, textcoords="offset points", color="white", fontsize=8
+            str(rank),
+            (x, y),
+            xytext=(-11, 3) if is_near_edge else (5, 3),
+            textcoords="offset points",
+            color="white",
+            fontsize=8,
         )
 
 
 def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Line2D]:
     """Return the entries of the legend for what is drawn."""
-
-    def mark(marker: str, colour: str, label: str) -> Line2D:
-        return Line2D(
-            [], [], marker=marker, ls="none", mfc="none", mec=colour, ms=7, mew=1.6, label=label
-        )
-
     handles = [
-        mark("o", "0.3", "alarm, with rank"),
+        _legend_mark("o", "0.3", "alarm, with rank"),
         Line2D([], [], color="0.3", ls="-.", label="lane"),
     ]
     if truth is not None:
         for kind in dict.fromkeys(truth["kind"]):
-            handles.append(mark(_MARKER.get(kind, "o"), "red", f"{kind} mine"))
+            marker = _MARKER.get(kind, "o")
+            handles.append(_legend_mark(marker, "red", f"{kind} mine"))
         handles.append(Line2D([], [], color="red", ls=":", label="halo"))
     if objects is not None and len(objects):
-        handles.append(mark("x", "0.3", ", ".join(dict.fromkeys(objects["kind"]))))
+        kinds = ", ".join(dict.fromkeys(objects["kind"]))
+        handles.append(_legend_mark("x", "0.3", kinds))
     return handles
+
+
+def _legend_mark(marker: str, colour: str, label: str) -> Line2D:
+    """Return the entry of a mark in a legend."""
+    return Line2D(
+        [],
+        [],
+        marker=marker,
+        ls="none",
+        mfc="none",
+        mec=colour,
+        ms=7,
+        mew=1.6,
+        label=label,
+    )
 
 
 # largest size of a panel, inches
 _WIDE = 7.5
 _HIGH = 6.0
+_RATIOS = (0.12, 2.5)  # height over width between which planes are drawn to scale
 _MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
 
 
@@ -377,34 +447,53 @@ def image_figure(
         Poses, which are drawn where they lie in a panel, m and rad.
     span : float
         Range of the scale, dB.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per polarization and a column per plane.
     """
     labels = [str(label) for label in image["polarization"].values]
-    wide = [axis for axis in "xyz" if image.sizes[axis] > 1]
-    planes = [plane for plane in _PLANES if plane[0] in wide and plane[1] in wide]
-    sizes = {axis: max(float(np.ptp(image[axis].values)), 1e-9) for axis in "xyz"}
-    across, up = planes[0]
-    ratio = np.clip(sizes[up] / sizes[across], 0.12, 2.5)
-    width = min(_WIDE, _HIGH / ratio)
-    size = (width * len(planes) + 1.6, (width * ratio + 1.1) * len(labels))
+    wide_axes = [axis for axis in "xyz" if image.sizes[axis] > 1]
+    planes = [plane for plane in _PLANES if set(plane) <= set(wide_axes)]
+    width, height = _panel_size(image, planes[0])
+    size = (width * len(planes) + 1.6, (height + 1.1) * len(labels))
     figure = Figure(figsize=size, layout="compressed")
     panels = figure.subplots(len(labels), len(planes), squeeze=False)
-    for row, (label, line) in enumerate(zip(labels, panels, strict=True)):
-        level = np.abs(image.values[row])
-        for axes, plane in zip(line, planes, strict=True):
+    for number, (label, row) in enumerate(zip(labels, panels, strict=True)):
+        level = np.abs(image.values[number])
+        for axes, plane in zip(row, planes, strict=True):
             mesh = _draw_plane(axes, image, level, plane, span)
             _draw_poses(axes, pose, plane)
             axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
-            if row == 0:
-                _number_points(axes, peaks[list(plane)].to_numpy())
-        bar = figure.colorbar(mesh, ax=line[-1], shrink=0.8, pad=0.02)
+            if number == 0:
+                points = peaks[list(plane)].to_numpy()
+                _number_points(axes, points)
+        bar = figure.colorbar(mesh, ax=row[-1], shrink=0.8, pad=0.02)
         # On two lines, so that the label fits the bar of a low panel.
         bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
-    title = [str(image.attrs.get("title", ""))]
-    for axis in "xyz":
-        if axis not in wide:
-            title.append(f"{axis} = {image[axis].values[0]:g} m")
-    figure.suptitle(", ".join(text for text in title if text), fontsize=10)
+    figure.suptitle(_image_title(image, wide_axes), fontsize=10)
     return figure
+
+
+def _panel_size(image: xr.DataArray, plane: tuple[str, str]) -> tuple[float, float]:
+    """Return width and height of the panel of a plane, inches."""
+    across, up = plane
+    extent_across = max(float(np.ptp(image[across].values)), 1e-9)
+    extent_up = max(float(np.ptp(image[up].values)), 1e-9)
+    ratio = float(np.clip(extent_up / extent_across, *_RATIOS))
+    width = min(_WIDE, _HIGH / ratio)
+    return width, width * ratio
+
+
+def _image_title(image: xr.DataArray, wide_axes: Sequence[str]) -> str:
+    """Return the title of an image, with the value of each axis that has a single one."""
+    title = str(image.attrs.get("title", ""))
+    texts = [title] if title else []
+    for axis in "xyz":
+        if axis not in wide_axes:
+            texts.append(f"{axis} = {image[axis].values[0]:g} m")
+    return ", ".join(texts)
 
 
 def _draw_plane(
@@ -418,7 +507,7 @@ def _draw_plane(
     v = image[plane[1]].values
     half_du = np.diff(u).mean() / 2
     half_dv = np.diff(v).mean() / 2
-    is_to_scale = 0.12 < np.ptp(v) / np.ptp(u) < 2.5
+    is_to_scale = _RATIOS[0] < np.ptp(v) / np.ptp(u) < _RATIOS[1]
     return axes.imshow(
         decibels,
         origin="lower",
@@ -441,7 +530,10 @@ def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -
 
 
 def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
-    """Circle points (point, 2) and number them from 1 on, each number on the side where the panel goes on."""
+    """Circle points (point, 2) and number them from 1 on.
+
+    Each number stands on the side where the panel goes on.
+    """
     left, right, bottom, top = axes.axis()
     for number, (across, up) in enumerate(points.tolist(), 1):
         near_right = across > right - _MARGIN * (right - left)

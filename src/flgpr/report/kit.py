@@ -34,6 +34,11 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
         Package that holds it; its templates may extend and import those of this package.
     **values
         Values for the template.
+
+    Returns
+    -------
+    str
+        The page, HTML.
     """
     return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
 
@@ -60,9 +65,21 @@ def _environment(package: str) -> Environment:
 
 
 def figure_png(figure: Figure, dpi: float = 110) -> bytes:
-    """Return a figure as PNG, the same bytes for equal figures; dpi in dots per inch.
+    """Return a figure as PNG, the same bytes for equal figures.
 
     Text is shown as it is: dollar signs in names do not make formulas.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    dpi : float
+        Dots per inch.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
     """
     show_dollar_signs(figure)
     stream = BytesIO()

@@ -38,6 +38,8 @@ _MOST_LANES = 6
 _COLUMNS = 2400  # a figure cannot show more
 _VERGE = 0.35  # of the lane's width, shown on either side
 _MOST_VERGE = 1.0  # m
+_LARGEST_MARK = 140  # points², of the surest alarm
+_SMALLEST_MARK = 12
 
 
 def is_short(lane: Lane) -> bool:
@@ -71,19 +73,29 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
         _draw_road(axes, lane)
         if objects is not None:
             _draw_objects(axes, objects)
-        is_raised = (alarms["confidence"] >= threshold).to_numpy()
-        is_false = (alarms["label"] == "false").to_numpy()
-        _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
-        _draw_points(axes, alarms[is_raised & is_false], "x", _FALSE, 9, "false alarm")
-        beside = is_raised & ~is_false & (alarms["label"] == "outside").to_numpy()
-        _draw_points(axes, alarms[beside], "+", _WEAK, 9, "alarm beside the lane")
-        found = targets[targets["found"]]
+        _draw_scored_alarms(axes, alarms, threshold)
+        detected = targets[targets["found"]]
         missed = targets[~targets["found"]]
-        _draw_points(axes, found, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
-        _draw_points(axes, found, "$✓$", "white", 6, None)
+        _draw_points(axes, detected, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
+        _draw_points(axes, detected, "$✓$", "white", 6, None)
         _draw_points(axes, missed, "o", _MISSED, 11, f"{scored.noun} missed")
     _finish(figure, strips)
     return figure
+
+
+def _draw_scored_alarms(axes: Axes, alarms: pd.DataFrame, threshold: float) -> None:
+    """Draw alarms that are too weak to count, false ones, and those beside the lane.
+
+    Alarms that hit a target are not drawn: the target's mark says that it was found.
+    """
+    is_raised = (alarms["confidence"] >= threshold).to_numpy()
+    is_false = (alarms["label"] == "false").to_numpy()
+    is_outside = (alarms["label"] == "outside").to_numpy()
+    false_alarms = alarms[is_raised & is_false]
+    outside_alarms = alarms[is_raised & is_outside]
+    _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
+    _draw_points(axes, false_alarms, "x", _FALSE, 9, "false alarm")
+    _draw_points(axes, outside_alarms, "+", _WEAK, 9, "alarm beside the lane")
 
 
 def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
@@ -97,16 +109,26 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
         Alarms with ``x``, ``y`` (m), the most confident first.
     most : int
         Alarms that are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A strip of road.
     """
     figure, strips = _strips({"": lane})
     axes = strips[0]
     _draw_road(axes, lane)
     shown = alarms[:most]
-    sizes = np.linspace(140, 12, len(shown)) if len(shown) > 1 else np.full(len(shown), 140.0)
     if len(shown):
-        label = "alarm, the surer the larger"
         axes.scatter(
-            shown["y"], shown["x"], s=sizes, fc="none", ec=_FALSE, lw=1.4, label=label, zorder=4
+            shown["y"],
+            shown["x"],
+            s=np.linspace(_LARGEST_MARK, _SMALLEST_MARK, len(shown)),
+            fc="none",
+            ec=_FALSE,
+            lw=1.4,
+            label="alarm, the surer the larger",
+            zorder=4,
         )
     _finish(figure, strips)
     return figure
@@ -115,11 +137,20 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
 def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     """Draw the run-view as it is and with the roadside taken out, alike to the pixel.
 
-    Returns None where no detection of the result took anything out. Levels are in dB over the
-    strongest pixel in the lane of the first, so that both have one scale.
+    Levels are in dB over the strongest pixel in the lane of the first, so that both have one scale.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+
+    Returns
+    -------
+    tuple of Figure, or None
+        Before and after; None where no detection of the result took anything out.
     """
-    main, *others = result.detections
-    cleaned = [other for other in others if other.notes.get("mask_pixels")]
+    main, *variants = result.detections
+    cleaned = [variant for variant in variants if variant.notes.get("mask_pixels")]
     if not cleaned:
         return None
     screen = result.recipe.prescreen
@@ -137,8 +168,10 @@ def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: flo
     width, height = _size(lane)
     figure = Figure(figsize=(width, height))
     # A fixed place, so that two such figures lie on one another.
-    axes = figure.add_axes((0.65 / width, 0.5 / height, 1 - 0.8 / width, 1 - 0.6 / height))
-    view = thinned(view, -(-view.sizes["y"] // _COLUMNS))
+    left = 0.65 / width
+    bottom = 0.5 / height
+    axes = figure.add_axes((left, bottom, 1 - 0.8 / width, 1 - 0.6 / height))
+    view = thinned(view, math.ceil(view.sizes["y"] / _COLUMNS))
     axes.pcolormesh(
         view["y"].values,
         view["x"].values,
@@ -164,8 +197,8 @@ def _strongest(view: xr.DataArray, lane: Lane) -> float:
     """Return the level of the strongest pixel of a view in the lane, dB."""
     is_inside = lane.contains(*np.meshgrid(view["x"].values, view["y"].values))
     level = _decibels(view)[is_inside]
-    level = level[np.isfinite(level)]
-    return float(level.max()) if level.size else 0.0
+    imaged = level[np.isfinite(level)]
+    return float(imaged.max()) if imaged.size else 0.0
 
 
 def _size(lane: Lane) -> tuple[float, float]:
@@ -178,7 +211,10 @@ def _size(lane: Lane) -> tuple[float, float]:
 
 def _extent(lane: Lane) -> tuple[float, float]:
     """Return what is shown across and along a lane, m."""
-    return lane.x_max - lane.x_min + 2 * _verge(lane), lane.y_max - lane.y_min + 2 * _verge(lane)
+    verge = _verge(lane)
+    across = lane.x_max - lane.x_min + 2 * verge
+    along = lane.y_max - lane.y_min + 2 * verge
+    return across, along
 
 
 def _verge(lane: Lane) -> float:
@@ -209,8 +245,9 @@ def _frame(axes: Axes, lane: Lane) -> None:
     axes.set_xlim(lane.y_min - verge, lane.y_max + verge)
     axes.set_ylim(lane.x_max + verge, lane.x_min - verge)
     across, along = _extent(lane)
-    _, height = _size(lane)
-    is_to_scale = math.isclose(height - 0.6, (_size(lane)[0] - 0.8) * across / along, rel_tol=1e-6)
+    width, height = _size(lane)
+    height_to_scale = (width - 0.8) * across / along
+    is_to_scale = math.isclose(height - 0.6, height_to_scale, rel_tol=1e-6)
     axes.set_aspect("equal" if is_to_scale else "auto")
     scale = "" if is_to_scale else "; not to scale"
     axes.set_xlabel(f"along the road (m), driving to the right{scale}", fontsize=8)
@@ -249,15 +286,16 @@ def _draw_points(
     """Draw the places of a table, m, unless it is empty."""
     if table.empty:
         return
+    is_sign = marker.startswith("$")  # a sign of Matplotlib's math text, such as a tick
     axes.plot(
         table["y"],
         table["x"],
         ls="none",
         marker=marker,
         ms=size,
-        mew=0 if marker.startswith("$") else 2,
+        mew=0 if is_sign else 2,
         mec=colour,
-        mfc=colour if filled or marker.startswith("$") else "none",
+        mfc=colour if filled or is_sign else "none",
         label=label,
         zorder=4,
     )

@@ -50,14 +50,17 @@ def radargram_figure(
         Label of the grey scale.
     steps : sequence of str
         Processing steps, for the title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
     """
     figure = Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
     amplitudes = np.abs(values[np.isfinite(values)])
-    top = float(np.percentile(amplitudes, _CLIP)) if amplitudes.size else 0.0
-    if top == 0:  # a silent line, or one with echoes in fewer than a hundredth of its samples
-        top = float(amplitudes.max(initial=0.0)) or 1.0
-    time = delay * 1e9
+    top = _end_of_scale(amplitudes)
+    time = delay * 1e9  # ns
     half_sample = 0.5 * (time[1] - time[0])
     left, right, label = _across(number, distance)
     image = axes.imshow(
@@ -87,6 +90,15 @@ def radargram_figure(
     return figure
 
 
+def _end_of_scale(amplitudes: FloatArray) -> float:
+    """Return the amplitude at which the grey scale ends."""
+    top = float(np.percentile(amplitudes, _CLIP)) if amplitudes.size else 0.0
+    if top > 0:
+        return top
+    # A silent line, or one with echoes in fewer than a hundredth of its samples.
+    return float(amplitudes.max(initial=0.0)) or 1.0
+
+
 def _is_even(distance: FloatArray) -> bool:
     """Return whether distances grow in steps that are nearly equal."""
     steps = np.diff(distance)
@@ -98,10 +110,12 @@ def _is_even(distance: FloatArray) -> bool:
 
 def _across(number: NDArray[np.int64], distance: FloatArray | None) -> tuple[float, float, str]:
     """Return the outer edges of the first and the last trace and the label of the axis below."""
-    if distance is not None and _is_even(distance):
-        half = 0.5 * float(distance[-1] - distance[0]) / (distance.size - 1)
-        return float(distance[0]) - half, float(distance[-1]) + half, "distance along the line (m)"
-    return float(number[0]) - 0.5, float(number[-1]) + 0.5, "trace"
+    if distance is None or not _is_even(distance):
+        return float(number[0]) - 0.5, float(number[-1]) + 0.5, "trace"
+    first = float(distance[0])
+    last = float(distance[-1])
+    half_spacing = 0.5 * (last - first) / (distance.size - 1)
+    return first - half_spacing, last + half_spacing, "distance along the line (m)"
 
 
 def _add_distance_axis(axes: Axes, number: NDArray[np.int64], distance: FloatArray) -> None:

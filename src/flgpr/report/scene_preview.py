@@ -57,6 +57,11 @@ def scene_figure(
         x, y and radius of wet patches, m.
     half_width : float
         Ground to either side of the lane's axis that is drawn, m.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The plan above, the section below.
     """
     figure = Figure(figsize=(11, 5.6), layout="constrained")
     plan, section = figure.subplots(2, 1, height_ratios=(2.2, 1), sharex=True)

@@ -152,6 +152,11 @@ def score_files(
         Provenance to print.
     **page
         As for :func:`report_html`.
+
+    Returns
+    -------
+    dict of str to str or bytes
+        Content of each file.
     """
     curves: dict[str, bytes] = {}
     figures: dict[str, str | bytes] = {}
@@ -201,6 +206,11 @@ def report_html(
         Addresses of the pages of a lane's sections; "" for none.
     worst, alarm_patches, target_patches
         As for :func:`write_score_report`.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files but the pages of sections.
     """
     values: dict[str, Any] = {
         "result": result,
@@ -217,31 +227,39 @@ def report_html(
         values |= _result_values(result, truth, objects)
         alarms = result.detections[0].alarms
     if scored:
+        main = scored[0]
+        provenance = notes or {}
+        scored_name = title
+        if result is not None and not title:
+            scored_name = str(values["run"].get("title", ""))
         values |= _score_values(scored, worst, alarm_patches or {}, target_patches or {})
-        values["overview"] = score_overview(scored[0], objects)
-        values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
+        values["overview"] = score_overview(main, objects)
+        values["roadside"] = _roadside_shares(main, values.get("notes", {}))
         values["bands"] = bands or {}
-        values["provenance"] = {**scored[0].rules_summary(), **(notes or {})}
-        scored_name = title or str(values["run"].get("title", "")) if result else title
-        values["trial"] = score_block(scored[0], notes or {}, scored_name or "alarm list")
+        values["provenance"] = {**main.rules_summary(), **provenance}
+        values["trial"] = score_block(main, provenance, scored_name or "alarm list")
         values["standards"] = {"rows": checklist_rows(), "sources": source_rows()}
         values["in_words"] = in_words
-        alarms = scored[0].labels
+        alarms = main.labels
     values |= _alarm_values(alarms)
     return render("report.html", **values)
 
 
 def _alarm_values(alarms: pd.DataFrame) -> dict[str, Any]:
     """Return the template's values for the table of alarms."""
-    columns = [name for name in _COLUMNS if name in alarms]
+    formats = {}
+    titles = []
+    for name, (title, number_format) in _COLUMNS.items():
+        if name in alarms:
+            titles.append(title)
+            formats[name] = number_format
     rows = []
     for alarm in alarms[:_MOST_ROWS].to_dict("records"):
-        rows.append([_value_in_words(alarm[name], _COLUMNS[name][1]) for name in columns])
-    return {
-        "n_alarms": len(alarms),
-        "columns": [_COLUMNS[name][0] for name in columns],
-        "alarms": rows,
-    }
+        cells = []
+        for name, number_format in formats.items():
+            cells.append(_value_in_words(alarm[name], number_format))
+        rows.append(cells)
+    return {"n_alarms": len(alarms), "columns": titles, "alarms": rows}
 
 
 def _result_values(
@@ -251,10 +269,10 @@ def _result_values(
     main, *variants = result.detections
     run = result.manifest["run"]
     masked = [variant.name for variant in variants if "mask_pixels" in variant.notes][:1]
-    others = [variant.name for variant in variants if variant.name not in masked]
+    unmasked = [variant.name for variant in variants if variant.name not in masked]
     other_views = None
-    if others:
-        other_views = run_view_figure(result, ["main", *others], truth, objects)
+    if unmasked:
+        other_views = run_view_figure(result, ["main", *unmasked], truth, objects)
     libraries = result.manifest["libraries"]
     return {
         "run": run,
@@ -283,6 +301,7 @@ def _score_values(
     main = scored[0]
     missed = _missed_table(main)
     false = main.worst_false_alarms(worst)
+    # Lists without names of alarms have their patches by row number.
     false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
     groups = main.breakdown()
     by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
@@ -344,7 +363,9 @@ def _rows(
         is_of_targets = "{pd" in cell or "{chance" in cell
         formats.append("none" if has_no_targets and is_of_targets else cell)
     if "chance" in table:
-        table = table.assign(chance=[_value_in_words(level, ".3f") for level in table["chance"]])
+        # As text: an unknown chance, NaN, is written as such.
+        levels = [_value_in_words(level, ".3f") for level in table["chance"]]
+        table = table.assign(chance=levels)
     rows = []
     for row in table.to_dict("records"):
         rows.append([cell.format_map(row) for cell in formats])
@@ -376,7 +397,9 @@ def _outcome_rows(scored: Score) -> list[list[str]]:
     """Return a row per target: its place, and whether and how it is found."""
     rows = []
     for row in scored.outcomes.to_dict("records"):
-        depth = "depth not known" if np.isnan(row["depth"]) else f"{100 * row['depth']:.1f} cm"
+        depth = f"{100 * row['depth']:.1f} cm"
+        if np.isnan(row["depth"]):
+            depth = "depth not known"
         cells = [
             row["target_id"],
             f"{row['kind']}, {depth}",

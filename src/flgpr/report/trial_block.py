@@ -43,6 +43,11 @@ def score_block(main: Score, notes: Mapping[str, Any], title: str) -> TrialBlock
         and ``ranking``; what is missing is said to be not stated.
     title : str
         What was scored, where no file is stated.
+
+    Returns
+    -------
+    TrialBlock
+        The head.
     """
     matched = main.matched
     rows = [
@@ -59,7 +64,20 @@ def score_block(main: Score, notes: Mapping[str, Any], title: str) -> TrialBlock
 
 
 def blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
-    """Return the head of the page of a blind score, whose lane and places stay secret."""
+    """Return the head of the page of a blind score, whose lane and places stay secret.
+
+    Parameters
+    ----------
+    blind : BlindScore
+        The score.
+    notes : mapping
+        Provenance, as for :func:`score_block`.
+
+    Returns
+    -------
+    TrialBlock
+        The head.
+    """
     counts = blind.counts
     rules = (
         f"halo radius {counts['halo_radius']:g} m, FAR over {counts['area']:.2f} m² "
@@ -86,7 +104,21 @@ def comparison_block(
 ) -> TrialBlock:
     """Return the head of a comparison: a table of the lists, and what they have in common.
 
-    ``lanes`` are empty where they are sealed.
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the lists.
+    lanes : mapping of str to Lane
+        The lanes by name; empty where they are sealed.
+    rules : mapping
+        Rules of the scores: ``halo_radius``, ``area_rule`` and ``level``.
+    notes : mapping of str to mapping
+        Provenance of every list, as for :func:`score_block`.
+
+    Returns
+    -------
+    TrialBlock
+        The head.
     """
     lists = []
     for name in names:

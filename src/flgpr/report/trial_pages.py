@@ -24,6 +24,8 @@ from flgpr.trials.standards import checklist_rows, source_rows
 
 _STRIP = 30.0  # length of lane in a row of the map, m
 _STRIPS = 4  # rows in a picture: half a printed page
+_LOWEST_STRIP = 1.1  # inches
+_HIGHEST_STRIP = 3.5
 # Mines are emplaced to the centimetre; depths have a digit more.
 _DIGITS = {"depth_m": ".3f"}
 _POINT = (
@@ -82,6 +84,11 @@ def sheet_html(
         SHA-256 of the plan's file.
     anchor : Anchor, optional
         Ties the lanes to the Earth.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
     """
     columns = ("x_m", "y_m", "depth_m", "easting_m", "northing_m")
     numbers = [column for column in columns if column in sheet]
@@ -89,13 +96,16 @@ def sheet_html(
     for column in numbers:
         digits = _DIGITS.get(column, ".2f")
         texts[column] = [format(value, digits) for value in sheet[column]]
+
     entries = []
     for lane_name, lane in lanes.items():
         on_lane = pd.Series(data=True, index=sheet.index)
         if "lane" in sheet:
             on_lane = sheet["lane"].astype(str) == lane_name
-        rows = texts.loc[on_lane, ["target_id", "kind", *numbers]].to_numpy().tolist()
-        entries.append((lane_name, lane, lane_maps(lane, sheet[on_lane]), rows))
+        maps = lane_maps(lane, sheet[on_lane])
+        rows = texts.loc[on_lane, ["target_id", "kind", *numbers]]
+        entries.append((lane_name, lane, maps, rows.to_numpy().tolist()))
+
     sigma = None
     crs = None
     if anchor is not None:
@@ -128,10 +138,12 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
         Each with up to four strips of 30 m.
     """
     lane_length = lane.y_max - lane.y_min
+    # A lane that is longer by a rounding error has no strip for it.
     count = max(1, int(np.ceil(lane_length / _STRIP - 1e-9)))
     length = min(_STRIP, lane_length)
     width = lane.x_max - lane.x_min
-    strip_height = min(3.5, max(1.1, 10.0 * (width + 1) / (length + 1) + 0.55))
+    height_to_scale = 10.0 * (width + 1) / (length + 1) + 0.55
+    strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
     kinds = sorted(map(str, targets["kind"].unique()))
     styles = {kind: _marker_style(number) for number, kind in enumerate(kinds)}
     figures = []
@@ -183,19 +195,28 @@ def _draw_strip(
     lane_ends = [y for y in (lane.y_min, lane.y_max) if start <= y <= end]
     axes.vlines(lane_ends, lane.x_min, lane.x_max, color="0.3")
     # A target on the border of two strips belongs to the second, one at the lane's end to the last.
-    is_before_end = (targets["y_m"] < end) | (end == lane.y_max)
-    on_strip = targets[(targets["y_m"] >= start) & is_before_end]
-    for target in on_strip.to_dict("records"):
+    is_on_strip = targets["y_m"] >= start
+    is_on_strip &= (targets["y_m"] < end) | (end == lane.y_max)
+    for target in targets[is_on_strip].to_dict("records"):
         position = (target["y_m"], target["x_m"])
-        axes.plot(*position, ms=6, **styles[str(target["kind"])])
-        axes.annotate(target["target_id"], position, (5, 4), textcoords="offset points", fontsize=9)
+        style = styles[str(target["kind"])]
+        axes.plot(*position, ms=6, **style)
+        axes.annotate(
+            target["target_id"],
+            position,
+            xytext=(5, 4),
+            textcoords="offset points",
+            fontsize=9,
+        )
     # Seen from above with travel to the right, the lane's right side is below.
     axes.set(
         xlim=(start - 0.5, start + length + 0.5),
         ylim=(lane.x_max + 0.5, lane.x_min - 0.5),
         aspect="equal",
     )
-    axes.set_xticks(np.arange(np.ceil(start / 5) * 5, end + 0.01, 5.0))
+    # The crew reads distances off the map: a line at every metre, a number at every fifth.
+    first_fifth = np.ceil(start / 5) * 5
+    axes.set_xticks(np.arange(first_fifth, end + 0.01, 5.0))
     axes.set_xticks(np.arange(np.ceil(start), end + 0.01, 1.0), minor=True)
     axes.set_ylabel("x (m)")
     axes.grid(alpha=0.5)
@@ -211,6 +232,11 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         The score.
     notes : mapping
         Provenance to print.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
     """
     groups = {}
     points_by_group = {}
@@ -273,19 +299,15 @@ def comparison_html(
         Provenance to print, by detector.
     lanes : mapping of str to Lane, optional
         Lanes by name; none where they are sealed.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
     """
-    records = comparison.points.to_dict("records")
-    points = []
-    for row in sorted(records, key=itemgetter("far_allowed")):
-        points.append([f"{row['far_allowed']:g}", row["detector"], *_cells(row, _POINT)])
-    pairs = []
-    for row in comparison.pairs.to_dict("records"):
-        only_one = f"{row['only_first']} and {row['only_second']}"
-        pairs.append([*_cells(row, _PAIR), only_one, f"{row['p']:.3g}"])
-    means = None
-    if comparison.means is not None:
-        means = [_cells(row, _MEAN) for row in comparison.means.to_dict("records")]
-    by_detector = comparison.points.groupby("detector", sort=False)
+    points_by_detector = {}
+    for name, table in comparison.points.groupby("detector", sort=False):
+        points_by_detector[str(name)] = table
     names = list(dict.fromkeys(comparison.points["detector"]))
     unranked = [name for name in names if "ranking" in notes.get(name, {})]
     roc = None
@@ -297,11 +319,11 @@ def comparison_html(
         names=names,
         unranked=unranked,
         head=[">allowed FAR (per m²)", "detector", *POINT_HEAD],
-        points=points,
-        pairs=sorted(pairs, key=_far_of),
-        means=means,
+        points=_point_rows(comparison.points),
+        pairs=_pair_rows(comparison.pairs),
+        means=_mean_rows(comparison.means),
         tests=len(comparison.pairs),
-        picture=points_figure({str(name): table for name, table in by_detector}),
+        picture=points_figure(points_by_detector),
         roc=roc,
         rules={name: in_words(value) for name, value in rules.items()},
         level=f"{100 * rules['level']:g}",
@@ -310,6 +332,33 @@ def comparison_html(
         trial=comparison_block(names, lanes or {}, rules, notes),
         standards={"rows": checklist_rows(), "sources": source_rows()},
     )
+
+
+def _point_rows(points: pd.DataFrame) -> list[list[str]]:
+    """Return the rows of the table of operating points, the smallest allowed FAR first."""
+    records = sorted(points.to_dict("records"), key=itemgetter("far_allowed"))
+    rows = []
+    for record in records:
+        far_allowed = f"{record['far_allowed']:g}"
+        rows.append([far_allowed, record["detector"], *_cells(record, _POINT)])
+    return rows
+
+
+def _pair_rows(pairs: pd.DataFrame) -> list[list[str]]:
+    """Return the rows of the table of paired tests, the smallest allowed FAR first."""
+    rows = []
+    for record in pairs.to_dict("records"):
+        only_one = f"{record['only_first']} and {record['only_second']}"
+        p_value = f"{record['p']:.3g}"
+        rows.append([*_cells(record, _PAIR), only_one, p_value])
+    return sorted(rows, key=_far_of)
+
+
+def _mean_rows(means: pd.DataFrame | None) -> list[list[str]] | None:
+    """Return the rows of the table of mean Pd; None where there are no curves to average."""
+    if means is None:
+        return None
+    return [_cells(record, _MEAN) for record in means.to_dict("records")]
 
 
 def _curve_label(name: str, notes: Mapping[str, Any]) -> str:
@@ -327,24 +376,43 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
     """Draw operating points with their intervals of Pd, side by side at each allowed FAR.
 
     A dash marks chance.
+
+    Parameters
+    ----------
+    groups : mapping of str to pandas.DataFrame
+        Operating points by name of the group: ``far_allowed`` (per m²), ``pd``, ``pd_low``,
+        ``pd_high``, ``chance`` and ``n_targets``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
     """
     figure = Figure(figsize=(8.2, 3.6), layout="constrained")
     axes = figure.add_subplot()
     step = 0.7 / max(1, len(groups))
-    allowed = sorted({far for points in groups.values() for far in points["far_allowed"]})
+    allowed_fars: set[float] = set()
+    for points in groups.values():
+        allowed_fars.update(points["far_allowed"])
+    allowed = sorted(allowed_fars)
+
     for number, (name, points) in enumerate(groups.items()):
+        # The groups stand side by side about the tick of their FAR.
         offset = (number - (len(groups) - 1) / 2) * step
         position = np.searchsorted(allowed, points["far_allowed"]) + offset
         colour = COLOURS[number % len(COLOURS)]
         marker = MARKS[number % len(MARKS)]
         axes.vlines(position, points["pd_low"], points["pd_high"], color=colour, lw=1.6)
-        label = f"{name} ({points['n_targets'].iloc[0]:.0f} targets)"
+        targets = points["n_targets"].iloc[0]
+        label = f"{name} ({targets:.0f} targets)"
         axes.plot(position, points["pd"], marker, color=colour, ms=5, label=label)
         axes.plot(position, points["chance"], "_", color=colour, ms=9, mew=1.6, alpha=0.7)
     axes.plot([], [], "_", color="0.3", ms=9, label="chance")
     axes.set_xticks(range(len(allowed)), [f"{far:g}" for far in allowed])
     axes.set(
-        ylim=(-0.03, 1.03), xlabel="allowed false alarms per m²", ylabel="probability of detection"
+        ylim=(-0.03, 1.03),
+        xlabel="allowed false alarms per m²",
+        ylabel="probability of detection",
     )
     axes.grid(axis="y", alpha=0.3)
     figure.legend(fontsize=8, loc="outside right upper", frameon=False)
@@ -355,4 +423,5 @@ def _cells(row: Mapping[Any, Any], cells: Sequence[str]) -> list[str]:
     """Return the texts of a row by the formats of its cells."""
     level = row.get("chance", 0.0)
     chance = "not known" if np.isnan(level) else f"{level:.2f}"
-    return [cell.format_map({**row, "chance": chance}) for cell in cells]
+    values = {**row, "chance": chance}
+    return [cell.format_map(values) for cell in cells]

@@ -5,48 +5,43 @@ Alarms and run-views of a run, and the recipe, lane and run that they come from.
 
 from __future__ import annotations
 
-import io
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 import flgpr
-from flgpr.archive import Archive
 from flgpr.chain.detection import MAIN, Detection
 from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
-from flgpr.door import DoorError, Folder
+from flgpr.door import DoorError, Folder, listed_files
 from flgpr.model import Lane
-from flgpr.results.description import check_description
+from flgpr.results.detection_files import parse_detection, read_detection_files, write_detection
 from flgpr.results.errors import ResultError
-from flgpr.results.sections import SECTIONS, read_sections
+from flgpr.results.manifest import (
+    FORMAT,
+    MANIFEST,
+    VERSION,
+    Version,
+    added_versions,
+    read_result_manifest,
+    sealed_manifest,
+)
+from flgpr.results.sections import SECTIONS, read_sections, sections_at
 from flgpr.results.view_files import plain_json, write_view
-from flgpr.store import canonical_json, json_with_digest, sha256
-from flgpr.store.files import check_free_folder, listed_files, read_with_digest, write_whole
-from flgpr.store.notes import log_note
+from flgpr.store import sha256
+from flgpr.store.files import check_free_folder, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
-from flgpr.store.tables import parse_columns, parse_own_table, write_geojson, write_table
 
-if TYPE_CHECKING:
-    from flgpr.geo import Anchor
-
-FORMAT = "flgpr-result"
-VERSION = 2
-MANIFEST = "manifest.json"
 MODEL = "model"
 """Folder of the model inside a result."""
 _NOT_CONTENT = ("identity", "added", "added_sizes", "sha256")
-FRAMES = "frames.npz"
-"""Alarms of every frame, where the recipe scores by frames."""
-_FRAME_COLUMNS = ("frame", "across", "ahead", "confidence")
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn")
 
 
@@ -141,7 +136,7 @@ def _write_files(
     for detection in detections:
         folder = root if detection.name == MAIN else root / "variants" / detection.name
         folder.mkdir(parents=True, exist_ok=True)
-        _write_detection(folder, detection, run.get("georeference"), recipe_text)
+        write_detection(folder, detection, run.get("georeference"), recipe_text)
     learnt = as_model(model)
     border = None if learnt.detector is None else learnt.detector.border
     write_view(root, detections, lane, run, parse_recipe(recipe_text), border)
@@ -151,56 +146,7 @@ def _write_files(
     content = plain_json(_content(root, detections, recipe_text, lane, run))
     if section is not None:
         content["section"] = section
-    write_whole(root / MANIFEST, _manifest(content, {}))
-
-
-def _write_detection(folder: Path, detection: Detection, reference: Any, recipe_text: str) -> None:
-    """Write the tables and the run-view of one detection, and its recipe where it is not the result's own."""
-    write_table(detection.alarms, folder / "alarms.csv")
-    _write_points(detection.alarms, folder, reference, sha256(recipe_text.encode()))
-    write_whole(folder / "run_view.npz", _view_bytes(detection.view))
-    if detection.features is not None:
-        write_table(detection.features, folder / "features.csv")
-    if detection.frames is not None:
-        write_whole(folder / FRAMES, _frames_bytes(*detection.frames))
-    if detection.recipe_text:
-        write_whole(folder / "recipe.toml", detection.recipe_text)
-
-
-def _write_points(alarms: pd.DataFrame, folder: Path, reference: Any, processing_id: str) -> None:
-    """Write alarms as GeoJSON in longitude and latitude.
-
-    As JSON if the lane is not georeferenced.
-    """
-    anchor = None if reference is None else _anchor_of(reference)
-    if anchor is None:
-        write_geojson(alarms, folder / "alarms.json")
-        return
-    from flgpr.geo import georeference, write_earth_geojson
-
-    points = georeference(alarms, anchor, "alarms", processing_id)
-    attributes = {
-        "kind": "alarms",
-        "anchor_crs": anchor.crs,
-        "anchor_sigma_m": None,
-        "processing_id": processing_id,
-    }
-    write_earth_geojson(points, folder / "alarms.geojson", attributes)
-
-
-def _anchor_of(reference: Any) -> Anchor | None:
-    """Return the anchor of a run's attribute ``georeference``.
-
-    None, with a note, if it is damaged.
-    """
-    # Geodesy takes its time to load, and few runs are georeferenced.
-    from flgpr.geo import own_anchor
-
-    try:
-        return own_anchor(reference)
-    except ValueError as error:
-        log_note(f"alarms are written in the lane frame alone: {error}")
-        return None
+    write_whole(root / MANIFEST, sealed_manifest(content, {}))
 
 
 def check_free(folder: str | Path) -> Path:
@@ -248,38 +194,6 @@ def _listing(root: Path) -> dict[str, dict[str, Any]]:
     return {"files": digests, "sizes": sizes}
 
 
-# Digest and size of a file; None for no file, and a size of None where it is not known.
-Version = tuple[str | None, int | None]
-# Versions of the files that are added to a folder later; several of a file while it is written.
-Added = Mapping[str, list[Version]]
-
-
-def _manifest(content: dict[str, Any], added: Added) -> bytes:
-    """Return the sealed content with its identity and the versions of files that were added."""
-    digests = {}
-    sizes = {}
-    for name, versions in added.items():
-        digests[name] = [digest for digest, _ in versions]
-        sizes[name] = [size for _, size in versions]
-    identity = sha256(canonical_json(content))
-    return json_with_digest(
-        {**content, "identity": identity, "added": digests, "added_sizes": sizes}
-    )
-
-
-def _added_versions(manifest: Mapping[str, Any]) -> dict[str, list[Version]]:
-    """Return the versions of files that were added, as :func:`_manifest` lists them.
-
-    Manifests of an older version have no sizes.
-    """
-    sizes = manifest.get("added_sizes", {})
-    added = {}
-    for name, digests in manifest["added"].items():
-        unknown: list[int | None] = [None] * len(digests)
-        added[name] = list(zip(digests, sizes.get(name, unknown), strict=True))
-    return added
-
-
 def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     """Add pages and scores to a result, or replace some.
 
@@ -318,60 +232,23 @@ def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
             # Refuses a link, which would lead the file out of the folder.
             Folder(folder).path(parent.relative_to(folder).as_posix())
     content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
-    before = _added_versions(manifest)
+    before = added_versions(manifest)
     after: dict[str, list[Version]] = {}
     both: dict[str, list[Version]] = {}
     for name, body in data.items():
         new_version = (sha256(body), len(body))
         after[name] = [new_version]
         both[name] = [*before.get(name, [(None, None)]), new_version]
-    write_whole(folder / MANIFEST, _manifest(content, {**before, **both}))
+    write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **both}))
     for name, body in data.items():
         write_whole(folder / name, body)
-    write_whole(folder / MANIFEST, _manifest(content, {**before, **after}))
+    write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
 def are_settled(folder: str | Path) -> bool:
     """Return whether every file that was added to a result was written completely."""
     added = read_result_manifest(folder)["added"]
     return all(len(digests) == 1 for digests in added.values())
-
-
-def _check_origin(manifest: Mapping[str, Any]) -> None:
-    """Check the types of what a manifest says of program and recipe; another type is a ValueError."""
-    for name in ("flgpr", "python", "recipe_sha256", "identity"):
-        value = manifest.get(name, "")
-        if not isinstance(value, str):
-            raise ValueError(f"{name} must be text, got {str(value)[:60]!r}")
-    libraries = manifest.get("libraries", {})
-    if not isinstance(libraries, dict):
-        raise ValueError(f"libraries must be a table, got {str(libraries)[:60]!r}")
-
-
-def read_result_manifest(folder: str | Path) -> dict[str, Any]:
-    """Read the manifest of a result folder and no other file.
-
-    Its ``identity`` does not change when files are added.
-
-    Raises
-    ------
-    ResultError
-        If the manifest is missing, altered or of another format.
-    """
-    folder = Path(folder)
-    try:
-        manifest = read_with_digest(folder, MANIFEST)
-        if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        _check_origin(manifest)
-        check_description(manifest["run"])
-        return manifest
-    except OSError as error:
-        raise ResultError(
-            f"{folder}: not a complete result folder: {error.filename} is missing"
-        ) from None
-    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise ResultError(f"{folder}: manifest.json is altered: {error}") from None
 
 
 def read_result(folder: str | Path) -> Result:
@@ -386,12 +263,17 @@ def read_result(folder: str | Path) -> Result:
     manifest = read_result_manifest(folder)
     try:
         files = listed_files(folder, manifest)
-        lane = Lane(**manifest["lane"])
-        detections = [_read_detection(files, entry) for entry in manifest["detections"]]
+        entries = manifest["detections"]
+        # Every file is read or checked before any is parsed.
+        detection_files = [read_detection_files(files, entry["name"]) for entry in entries]
         text = files.read("recipe.toml").decode("utf-8")
-        recipe = parse_recipe(text, str(folder / "recipe.toml"))
         for name in (files.listed or {}).keys() - files.proven:
             files.check(name)
+        detections = []
+        for read, entry in zip(detection_files, entries, strict=True):
+            detections.append(parse_detection(read, entry))
+        recipe = parse_recipe(text, str(folder / "recipe.toml"))
+        lane = Lane(**manifest["lane"])
     except FileNotFoundError as error:
         raise ResultError(
             f"{folder}: not a complete result folder: {error.filename} is missing"
@@ -420,8 +302,8 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     first = read_result(homes[0])
     rows = read_result_manifest(homes[-1])["section"]["rows"][1]
     step = -(-rows // max(1, most - len(homes)))
-    views = []
-    for home in homes:
+    views = [_thinned_view(first.detections[0].view, step)]
+    for home in homes[1:]:
         section_view = read_result(home).detections[0].view
         views.append(_thinned_view(section_view, step))
     sections = read_sections(folder)
@@ -433,10 +315,10 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
 
 def read_lane_result(folder: str | Path) -> Result:
     """Read the result of a lane; of one that was taken in sections they are joined."""
-    home = Path(folder)
-    if not Folder(home).has(SECTIONS):
-        return read_result(home)
-    return join_sections(home, read_sections(home).homes)
+    sections = sections_at(folder)
+    if sections is None:
+        return read_result(folder)
+    return join_sections(Path(folder), sections.homes)
 
 
 def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
@@ -455,108 +337,3 @@ def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
     """Return a thinned run-view, its looks thinned likewise."""
     looks = thinned(view["looks"].reset_coords(drop=True), step)
     return thinned(view, step).assign_coords(looks=looks)
-
-
-def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
-    """Read one detection, as the manifest's entry names it."""
-    prefix = "" if entry["name"] == MAIN else f"variants/{entry['name']}/"
-    alarms_name = f"{prefix}alarms.csv"
-    view_data = files.read(f"{prefix}run_view.npz")
-    alarms_data = files.read(alarms_name)
-    features_data = files.read_if_listed(f"{prefix}features.csv")
-    frames_data = files.read_if_listed(f"{prefix}{FRAMES}")
-    own_recipe = files.read_if_listed(f"{prefix}recipe.toml") if prefix else None
-
-    try:
-        view = parse_view(view_data)
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise ResultError(
-            f"{files.root}: {prefix}run_view.npz cannot be read ({error!r})"
-        ) from None
-    alarms = parse_own_table(alarms_data, "alarms", files.root / alarms_name)
-    features = None if features_data is None else parse_columns(features_data)
-    try:
-        frames = None if frames_data is None else _parse_frames(frames_data)
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise ResultError(f"{files.root}: {prefix}{FRAMES} cannot be read ({error!r})") from None
-    return Detection(
-        entry["name"],
-        entry["title"],
-        alarms,
-        view,
-        entry["notes"],
-        features=features,
-        frames=frames,
-        recipe_text="" if own_recipe is None else own_recipe.decode("utf-8"),
-    )
-
-
-def parse_view(data: bytes) -> xr.DataArray:
-    """Return the run-view (polarization, subband, y, x) of the bytes of ``run_view.npz``.
-
-    The shapes of all arrays are checked before one is decoded.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit one another.
-    """
-    arrays = Archive(io.BytesIO(data))
-    shapes = {name: member.shape for name, member in arrays.members.items()}
-    axes = [shapes[name] for name in ("polarization", "subband", "y", "x")]
-    if any(len(axis) != 1 for axis in axes):
-        raise ValueError(f"polarization, subband, y and x must be lists, got the shapes {axes}")
-    sizes = tuple(axis[0] for axis in axes)
-    if shapes["magnitude"] != sizes or shapes["looks"] != sizes[2:]:
-        raise ValueError(
-            f"magnitude and looks must fit {sizes}, got {shapes['magnitude']} and {shapes['looks']}"
-        )
-    labels = {}
-    for name in ("polarization", "subband"):
-        labels[name] = [str(label) for label in arrays[name]]
-    coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
-    dims = ("polarization", "subband", "y", "x")
-    return xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
-
-
-def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, NDArray[np.float64]]) -> bytes:
-    """Return the alarms of every frame and the poses of all frames that were searched, as NPZ."""
-    buffer = io.BytesIO()
-    arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
-    arrays |= {
-        "frames": np.array(list(poses), dtype=np.int64),
-        "poses": np.array(list(poses.values())).reshape(-1, 6),
-    }
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, NDArray[np.float64]]]:
-    """Return the alarms and poses of the frames from the bytes of ``frames.npz``.
-
-    The shapes of all arrays are checked before one is decoded.
-    """
-    arrays = Archive(io.BytesIO(data))
-    shapes = {name: member.shape for name, member in arrays.members.items()}
-    columns = {shapes[name] for name in _FRAME_COLUMNS}
-    if len(columns) != 1 or len(columns.pop()) != 1:
-        raise ValueError(f"{', '.join(_FRAME_COLUMNS)} must be lists of one length")
-    if len(shapes["frames"]) != 1 or shapes["poses"] != (*shapes["frames"], 6):
-        raise ValueError(
-            f"poses must be 6 numbers per frame, got {shapes['poses']} for {shapes['frames']}"
-        )
-    alarms = pd.DataFrame({name: arrays[name] for name in _FRAME_COLUMNS})
-    return alarms, dict(zip(arrays["frames"].tolist(), arrays["poses"], strict=True))
-
-
-def _view_bytes(view: xr.DataArray) -> bytes:
-    """Return a run-view as NPZ."""
-    buffer = io.BytesIO()
-    arrays: dict[str, Any] = {}
-    for name in ("y", "x", "looks"):
-        arrays[name] = np.asarray(view[name].values)
-    for name in ("polarization", "subband"):
-        arrays[name] = np.asarray(view[name].values, dtype=str)
-    arrays["magnitude"] = view.values.astype(np.float32)
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()

@@ -17,9 +17,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
-from flgpr.door import MOST_JSON, Folder, parse_json
+from flgpr.door import MOST_JSON, Folder, listed_files, parse_json
 from flgpr.results.description import plausible_poses
-from flgpr.results.result import Result, read_result_manifest
+from flgpr.results.manifest import read_result_manifest
+from flgpr.results.result import Result
 from flgpr.results.view_files import plain_json
 from flgpr.scoring import (
     Rules,
@@ -33,7 +34,6 @@ from flgpr.scoring import (
     score_frames,
 )
 from flgpr.store import canonical_json, sha256
-from flgpr.store.files import listed_files
 from flgpr.trials import BlindScore
 
 ROC_FORMAT = "flgpr-score"

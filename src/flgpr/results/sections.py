@@ -1,6 +1,7 @@
 """The folder of a lane that was processed in sections.
 
-A result folder each, and their joint files.
+It holds a result folder for each section, ``alarms.csv`` with all alarms ranked together,
+``lane.toml``, and ``sections.json``, which lists them with their digests.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.door import DoorError, Folder
+from flgpr.door import DoorError, Folder, listed_files
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.store import json_with_digest, sha256
-from flgpr.store.files import listed_files, read_with_digest, write_whole
+from flgpr.results.manifest import MANIFEST, read_result_manifest
+from flgpr.store import json_with_digest, lane_text, sha256, write_table
+from flgpr.store.files import read_with_digest, write_whole
 from flgpr.store.tables import parse_lane, parse_own_table
 
 FORMAT = "flgpr-sections"
@@ -24,7 +26,6 @@ VERSION = 1
 SECTIONS = "sections.json"
 """File that lists the result folders of a lane that was processed in sections."""
 _JOINT_FILES = ("alarms.csv", "lane.toml")
-_MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,42 @@ class Sections:
         return parse_lane(self.files.read("lane.toml"))
 
 
+def join_results(
+    folder: Path, names: Sequence[str], lane: Lane, identity: Mapping[str, Any]
+) -> None:
+    """Write the table of all alarms, the lane and the list of the sections of a lane.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder that holds the results of the sections.
+    names : sequence of str
+        Their folders, in their order.
+    lane : Lane
+        The lane.
+    identity : mapping
+        Run, recipe and model that they come from.
+    """
+    tables = []
+    for name in names:
+        table = _alarms_of(folder / name)
+        table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
+        tables.append(table)
+    # Columns of tables without rows would change the types of the others.
+    filled = [table for table in tables if len(table)] or tables[:1]
+    alarms = pd.concat(filled, ignore_index=True)
+    alarms = alarms.sort_values("confidence", ascending=False, kind="stable")
+    write_table(alarms, folder / "alarms.csv")
+    write_whole(folder / "lane.toml", lane_text(lane))
+    write_sections(folder, names, identity)
+
+
+def _alarms_of(folder: Path) -> pd.DataFrame:
+    """Read the alarms of a result that is whole, and nothing else of it."""
+    files = listed_files(folder, read_result_manifest(folder))
+    return parse_own_table(files.read("alarms.csv"), "alarms", folder / "alarms.csv")
+
+
 def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, Any]) -> None:
     """Write the list of sections with their digests, after all other files.
 
@@ -69,7 +106,7 @@ def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, An
         digests[name] = sha256(data)
         sizes[name] = len(data)
     for name in names:
-        digests[f"{name}/{_MANIFEST}"] = _identity(folder / name)
+        digests[f"{name}/{MANIFEST}"] = _identity(folder / name)
     content = {
         "format": FORMAT,
         "version": VERSION,
@@ -100,7 +137,8 @@ def read_sections(folder: str | Path) -> Sections:
         for name in _JOINT_FILES:
             files.check(name)
         for name, home in zip(sections.names, sections.homes, strict=True):
-            _check_section(folder, home, name, content["files"][f"{name}/{_MANIFEST}"])
+            if _readable_identity(home) != content["files"][f"{name}/{MANIFEST}"]:
+                raise ResultError(f"{folder}: {name}/{MANIFEST} differs from what was written")
     except OSError as error:
         raise ResultError(
             f"{folder}: not a complete folder of sections: {error.filename} is missing"
@@ -114,27 +152,36 @@ def read_sections(folder: str | Path) -> Sections:
     return sections
 
 
-def _check_section(folder: Path, home: Path, name: str, identity: str) -> None:
-    """Refuse a section whose identity is not the one that the list holds."""
+def _readable_identity(home: Path) -> str:
+    """Return the identity of a result; "" if its manifest cannot be read."""
     try:
-        actual = _identity(home)
+        return _identity(home)
     except DoorError:
         raise
     except (KeyError, TypeError, ValueError):
-        actual = ""
-    if actual != identity:
-        raise ResultError(f"{folder}: {name}/{_MANIFEST} differs from what was written")
+        return ""
 
 
 def _identity(home: Path) -> str:
     """Return the identity of a result, which does not change when pages and scores are added."""
-    return str(read_with_digest(home, _MANIFEST)["identity"])
+    return str(read_with_digest(home, MANIFEST)["identity"])
+
+
+def sections_at(folder: str | Path) -> Sections | None:
+    """Return the sections of a lane's folder; None of a result in one piece.
+
+    Raises
+    ------
+    ResultError
+        As of :func:`read_sections`.
+    """
+    return read_sections(folder) if Folder(folder).has(SECTIONS) else None
 
 
 def results_at(folder: str | Path) -> list[Path]:
     """Return the result folders of a lane: the folder itself, or those of its sections in order."""
-    folder = Path(folder)
-    return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
+    sections = sections_at(folder)
+    return [Path(folder)] if sections is None else sections.homes
 
 
 def section_names(count: int) -> list[str]:

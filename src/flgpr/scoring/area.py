@@ -79,6 +79,8 @@ def _arc_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
     circle, start, end = _hidden_angles(points, radius, half)
     before_zero = start < 0
     past_turn = end > _TURN
+    full_turn = np.full(before_zero.sum(), _TURN)
+    no_turn = np.zeros(past_turn.sum())
     every_circle = np.arange(len(points))
     zeros = np.zeros(len(points))
     turns = np.full(len(points), _TURN)
@@ -86,15 +88,16 @@ def _arc_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
     # the gap before the first hidden interval of a circle and after its last.
     intervals = [
         (circle, np.maximum(start, 0), np.minimum(end, _TURN)),
-        (circle[before_zero], start[before_zero] + _TURN, np.full(before_zero.sum(), _TURN)),
-        (circle[past_turn], np.zeros(past_turn.sum()), end[past_turn] - _TURN),
+        (circle[before_zero], start[before_zero] + _TURN, full_turn),
+        (circle[past_turn], no_turn, end[past_turn] - _TURN),
         (every_circle, zeros, zeros),
         (every_circle, turns, turns),
     ]
-    circles, starts, ends = zip(*intervals, strict=True)
-    visible, first, last = _gaps(
-        np.concatenate(circles), np.concatenate(starts), np.concatenate(ends)
-    )
+    circles, starts, ends = (np.concatenate(column) for column in zip(*intervals, strict=True))
+    visible, first, last = _gaps(circles, starts, ends)
+
+    # On a circle x = a + r·cos φ and y = b + r·sin φ:
+    # x dy - y dx = r·(r + a·cos φ + b·sin φ) dφ
     x, y = points[visible].T
     arcs = (
         radius * (last - first)
@@ -109,12 +112,15 @@ def _hidden_angles(points: FloatArray, radius: float, half: FloatArray) -> Inter
 
     Their middles lie in [0, 2π).
     """
+    # Another disc at the distance d hides angles up to arccos(d/2r) from its direction.
     pairs = cKDTree(points).query_pairs(2 * radius, output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     step = points[pairs[:, 1]] - points[pairs[:, 0]]
+    cosine = np.hypot(*step.T) / (2 * radius)
     middle = [np.arctan2(step[:, 1], step[:, 0])]
-    width = [np.arccos(np.clip(np.hypot(*step.T) / (2 * radius), 0, 1))]
+    width = [np.arccos(np.clip(cosine, 0, 1))]
     circle = [pairs[:, 0]]
+
     # The four borders of the lane: axis, side, and the angle of their outward normal.
     borders = (
         (0, 1, 0.0),
@@ -151,13 +157,14 @@ def _border_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
     total = 0.0
     for axis in (0, 1):
         for sign in (-1, 1):
-            off = sign * half[axis] - points[:, axis]
+            off = sign * half[axis] - points[:, axis]  # from the centres to this border
             is_cut = np.abs(off) < radius
             chord = np.sqrt(radius**2 - off[is_cut] ** 2)
             along = points[is_cut, 1 - axis]
             low = np.maximum(along - chord, -half[1 - axis])
             high = np.minimum(along + chord, half[1 - axis])
-            total += 0.5 * half[axis] * _union_length(low[high > low], high[high > low])
+            in_lane = high > low
+            total += 0.5 * half[axis] * _union_length(low[in_lane], high[in_lane])
     return total
 
 

@@ -148,12 +148,12 @@ def band(
     centre = scores.pd_at(grid, once, every_block, design.area)
     curves = np.array([scores.pd_at(grid, *weights) for weights in _draws(design, draws, seed)])
 
-    spread = np.maximum(curves.std(axis=0, ddof=1), _binomial_deviation(centre, design.clusters))
+    resampled = curves.std(axis=0, ddof=1)
+    spread = np.maximum(resampled, _binomial_deviation(centre, design.clusters))
     largest_deviation = (np.abs(curves - centre) / spread).max(axis=1)
-    factor = max(
-        float(np.quantile(largest_deviation, level)),
-        float(special.ndtri((1 + level) / 2)),
-    )
+    of_level = float(np.quantile(largest_deviation, level))
+    of_normal = float(special.ndtri((1 + level) / 2))
+    factor = max(of_level, of_normal)
 
     # Pd rises with FAR, so a bound that dips or juts may be drawn level without losing a curve that
     # was inside.
@@ -227,12 +227,25 @@ def tails(level: float, clusters: int) -> tuple[float, float]:
     Resampling n mines sees a spread too small by sqrt(1 - 1/n) and tails too thin by Student's t
     against the normal distribution; percentiles further out make up for both (Hesterberg 2015).
     They are 0 and 1 for a single mine.
+
+    Parameters
+    ----------
+    level : float
+        Level of the interval.
+    clusters : int
+        Number n of mines.
+
+    Returns
+    -------
+    lower, upper : float
+        Probabilities.
     """
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")
     if clusters < 2:
         return 0.0, 1.0
-    reach = math.sqrt(clusters / (clusters - 1)) * special.stdtrit(clusters - 1, (1 + level) / 2)
+    student = special.stdtrit(clusters - 1, (1 + level) / 2)
+    reach = math.sqrt(clusters / (clusters - 1)) * student
     return float(special.ndtr(-reach)), float(special.ndtr(reach))
 
 
@@ -261,6 +274,7 @@ def make_design(
         raise ValueError(
             f"cluster must name a mine in every row, got {unnamed} rows without {cluster}"
         )
+
     block_y: list[tuple[int, float, float]] = []
     block_area: list[float] = []
     block_lane: list[int] = []
@@ -270,6 +284,8 @@ def make_design(
         block_y.append((len(block_area), lane.y_min, length / blocks))
         block_area += _open_areas(matched, number, lane, blocks)
         block_lane += [number] * blocks
+    # Rounding may leave a little less than nothing. By the area rule of the FAR the blocks together
+    # have another area than the ground outside the halos.
     open_area = np.maximum(block_area, 0.0)
     return Design(
         lanes=len(matched.lanes),

@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import as_lane, check_truth
 from flgpr.scoring.curve import clopper_pearson, count_at, describe, make_curve
-from flgpr.scoring.matching import LaneLike, Subset, check_place, positions, select_targets
+from flgpr.scoring.matching import (
+    BoolArray,
+    LaneLike,
+    Subset,
+    check_place,
+    positions,
+    select_targets,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -279,6 +286,34 @@ def example_roc(
     3        2.0  0.667  0.02
     4        1.0  1.000  0.02
     """
+    scores, is_target_example = _checked_examples(score, is_target)
+    n_prescreened = int(is_target_example.sum())
+    n_clutter = len(scores) - n_prescreened
+    total = n_prescreened if n_targets is None else int(n_targets)
+    if total < n_prescreened:
+        raise ValueError(
+            f"n_targets must be at least the {n_prescreened} target examples, got {n_targets}"
+        )
+    if repeats < 1 or n_clutter % repeats:
+        raise ValueError(f"repeats must divide the {n_clutter} clutter examples, got {repeats}")
+    if not (math.isfinite(area) and area > 0):
+        raise ValueError(f"area must be positive, got {area}")
+
+    thresholds = np.append(np.inf, np.unique(scores)[::-1])
+    n_detected = count_at(thresholds, scores[is_target_example])
+    n_false = count_at(thresholds, scores[~is_target_example])
+    attrs = {
+        **describe("examples"),
+        "n_examples": len(scores),
+        "n_prescreened": n_prescreened,
+        "repeats": int(repeats),
+    }
+    counted = n_false if repeats == 1 else n_false / repeats
+    return make_curve(thresholds, n_detected, counted, total, area, attrs, level)
+
+
+def _checked_examples(score: ArrayLike, is_target: ArrayLike) -> tuple[FloatArray, BoolArray]:
+    """Return scores and labels of examples as arrays (example,), which must fit together."""
     scores = np.asarray(score, dtype=np.float64)
     labels = np.asarray(is_target)
     if scores.ndim != 1 or labels.shape != scores.shape:
@@ -292,26 +327,4 @@ def example_roc(
         raise ValueError(
             f"score must be finite, got {int((~np.isfinite(scores)).sum())} values that are not"
         )
-    is_target_example = labels.astype(bool)
-    n_prescreened = int(is_target_example.sum())
-    n_clutter = len(scores) - n_prescreened
-    total = n_prescreened if n_targets is None else int(n_targets)
-    if total < n_prescreened:
-        raise ValueError(
-            f"n_targets must be at least the {n_prescreened} target examples, got {n_targets}"
-        )
-    if repeats < 1 or n_clutter % repeats:
-        raise ValueError(f"repeats must divide the {n_clutter} clutter examples, got {repeats}")
-    if not (math.isfinite(area) and area > 0):
-        raise ValueError(f"area must be positive, got {area}")
-    thresholds = np.append(np.inf, np.unique(scores)[::-1])
-    n_detected = count_at(thresholds, scores[is_target_example])
-    n_false = count_at(thresholds, scores[~is_target_example])
-    attrs = {
-        **describe("examples"),
-        "n_examples": len(scores),
-        "n_prescreened": n_prescreened,
-        "repeats": int(repeats),
-    }
-    counted = n_false if repeats == 1 else n_false / repeats
-    return make_curve(thresholds, n_detected, counted, total, area, attrs, level)
+    return scores, labels.astype(bool)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.model import check_alarms
 from flgpr.scoring.chance_level import Chance
@@ -73,24 +74,36 @@ def pd_table(
         raise ValueError(f"by must name columns of truth, got {', '.join(missing)}")
     if "depth" in names and depth_edges is not None:
         table["depth"] = depth_classes(table["depth"], depth_edges)
+
     groups = table.groupby(names, sort=True, dropna=False, observed=True)
     result = groups["found"].agg(n_targets="size", n_detected="sum").reset_index()
     low, high = clopper_pearson(result["n_detected"], result["n_targets"], level)
-    result = result.assign(pd=result["n_detected"] / result["n_targets"], pd_low=low, pd_high=high)
+    share = result["n_detected"] / result["n_targets"]
+    result = result.assign(pd=share, pd_low=low, pd_high=high)
     if chance is not None:
-        counted = table.assign(
-            clear_halos=(~np.isnan(chance.best)).sum(axis=1),
-            struck_halos=(chance.best >= threshold).sum(axis=1),
-        )
-        by_group = counted.groupby(names, sort=True, dropna=False, observed=True)
-        sums = by_group[["clear_halos", "struck_halos"]].sum()
-        result["chance"] = (sums["struck_halos"] / sums["clear_halos"]).to_numpy()
+        result["chance"] = _chance_by_group(table, names, chance, threshold)
     result.attrs = {
         "threshold": threshold,
         "far": float(curve["far"].iloc[row]),
         "far_allowed": float(far),
     }
     return result
+
+
+def _chance_by_group(
+    table: pd.DataFrame, names: list[str], chance: Chance, threshold: float
+) -> NDArray[np.float64]:
+    """Return the Pd by chance of every group of targets, in the order of the groups.
+
+    It is the share of moved halos that a free alarm strikes, of those that overlap no other.
+    """
+    counted = table.assign(
+        clear_halos=(~np.isnan(chance.best)).sum(axis=1),
+        struck_halos=(chance.best >= threshold).sum(axis=1),
+    )
+    by_group = counted.groupby(names, sort=True, dropna=False, observed=True)
+    sums = by_group[["clear_halos", "struck_halos"]].sum()
+    return (sums["struck_halos"] / sums["clear_halos"]).to_numpy()
 
 
 def depth_classes(depth: pd.Series[Any], edges: Sequence[float] = DEPTH_EDGES) -> pd.Series[Any]:
@@ -136,8 +149,8 @@ def decision_curves(
     distances : sequence of float
         Decision distances, m.
     combine : {"max", "mean"}
-        How the confidences of one alarm's scans become one; its place is that of its most confident
-        scan.
+        How the confidences of one alarm's scans become one; its position is that of its most
+        confident scan.
 
     Returns
     -------
@@ -163,14 +176,21 @@ def decision_curves(
     for distance in distances:
         rows = table[table["ahead"] >= distance].reset_index(drop=True)
         if "alarm_id" in keys:
-            groups = rows.groupby(keys, sort=False, dropna=False)["confidence"]
-            combined = groups.transform(combine)
-            strongest = groups.idxmax()
-            rows = rows.assign(confidence=combined).loc[strongest].reset_index(drop=True)
+            rows = _one_row_per_alarm(rows, keys, combine)
         curve = roc(rows, truth, lane, **options)
         curve.attrs["decision_distance"] = float(distance)
         curves[float(distance)] = curve
     return curves
+
+
+def _one_row_per_alarm(
+    rows: pd.DataFrame, keys: list[str], combine: Literal["max", "mean"]
+) -> pd.DataFrame:
+    """Return each alarm's most confident scan, with the confidences of its scans combined."""
+    groups = rows.groupby(keys, sort=False, dropna=False)["confidence"]
+    combined = groups.transform(combine)
+    strongest = groups.idxmax()
+    return rows.assign(confidence=combined).loc[strongest].reset_index(drop=True)
 
 
 def _all_finite(column: pd.Series[Any]) -> bool:

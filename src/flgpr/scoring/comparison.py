@@ -153,13 +153,9 @@ def compare(
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
 
-    # Looks at one mine are no independent trials: a mine counts once, for the detector that finds
-    # it more often.
     found_a = _is_found(scores_a, far, design.area)
     found_b = _is_found(scores_b, far, design.area)
-    lead = np.bincount(design.target_cluster, weights=found_a.astype(float) - found_b.astype(float))
-    only_a = int((lead > 0).sum())
-    only_b = int((lead < 0).sum())
+    only_a, only_b = _found_by_one(found_a, found_b, design)
 
     by_chance = []
     for matched in (first, second):
@@ -197,6 +193,19 @@ def _resampled_differences(
         gain = scores_a.shares(far_max, block, area) - scores_b.shares(far_max, block, area)
         differences[number] = (target * gain).sum() / target.sum()
     return differences
+
+
+def _found_by_one(
+    found_a: NDArray[np.bool_], found_b: NDArray[np.bool_], design: Design
+) -> tuple[int, int]:
+    """Return how many mines detector A alone finds, and how many detector B alone.
+
+    Looks at one mine are no independent trials: a mine counts once, for the detector that finds it
+    more often.
+    """
+    difference = found_a.astype(float) - found_b.astype(float)
+    lead = np.bincount(design.target_cluster, weights=difference)
+    return int((lead > 0).sum()), int((lead < 0).sum())
 
 
 def _is_found(scores: Scores, far: float, area: float) -> NDArray[np.bool_]:
@@ -367,14 +376,19 @@ def side_by_side(
         for row in _paired_points(first, second, fars, rules):
             pairs.append(names | row)
         if means:
-            compared = compare(first, second, **_mean_options(rules))
-            row = {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
+            row = _compared_means(first, second, rules)
             row["low_a"], row["high_a"] = intervals[name]
             row["low_b"], row["high_b"] = intervals[other]
             pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
     table.attrs = {}
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
+
+
+def _compared_means(first: Match, second: Match, rules: Rules) -> dict[str, Any]:
+    """Return the entries of a row that compares the PD_mean of two detectors."""
+    compared = compare(first, second, **_mean_options(rules))
+    return {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
 
 
 def _mean_options(rules: Rules) -> dict[str, Any]:
@@ -523,9 +537,10 @@ def agreement(
             f"verdicts must be of the same alarms, at least one, got {len(first)} and {len(second)}"
         )
     verdicts = {*first, *second}
-    strange = sorted(str(verdict) for verdict in verdicts if verdict not in categories)
-    if strange:
-        raise ValueError(f"verdicts must be {', '.join(categories)}, got {', '.join(strange)}")
+    unknown = sorted(str(verdict) for verdict in verdicts if verdict not in categories)
+    if unknown:
+        raise ValueError(f"verdicts must be {', '.join(categories)}, got {', '.join(unknown)}")
+
     names = pd.Index(categories)
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     row = names.get_indexer(pd.Index(first))
@@ -533,6 +548,7 @@ def agreement(
     np.add.at(counts, (row, column), 1)
     n = int(counts.sum())
     agreed = int(np.trace(counts))
+    # Two analysts who judge independently agree by the product of their shares of each verdict.
     expected = float((counts.sum(axis=0) * counts.sum(axis=1)).sum() / n**2)
     low, high = clopper_pearson(agreed, n, level)
     shares = (agreed / n, float(low), float(high))

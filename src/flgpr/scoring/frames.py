@@ -74,33 +74,46 @@ def unroll_frames(
         )
     if not poses:
         raise ValueError("poses must hold at least one frame that was searched, got none")
-    strange = sorted(set(alarms["frame"]) - set(poses))
-    if strange:
+    unknown = sorted(set(alarms["frame"]) - set(poses))
+    if unknown:
         raise ValueError(
-            f"frame must be one of those that were searched, got alarms of {strange[:4]}"
+            f"frame must be one of those that were searched, got alarms of {unknown[:4]}"
         )
+
     slot = area.y_max - area.y_min + GAP
     start = {frame: number * slot - area.y_min for number, frame in enumerate(sorted(poses))}
     offset = alarms["frame"].map(start).to_numpy(dtype=np.float64)
-    unrolled = alarms.assign(
-        x=alarms["across"], y=alarms["ahead"].to_numpy(dtype=np.float64) + offset
-    )
-    in_reach = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
+    ahead = alarms["ahead"].to_numpy(dtype=np.float64)
+    unrolled = alarms.assign(x=alarms["across"], y=ahead + offset)
+
     looks = []
     for frame in sorted(poses):
         pose = np.asarray(poses[frame], dtype=np.float64)
-        across, ahead = lane_to_scan(ground_points(truth), pose)[:, :2].T
-        table = truth.assign(
-            x=across,
-            y=ahead + start[frame],
-            inside=area.contains(across, ahead),
-            mine=truth["target_id"],
-            target_id=truth["target_id"].astype(str) + f"-{frame}",
-        )
-        looks.append(table[in_reach.contains(across, ahead)])
-    unrolled_lane = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
+        looks.append(_looks_of_frame(truth, frame, pose, start[frame], area, halo))
     all_looks = pd.concat(looks, ignore_index=True)
+    unrolled_lane = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
     return UnrolledFrames(unrolled, all_looks, unrolled_lane, slot, len(poses))
+
+
+def _looks_of_frame(
+    truth: pd.DataFrame,
+    frame: int,
+    pose: NDArray[np.float64],
+    start: float,
+    area: Lane,
+    halo: float,
+) -> pd.DataFrame:
+    """Return the targets in or near a frame's area, on the unrolled lane from ``start`` on."""
+    across, ahead = lane_to_scan(ground_points(truth), pose)[:, :2].T
+    table = truth.assign(
+        x=across,
+        y=ahead + start,
+        inside=area.contains(across, ahead),
+        mine=truth["target_id"],
+        target_id=truth["target_id"].astype(str) + f"-{frame}",
+    )
+    in_reach = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
+    return table[in_reach.contains(across, ahead)]
 
 
 def score_frames(

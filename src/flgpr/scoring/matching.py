@@ -304,11 +304,8 @@ def match(
     0         a     1      0.36
     1         b     3      0.14
     """
-    if not (isinstance(halo, int | float | np.number) and math.isfinite(halo) and halo > 0):
-        raise ValueError(f"halo must be a positive number of metres, got {halo!r}")
-    one_of("halo_as", halo_as, ("radius", "diameter"))
+    radius = _halo_radius(halo, halo_as)
     one_of("assignment", assignment, ("halo", "nearest"))
-    radius = float(halo) / (2 if halo_as == "diameter" else 1)
     alarms = check_alarms(alarms).reset_index(drop=True)
     truth = check_truth(truth).reset_index(drop=True)
     lanes = as_lanes(lane)
@@ -333,6 +330,8 @@ def match(
         first, second, lengths = pairs_within(points, expected[target_rows], radius)
         pairs.append((alarm_rows[first], target_rows[second], lengths))
     alarm, target, distance = (np.concatenate(column) for column in zip(*pairs, strict=True))
+
+    # An alarm in any halo is not false, also where it detects the nearest target alone.
     in_halo = np.zeros(len(alarms), dtype=bool)
     in_halo[alarm] = True
     if assignment == "nearest":
@@ -356,6 +355,14 @@ def match(
     )
 
 
+def _halo_radius(halo: float, halo_as: str) -> float:
+    """Return the radius of a halo, m, that is given as a radius or a diameter."""
+    if not (isinstance(halo, int | float | np.number) and math.isfinite(halo) and halo > 0):
+        raise ValueError(f"halo must be a positive number of metres, got {halo!r}")
+    one_of("halo_as", halo_as, ("radius", "diameter"))
+    return float(halo) / (2 if halo_as == "diameter" else 1)
+
+
 def _nearest_pairs(alarm: IntArray, target: IntArray, distance: FloatArray) -> IntArray:
     """Return the pairs of alarms with their nearest targets, as numbers of pairs."""
     order = np.lexsort((target, distance, alarm))
@@ -366,17 +373,30 @@ def _nearest_pairs(alarm: IntArray, target: IntArray, distance: FloatArray) -> I
 def pairs_within(
     first_points: FloatArray, second_points: FloatArray, radius: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """List the pairs of points of two sets that lie within a radius, its border included.
+    """Return the pairs of points of two sets that lie within a radius, its border included.
 
-    Returned are the rows of the first and of the second set (pair,), and the distance (pair,), m.
+    Parameters
+    ----------
+    first_points, second_points : (n, 2), (m, 2) ndarray
+        Points, m.
+    radius : float
+        Radius, m.
+
+    Returns
+    -------
+    first, second : (pair,) ndarray of int
+        Rows of the first and of the second set.
+    distance : (pair,) ndarray
+        Distance of the two, m.
     """
     if len(first_points) == 0 or len(second_points) == 0:
         no_rows = np.zeros(0, dtype=np.int64)
         return no_rows, no_rows, np.zeros(0)
     # The tree rounds differently on the border: let it find a little too much, then decide by the
     # plain formula.
+    a_little_more = radius * (1 + 1e-6) + 1e-9
     candidates = cKDTree(first_points).sparse_distance_matrix(
-        cKDTree(second_points), radius * (1 + 1e-6) + 1e-9, output_type="ndarray"
+        cKDTree(second_points), a_little_more, output_type="ndarray"
     )
     first = candidates["i"].astype(np.int64)
     second = candidates["j"].astype(np.int64)

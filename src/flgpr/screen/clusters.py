@@ -106,9 +106,13 @@ def _groups_about_leaders(points: FloatArray, radius: float) -> list[NDArray[np.
     # The first of a pair has the smaller number: it is the stronger one.
     pairs = cKDTree(points).query_pairs(radius * (1 + 1e-9), output_type="ndarray")
     strong, weak = pairs.T
+    no_leader = len(points)
     leader = np.arange(len(points))
-    leader[weak] = len(points)
-    leads = leader < len(points)
+    leader[weak] = no_leader
+    leads = leader < no_leader
+
+    # The strongest leader within the radius has the smallest number. A point that only points
+    # which do not lead outshine belongs to no group: it is the last group, which is left out.
     by_leader = leads[strong]
     np.minimum.at(leader, weak[by_leader], strong[by_leader])
     order = np.argsort(leader, kind="stable")
@@ -140,13 +144,15 @@ def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> Fl
     centres = positions + [ellipse.offset_x, ellipse.offset_y]
     ratio = np.empty(len(positions))
     for i, (u, v) in enumerate(centres):
+        # The rectangle of Fig. 2 is twice as long and wide as the ellipse.
         rows = np.flatnonzero(np.abs(y - v) <= 2 * ellipse.half_y)
         columns = np.flatnonzero(np.abs(x - u) <= 2 * ellipse.half_x)
         across = (x[columns] - u) / ellipse.half_x
         along = (y[rows, None] - v) / ellipse.half_y
         rectangle = power[np.ix_(rows, columns)]
         e_in = float(rectangle[across**2 + along**2 <= 1].sum())
-        ratio[i] = (float(rectangle.sum()) - e_in) / e_in if e_in > 0 else math.inf
+        e_out = float(rectangle.sum()) - e_in
+        ratio[i] = e_out / e_in if e_in > 0 else math.inf
     return ratio
 
 
@@ -262,7 +268,8 @@ def _clusters_of_mines(
         if within.size:
             rows.append(within[0])  # clusters are sorted from strong to weak
     table = clusters.iloc[rows]
-    return table.assign(energy_ratio=energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse))
+    ratio = energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse)
+    return table.assign(energy_ratio=ratio)
 
 
 def _pixel_area(image: xr.DataArray) -> float:
@@ -324,10 +331,12 @@ def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
     offset = []
     for axis, step in ((1, spacing[0]), (0, spacing[1])):
         profile = power.sum(axis=1 - axis)
+        total = profile.sum()
         position = np.arange(profile.size) * step
-        centre = (position * profile).sum() / profile.sum()
-        variance = ((position - centre) ** 2 * profile).sum() / profile.sum()
-        half.append(2 * math.sqrt(max(variance, (step / 2) ** 2)))
+        centre = (position * profile).sum() / total
+        variance = ((position - centre) ** 2 * profile).sum() / total
+        least_variance = (step / 2) ** 2  # that of a single pixel is zero
+        half.append(2 * math.sqrt(max(variance, least_variance)))
         offset.append(float(centre - brightest[axis] * step))
     return Ellipse(half[0], half[1], offset[0], offset[1])
 
@@ -368,6 +377,7 @@ def fuse_clusters(
     if not tables:
         raise ValueError("tables must hold at least one image, got none")
     keys = list(tables)
+    # Peaks of different images are compared in units of their levels.
     scaled = []
     for i, (key, table) in enumerate(tables.items()):
         level = levels[key] if levels else table["peak"].mean()
@@ -378,7 +388,7 @@ def fuse_clusters(
     positions = clusters[["x", "y"]].to_numpy(dtype=np.float64)
     regions = []
     for members in _groups_about_leaders(positions, radius):
-        best = clusters.iloc[members].drop_duplicates("image")
+        best = clusters.iloc[members].drop_duplicates("image")  # the strongest of every image
         detected_in = {keys[i] for i in best["image"]}
         if _passes(detected_in, keys, rule):
             strength = best["strength"].iloc[0]

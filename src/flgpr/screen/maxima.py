@@ -125,7 +125,12 @@ def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.b
 
 
 def view_threshold(
-    maxima: pd.DataFrame, lane: Lane, seen: float, radius: float, density: float, count: Count
+    maxima: pd.DataFrame,
+    lane: Lane,
+    area_seen: float,
+    radius: float,
+    density: float,
+    count: Count,
 ) -> float:
     """Return the threshold of the density rule for all local maxima of a run-view.
 
@@ -135,7 +140,7 @@ def view_threshold(
         x, y (m), magnitude.
     lane, radius, density, count
         As for :func:`prescreen`.
-    seen : float
+    area_seen : float
         Area of the run-view that a scan sees, m².
 
     Returns
@@ -144,8 +149,9 @@ def view_threshold(
         Least magnitude of an alarm, see :func:`density_threshold`.
     """
     counted = counts(maxima["x"], maxima["y"], lane, count)
-    area = seen if count == "view" else lane.area
-    return density_threshold(maxima["magnitude"].to_numpy()[counted], area, radius, density)
+    area = area_seen if count == "view" else lane.area
+    magnitude = maxima["magnitude"].to_numpy()[counted]
+    return density_threshold(magnitude, area, radius, density)
 
 
 def density_threshold(
@@ -250,6 +256,7 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     rows = rows[order]
     columns = columns[order]
 
+    # Equal pixels do not exceed each other: only the first of those within the radius is an alarm.
     selected: list[int] = []
     with_value: dict[float, list[int]] = {}
     for i in range(rows.size):
@@ -278,7 +285,9 @@ def _candidates(
     if min(dy, dx) > radius / math.sqrt(2):
         rows, columns = np.nonzero(inner)
         return rows, columns
-    size = (3 if math.floor(radius / dy + 1e-9) else 1, 3 if math.floor(radius / dx + 1e-9) else 1)
+    rows_compared = 3 if math.floor(radius / dy + 1e-9) else 1
+    columns_compared = 3 if math.floor(radius / dx + 1e-9) else 1
+    size = (rows_compared, columns_compared)
     largest = maximum_filter(filled, size=size, mode="constant", cval=-np.inf)
     rows, columns = np.nonzero((filled == largest) & inner)
     return rows, columns
@@ -307,8 +316,10 @@ def _largest_in_disc(
         count = min(max(_NEIGHBOURS_AT_ONCE // max(rows.size, 1), 1), -(-v.size // 8))
         step = slice(begin, begin + count)
         begin = step.stop
-        around = padded[rows[:, None] + (ny + v[step]), columns[:, None] + (nx + u[step])]
-        largest = (filled[rows, columns, None] >= around).all(axis=1)
+        neighbour_rows = rows[:, None] + (ny + v[step])
+        neighbour_columns = columns[:, None] + (nx + u[step])
+        neighbours = padded[neighbour_rows, neighbour_columns]
+        largest = (filled[rows, columns, None] >= neighbours).all(axis=1)
         rows = rows[largest]
         columns = columns[largest]
     return rows, columns

@@ -74,19 +74,32 @@ class LaneSums:
         self._sums: dict[str, NDArray[Any]] = {}
 
     def add(self, magnitude: NDArray[np.float32], grid: Grid, pose: NDArray[np.float64]) -> None:
-        """Add one scan: magnitudes (..., y, x) on a grid of the scan frame, and its pose (6,)."""
+        """Add one scan.
+
+        Parameters
+        ----------
+        magnitude : (..., y, x) ndarray of float32
+            Magnitudes.
+        grid : Grid
+            Their pixels in the scan frame.
+        pose : (6,) ndarray
+            Pose of the scan, m and rad.
+        """
         if not self._sums:
             self._sums = self._begin(magnitude.shape[:-2])
         reached = self.reach(grid, pose)
         start = self._window.start
         rows = slice(max(reached.start - start, 0), max(reached.stop - start, 0))
+
         local = lane_to_scan(self._points[rows], pose)
         row = (local[..., 1] - grid.y_min) / grid.dy
         column = (local[..., 0] - grid.x_min) / grid.dx
         values = bilinear(magnitude, row, column).astype(np.float32)
         values[..., local[..., 1] > self.y_max] = np.nan
         known = np.isfinite(values)
-        known_by_all = np.asarray(known.all(axis=tuple(range(known.ndim - 2))))
+        leading_axes = tuple(range(known.ndim - 2))
+        known_by_all = np.asarray(known.all(axis=leading_axes))
+
         self._looks[rows] += known_by_all
         self._add_samples(_rows_of(self._sums, rows), Samples(values, known, known_by_all, local))
 
@@ -107,19 +120,31 @@ class LaneSums:
         other_sums = {name: state[name] for name in state if name not in ("looks", "row")}
         if not self._sums:
             self._sums = self._begin(self._channels(other_sums))
+
+        # The rows that both hold, counted from the first row of these sums and of the others.
         start = int(state["row"]) - self._window.start
         rows = slice(max(start, 0), max(start + len(state["looks"]), 0))
         first = rows.start - start
         other_rows = slice(first, first + len(self._looks[rows]))
+
         self._looks[rows] += state["looks"][other_rows]
         self._add_sums(_rows_of(self._sums, rows), _rows_of(other_sums, other_rows))
 
     def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
-        """Return the rows of the grid that a scan with these pixels can reach."""
-        low, high = seen_along(grid, pose, self.y_max + grid.dy)
-        first = math.floor((low - self.grid.y_min) / self.grid.dy)
-        last = math.ceil((high - self.grid.y_min) / self.grid.dy) + 1
-        return slice(min(max(first, 0), self.grid.ny), min(max(last, 0), self.grid.ny))
+        """Return the rows of the grid that a scan can reach.
+
+        Parameters
+        ----------
+        grid : Grid
+            Pixels of the scan in its frame.
+        pose : (6,) ndarray
+            Pose of the scan, m and rad.
+        """
+        lowest, highest = seen_along(grid, pose, self.y_max + grid.dy)
+        first = math.floor((lowest - self.grid.y_min) / self.grid.dy)
+        end = math.ceil((highest - self.grid.y_min) / self.grid.dy) + 1
+        rows = self.grid.ny
+        return slice(min(max(first, 0), rows), min(max(end, 0), rows))
 
     def _begun_sums(self) -> dict[str, NDArray[Any]]:
         """Return the sums of at least one scan."""
@@ -158,7 +183,15 @@ def _rows_of(sums: Mapping[str, NDArray[Any]], rows: slice) -> dict[str, NDArray
 class RunViewSums(LaneSums):
     """Find the second largest magnitude at every pixel of the lane (Wang et al. 2007, Sec. II-B).
 
-    It removes flashes. Where a single scan sees the pixel, its value is taken.
+    A flash, which is bright in a single scan, does not show. Two arrays are stored, ``first`` and
+    ``second``: the largest and the second largest magnitude of the scans so far. A new value is
+    compared with both, and only so is the second largest known after any number of scans. The
+    run-view is ``second`` where two scans or more see the pixel, and ``first``, the only value,
+    where a single one does.
+
+    The n-th largest takes n arrays in descending order: a new value passes down through them
+    (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a
+    pixel the smallest is shown (``_view``).
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
@@ -167,14 +200,17 @@ class RunViewSums(LaneSums):
 
     def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
         values = np.where(samples.known, samples.values, -np.inf)
-        np.maximum(sums["second"], np.minimum(sums["first"], values), out=sums["second"])
+        # The smaller of the largest so far and the new value: it may be the second largest.
+        smaller = np.minimum(sums["first"], values)
+        np.maximum(sums["second"], smaller, out=sums["second"])
         np.maximum(sums["first"], values, out=sums["first"])
 
     def _add_sums(
         self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
     ) -> None:
+        smaller_first = np.minimum(sums["first"], other["first"])
         np.maximum(sums["second"], other["second"], out=sums["second"])
-        np.maximum(sums["second"], np.minimum(sums["first"], other["first"]), out=sums["second"])
+        np.maximum(sums["second"], smaller_first, out=sums["second"])
         np.maximum(sums["first"], other["first"], out=sums["first"])
 
     def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
@@ -185,6 +221,13 @@ class MeanViewSums(LaneSums):
     """Average over the scans that see a pixel, weighted by :func:`look_weight` of their distances.
 
     Of log-likelihoods this is their fusion as if looks were independent.
+
+    Parameters
+    ----------
+    grid, y_max, rows
+        As for :class:`LaneSums`.
+    falloff : float
+        Power of the distance by which weights fall.
     """
 
     def __init__(
@@ -216,9 +259,19 @@ class MeanViewSums(LaneSums):
 
 
 def look_weight(distance: NDArray[np.float64], falloff: float) -> NDArray[np.float64]:
-    """Compute the weights of looks, the power -``falloff`` of their distances, m.
+    """Compute the weights of looks, the power -``falloff`` of their distances.
 
-    Distances below a metre count as a metre.
+    Parameters
+    ----------
+    distance : ndarray
+        Distances of the looks, m; those below a metre count as a metre.
+    falloff : float
+        Power.
+
+    Returns
+    -------
+    ndarray
+        Weights, in the shape of the distances.
     """
     return np.asarray(np.maximum(distance, 1.0) ** -falloff)
 
@@ -354,6 +407,11 @@ def view_array(
         Names and labels of the leading dimensions.
     rows : slice, optional
         Rows of the grid that the view holds, by default all.
+
+    Returns
+    -------
+    xarray.DataArray
+        The run-view, named ``run_view``.
     """
     return xr.DataArray(
         view,
@@ -372,7 +430,9 @@ def grid_of(image: xr.DataArray) -> Grid:
     """Return the pixels of an image (..., y, x) according to its axes."""
     y = image["y"].values
     x = image["x"].values
-    return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
+    dx = float(x[1] - x[0])
+    dy = float(y[1] - y[0])
+    return Grid(float(x[0]), float(y[0]), x.size, y.size, dx, dy)
 
 
 def select(view: xr.DataArray, polarization: str, subband: str) -> xr.DataArray:

@@ -91,7 +91,11 @@ class Simulator:
         self.scene = scene
         self.sensor = sensor
         self.seed = seed
+
+        # The world, which does not depend on the sensor but for the height of the track.
         self.world = draw_world(scene, seed)
+        self.truth = self.world.truth()
+        self.objects = self.world.objects_table()
         self._terrain = Terrain(scene.terrain, scene.lane, seed)
         self._height = _height_cache(self._terrain)
         level_pose, self.time = draw_track(scene, sensor.height, seed)
@@ -101,9 +105,9 @@ class Simulator:
             self._strips = shadow_strips(
                 self.world.targets, self.world.objects, self._terrain, scene.shadow.foliage
             )
+
+        # The ground and all that scatters, at the sensor's tones.
         self.frequency = sensor.tones.axis()
-        self.truth = self.world.truth()
-        self.objects = self.world.objects_table()
         surface = scene.surface
         heights = None
         if surface.phase_screen and surface.rms_height + surface.unevenness > 0:
@@ -112,6 +116,8 @@ class Simulator:
         self._spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
         self._layers = self._make_layers()
         self._hole_over = {hole.target: hole for hole in self.world.holes}
+
+        # The radar.
         self.response = system_response(sensor, self.frequency)
         self._errors = Impairments(sensor, seed) if errors else None
         sweep_time = sensor.errors.sweep_time if errors else 0.0

@@ -90,12 +90,7 @@ def write_bundle(
     temporary = own_temporary(path)
     try:
         with writing(path), temporary.open("wb") as file:
-            file.write(f"{len(head)} {sha256(head)}\n".encode())
-            file.write(head)
-            for data in blocks:
-                file.write(data.data)
-                file.write(bytes(-data.size % _ALIGN))
-            size = file.tell()
+            size = _write_blocks(file, head, blocks)
             if lasting:
                 file.flush()
                 os.fsync(file.fileno())
@@ -104,6 +99,17 @@ def write_bundle(
         temporary.unlink(missing_ok=True)
         raise
     return size
+
+
+def _write_blocks(file: BinaryIO, head: bytes, blocks: list[NDArray[np.uint8]]) -> int:
+    """Write the line of length and digest, the head, and the arrays; return the file's size."""
+    file.write(f"{len(head)} {sha256(head)}\n".encode())
+    file.write(head)
+    for data in blocks:
+        file.write(data.data)
+        padding = -data.size % _ALIGN
+        file.write(bytes(padding))
+    return file.tell()
 
 
 class Bundle(Mapping[str, NDArray[Any]]):

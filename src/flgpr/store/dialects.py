@@ -107,7 +107,23 @@ class TableReading:
 
 
 def parse_columns_option(text: str) -> dict[str, str]:
-    """Return ``x=Rechts,y=Hoch`` as a mapping; anything else is a ValueError."""
+    """Return ``x=Rechts,y=Hoch`` as a mapping.
+
+    Parameters
+    ----------
+    text : str
+        The text of the option.
+
+    Returns
+    -------
+    dict of str to str
+        The file's name of every column that flgpr knows.
+
+    Raises
+    ------
+    ValueError
+        If the text is anything else, or names a column twice.
+    """
     columns: dict[str, str] = {}
     for pair in text.split(","):
         name, equals, column = pair.partition("=")
@@ -129,6 +145,20 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     as many cells as the first line of numbers, and stands right before it, is the header. A row
     whose first cell is a name that begins with ``#`` stays: it has as many cells as the header,
     which begins with a column of names.
+
+    Parameters
+    ----------
+    text : str
+        The text of the table.
+    kind : str
+        "alarms", "truth" or "objects".
+
+    Returns
+    -------
+    text : str
+        The header and the rows.
+    notes : list of str
+        What was left out.
     """
     lines = text.splitlines()
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
@@ -352,7 +382,8 @@ def _in_lane_frame(
         raise ValueError(
             f"{pair[0]} and {pair[1]} need an anchor, which tells where the lane lies on the Earth"
         )
-    points = np.stack([pd.to_numeric(table[name]).to_numpy(np.float64) for name in pair], axis=-1)
+    sides = [pd.to_numeric(table[name]).to_numpy(np.float64) for name in pair]
+    points = np.stack(sides, axis=-1)
     if not np.isfinite(points).all():
         raise ValueError(f"{pair[0]} and {pair[1]} must be finite in every row")
     lonlat = points if pair[0] == "longitude" else anchor.to_lonlat(points)
@@ -391,11 +422,11 @@ def _unit_in_brackets(text: str) -> tuple[str, str] | None:
         return None
     inner = text[:-1]
     begin = max(inner.rfind("]"), inner.rfind(")")) + 1
-    opened = [place for place in (inner.find("[", begin), inner.find("(", begin)) if place >= 0]
-    if not opened:
+    first = re.search(r"[\[(]", inner[begin:])
+    if first is None:
         return None
-    first = min(opened)
-    return inner[:first].strip(), inner[first + 1 :].strip()
+    bracket = begin + first.start()
+    return inner[:bracket].strip(), inner[bracket + 1 :].strip()
 
 
 def _unit_factor(target: str, unit: str, name: str) -> float:
@@ -435,6 +466,9 @@ def _synonyms_of_id(id_column: str) -> list[str]:
 
 def _folded(name: str) -> str:
     """Return a name without case, accents, blanks and marks: ``Länge`` and ``LANGE`` are equal."""
-    decomposed = unicodedata.normalize("NFKD", name.strip().casefold().replace("ß", "ss"))
+    small = name.strip().casefold().replace("ß", "ss")
+    # NFKD parts a letter from its accents, which then are left out.
+    decomposed = unicodedata.normalize("NFKD", small)
     letters = [letter for letter in decomposed if not unicodedata.combining(letter)]
-    return re.sub(r"[\s_.\-]+", "_", "".join(letters)).strip("_")
+    without_accents = "".join(letters)
+    return re.sub(r"[\s_.\-]+", "_", without_accents).strip("_")

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 from flgpr import system
 from flgpr.append_log import sync_directory
-from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, open_own, parse_json
+from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own, parse_json
 
 PARTIAL = ".partial"
 """Ending of the name of a file that is being written."""
@@ -74,6 +74,11 @@ def existing(path: str | Path, what: str = "file") -> Path:
         The file.
     what : str
         What the file is, for the messages.
+
+    Returns
+    -------
+    Path
+        The file.
 
     Raises
     ------
@@ -238,6 +243,7 @@ def _open_alone(temporary: Path) -> BinaryIO:
         file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
         with suppress(OSError):  # a file system without locks
             system.lock(file, wait=True)
+        # Another process may have renamed or removed the file before this one had the lock.
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file.fileno()), temporary.lstat()):
                 file.truncate(0)
@@ -262,6 +268,7 @@ def replace_folder(new: Path, folder: Path) -> None:
     """
     old = replaced_by(folder)
     shutil.rmtree(old, ignore_errors=True)
+    # No system renames a folder over one that holds files: for a moment neither has the name.
     if folder.exists():
         folder.rename(old)
     new.rename(folder)
@@ -390,46 +397,23 @@ def parse_with_digest(data: bytes) -> dict[str, Any]:
 
 
 def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:
-    """Read a file of an untrusted folder by :func:`parse_with_digest`."""
-    return parse_with_digest(Folder(folder).read(name, MOST_JSON))
+    """Read a file of an untrusted folder by :func:`parse_with_digest`.
 
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    name : str
+        Name of the file in it.
 
-def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
-    """Return the files of a folder as its manifest lists them, by name.
+    Returns
+    -------
+    dict
+        The object, with its entry ``sha256``.
 
-    ``files`` of the manifest holds one digest per file. ``added`` holds several, of which one must
-    match; a None among them says that the file may be absent. ``sizes`` and ``added_sizes`` hold
-    bytes likewise, unless the manifest is of an older version.
+    Raises
+    ------
+    ValueError
+        If it is damaged.
     """
-    try:
-        sizes = manifest.get("sizes", {})
-        added_sizes = manifest.get("added_sizes", {})
-        listed: dict[str, Listed] = {}
-        for name, digest in manifest["files"].items():
-            listed[name] = _listed([digest], [sizes.get(name)])
-        for name, digests in manifest.get("added", {}).items():
-            unknown_sizes = [None] * len(digests)
-            listed[name] = _listed(digests, added_sizes.get(name, unknown_sizes))
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
-    return Folder(folder, listed)
-
-
-def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
-    """Return what a manifest says of a file: digest and size of each version that it may have."""
-    version_digests = []
-    version_sizes = []
-    for digest, size in zip(digests, sizes, strict=True):
-        if digest is None:
-            continue
-        if not isinstance(digest, str):
-            raise ValueError(f"every file must have a digest, got {digests}")
-        version_digests.append(digest)
-        if size is not None:
-            version_sizes.append(size)
-    if not version_digests:
-        raise ValueError(f"every file must have a digest, got {digests}")
-    # Where the size of one version is not known, that of another must not keep it out.
-    if len(version_sizes) < len(version_digests):
-        version_sizes = []
-    return Listed(tuple(version_digests), tuple(version_sizes), None in digests)
+    return parse_with_digest(Folder(folder).read(name, MOST_JSON))

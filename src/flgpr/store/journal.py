@@ -147,6 +147,16 @@ def difference(old: dict[str, Any], new: dict[str, Any]) -> str:
     """Return a description of the first entry in which two dicts differ; empty if none does.
 
     Of an entry in a nested dict only the last name is given: it is the one that a user knows.
+
+    Parameters
+    ----------
+    old, new : dict
+        Descriptions of runs, JSON values.
+
+    Returns
+    -------
+    str
+        What differs, for a message; empty if nothing does.
     """
     for key in sorted({*old, *new}):
         old_entry = old.get(key)

@@ -100,6 +100,7 @@ def _hold(folder: Path, wait: bool, output: Path) -> int:
             raise
         except OSError:  # a file system without locks
             return handle
+        # The folder may have been removed before it was locked; then another one has its name.
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(handle), folder.stat()):
                 return handle
@@ -166,7 +167,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
     """
     partial = _partial_of(path)
     with writing(path), locked_folder(partial, output=path):
-        _empty(partial)
+        _empty(partial)  # of what a killed process left
         temporary = partial / path.name
         try:
             yield temporary
@@ -184,7 +185,20 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
 
 
 def write_new(path: Path, data: bytes | str) -> None:
-    """Write a new file, text as UTF-8; one that exists with other bytes is a FileExistsError."""
+    """Write a new file, text as UTF-8.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    data : bytes or str
+        The content.
+
+    Raises
+    ------
+    FileExistsError
+        If a file with other bytes is there.
+    """
     content = data.encode() if isinstance(data, str) else data
     with atomic_output(path) as temporary:
         temporary.write_bytes(content)
@@ -193,7 +207,21 @@ def write_new(path: Path, data: bytes | str) -> None:
 def same_content(first: Path, second: Path, more: bool = False) -> bool:
     """Return whether two files, or all files of two folders, have the same bytes.
 
-    Links are never the same. With ``more`` the second folder may hold other files as well.
+    Links are never the same.
+
+    Parameters
+    ----------
+    first : Path
+        A file or folder.
+    second : Path
+        Another one.
+    more : bool
+        Whether the second folder may hold other files as well.
+
+    Returns
+    -------
+    bool
+        Whether they are the same.
     """
     if first.is_symlink() or second.is_symlink():
         return False

@@ -108,7 +108,8 @@ class _StoredArray(BackendArray):
                 is_in_chunk = axis // length == k
                 in_output.append(np.flatnonzero(is_in_chunk))
                 in_chunk.append(axis[is_in_chunk] - k * length)
-            out[np.ix_(*in_output)] = self._chunk(number)[np.ix_(*in_chunk)]
+            chunk = self._chunk(number)
+            out[np.ix_(*in_output)] = chunk[np.ix_(*in_chunk)]
         # An axis that a single number was taken of is dropped, as NumPy does.
         return out.reshape([length for axis in selected for length in axis.shape])
 
@@ -234,7 +235,8 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
         )
     files = manifest.get("files")
     has_count = type(manifest.get("scans")) is int
-    if not has_count or not isinstance(files, dict) or not all(map(_is_entry, files.values())):
+    has_entries = isinstance(files, dict) and all(map(_is_entry, files.values()))
+    if not has_count or not has_entries:
         raise RunStoreError(
             f"{root}: {MANIFEST} must tell the number of scans and digest and size of every file"
         )

@@ -201,6 +201,7 @@ class RunWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
+        # A full disk is reported by the library of arrays without the name of a file.
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
             error.filename = str(self.path)
         try:
@@ -471,7 +472,22 @@ def is_finished(path: str | Path) -> bool:
 def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     """Return whether a path holds a complete store of exactly this run.
 
-    Anything else that lies there is a RunExistsError.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    path : str or path
+        The store.
+
+    Returns
+    -------
+    bool
+        Whether it does; False where nothing is there.
+
+    Raises
+    ------
+    RunExistsError
+        If anything else is there.
     """
     root = Path(path)
     if not os.path.lexists(root):
@@ -532,7 +548,16 @@ def _made_of(root: Path, manifest: Mapping[str, Any]) -> Any:
 def read_limits(root: str | Path) -> dict[str, Any]:
     """Return what ends in a store's scans because of how they were made.
 
-    It is empty where the store does not record it, or records it for other scans.
+    Parameters
+    ----------
+    root : str or path
+        The store.
+
+    Returns
+    -------
+    dict
+        As given to :class:`RunWriter`; empty where the store does not record it, or records it for
+        other scans.
     """
     try:
         stored = _made_of(Path(root), read_manifest(root))
@@ -573,9 +598,10 @@ def _write_manifest(root: Path, scans: int) -> str:
     """Write the manifest of all files in a folder, and return its digest."""
     files = {}
     for file in sorted(root.rglob("*")):
+        # The journal is removed at the end; what the store was made of is no part of the run.
         if file.is_file() and file.name not in (JOURNAL, MADE_OF):
             data = file.read_bytes()
-            sync_file(file)
+            sync_file(file)  # before the manifest vouches for it
             name = file.relative_to(root).as_posix()
             files[name] = {"sha256": sha256(data), "bytes": len(data)}
     manifest: dict[str, Any] = {

@@ -42,6 +42,7 @@ _LARGEST_SCAN = 2**53  # up to here every reader of JSON holds integers exactly
 _FARTHEST = 1e3  # distance of an antenna from the vehicle, m
 _HIGHEST = 1e12  # frequency of a tone, Hz
 _FARTHEST_POSE = 1e7  # coordinate of the vehicle in the lane, m
+_LONGEST_VALUE = 100  # characters of a bad value that a message shows
 _DESCRIPTION_KEYS = ("polarization", "frequency_hz", "tx_m", "rx_m")
 
 
@@ -105,7 +106,8 @@ class Scan:
 
     number: int  #: its number in the run, from 0
     time: float  #: time of the scan, s; NaN where unknown
-    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown
+    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown or
+    #: cannot be a pose
     pose: NDArray[np.float64] | None
     #: (polarization, pair, frequency): received field over transmitted field
     signal: NDArray[np.complex64]
@@ -300,9 +302,24 @@ def encode_scan(
 
 
 def frame_size(head: bytes) -> int:
-    """Return the number of bytes of a frame from its first :func:`head_size` bytes or more.
+    """Return the number of bytes of a frame from its first bytes.
 
-    Fewer bytes are a TruncatedFrameError, an impossible size a ScanFileError.
+    Parameters
+    ----------
+    head : bytes
+        The first :func:`head_size` bytes or more.
+
+    Returns
+    -------
+    int
+        The number.
+
+    Raises
+    ------
+    TruncatedFrameError
+        If there are fewer bytes.
+    ScanFileError
+        If the size is impossible.
     """
     if len(head) < _HEAD.size:
         raise TruncatedFrameError(f"frame must have at least {_HEAD.size} bytes, got {len(head)}")
@@ -407,21 +424,54 @@ def _is_finite(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and abs(value) <= sys.float_info.max
 
 
+def pose_fault(frame: Frame) -> str:
+    """Return why the pose in a scan's frame cannot be one: the rule and the value.
+
+    Parameters
+    ----------
+    frame : Frame
+        A frame of the kind "scan".
+
+    Returns
+    -------
+    str
+        "" where the pose can be one, and where the frame states that it is unknown.
+    """
+    value = frame.header.get("pose")
+    rule = "" if value is None else _broken_pose_rule(value)
+    return f"pose must {rule}, got {_shortened(value)}" if rule else ""
+
+
 def _pose(value: Any) -> NDArray[np.float64] | None:
     """Return the pose in a header, or None if it is not finite or out of bounds."""
+    if _broken_pose_rule(value):
+        return None
+    return np.asarray(value, dtype=np.float64)
+
+
+def _broken_pose_rule(value: Any) -> str:
+    """Return the rule that a JSON value breaks which should be a pose; "" if it breaks none."""
     if not isinstance(value, list) or len(value) != 6:
-        return None
+        return "be six numbers"
     if not all(_is_finite(component) for component in value):
-        return None
+        return "be six finite numbers"
     pose = np.asarray(value, dtype=np.float64)
     position = pose[:3]
     heading = pose[3]
     pitch_and_roll = pose[4:]
     if (np.abs(position) >= _FARTHEST_POSE).any():
-        return None
-    if abs(heading) > 2 * math.pi or (np.abs(pitch_and_roll) > math.pi / 2).any():
-        return None
-    return pose
+        return f"have coordinates below {_FARTHEST_POSE:g} m"
+    if abs(heading) > 2 * math.pi:
+        return "have a heading within a full turn"
+    if (np.abs(pitch_and_roll) > math.pi / 2).any():
+        return "have pitch and roll within a quarter turn"
+    return ""
+
+
+def _shortened(value: Any) -> str:
+    """Return a JSON value as text of at most a hundred characters; it may come from anybody."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
 def write_description(description: RunDescription, folder: Path) -> None:

@@ -47,9 +47,11 @@ VARIABLE_ATTRS = {
 """Units and names of a run's variables, by the CF conventions where these have a word for them."""
 _KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
 _WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
-_CRC = 4
+_CHUNK_KEYS = {"name": "default", "configuration": {"separator": "/"}}
+"""How Zarr names the files of chunks by default: NAME/c/0/0/..."""
+_CRC = 4  # bytes
 _SCANS_IN_MEMORY = 4
-_LARGEST_DESCRIPTION = 16 * 2**20
+_LARGEST_DESCRIPTION = 16 * 2**20  # bytes
 
 
 class Layout(NamedTuple):
@@ -76,6 +78,11 @@ def check_declared(
         Returns the verified content of a file.
     max_memory : int
         Memory that the small arrays and a few scans may take, bytes.
+
+    Returns
+    -------
+    dict of str to Layout
+        The layout of each array, by name.
 
     Raises
     ------
@@ -196,18 +203,14 @@ def _check_codecs(name: str, description: dict[str, Any]) -> None:
     codecs = []
     for codec in description.get("codecs", []):
         codecs.append(codec.get("name") if isinstance(codec, dict) else codec)
-    if codecs not in (["bytes", "crc32c"], ["bytes"]) or description.get("storage_transformers"):
+    is_plain = codecs in (["bytes", "crc32c"], ["bytes"])
+    if not is_plain or description.get("storage_transformers"):
         raise ValueError(
             f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}"
         )
-    if description.get("chunk_key_encoding") != {
-        "name": "default",
-        "configuration": {"separator": "/"},
-    }:
-        raise ValueError(
-            f"{name}: its chunks must have the default names, "
-            f"got {description.get('chunk_key_encoding')}"
-        )
+    key_encoding = description.get("chunk_key_encoding")
+    if key_encoding != _CHUNK_KEYS:
+        raise ValueError(f"{name}: its chunks must have the default names, got {key_encoding}")
 
 
 def _check_chunks(name: str, layout: Layout, files: Mapping[str, Mapping[str, Any]]) -> None:
@@ -216,10 +219,13 @@ def _check_chunks(name: str, layout: Layout, files: Mapping[str, Mapping[str, An
     chunks = layout.chunks
     counts = []
     for length, chunk_length in zip(shape, chunks, strict=True):
-        counts.append(-(-length // chunk_length))
-    if math.prod(counts) > len(files):
+        rounded_up = -(-length // chunk_length)  # exact: lengths may be beyond a float's digits
+        counts.append(rounded_up)
+    # First their number: a hostile shape would make the loop over the chunks endless.
+    needed = math.prod(counts)
+    if needed > len(files):
         raise ValueError(
-            f"{name}: shape {shape} in chunks of {chunks} needs {math.prod(counts)} files, got less"
+            f"{name}: shape {shape} in chunks of {chunks} needs {needed} files, got less"
         )
     size = _WIDTHS[layout.dtype] * math.prod(chunks)
     for index in product(*map(range, counts)):

@@ -31,7 +31,7 @@ from flgpr.store.text import decode_text
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
 _NUMBER = re.compile(r"[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?")
-_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
+_PANDAS = tuple(int(number) for number in pd.__version__.split(".")[:2])
 _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
 """Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
 _MOST_HEAD = 100_000  # bytes of a header
@@ -80,7 +80,27 @@ def read_table(path: str | Path, kind: str, reading: TableReading | None = None)
 
 
 def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.DataFrame:
-    """Read a table as :func:`read_table` does, from an untrusted folder (:mod:`flgpr.door`)."""
+    """Read a table as :func:`read_table` does, from an untrusted folder (:mod:`flgpr.door`).
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder.
+    name : str or path
+        Name of the file in it.
+    kind : str
+        What the table holds, as for :func:`read_table`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the file is not valid, or against a rule of untrusted folders.
+    """
     untrusted = Folder(folder)
     return parse_table(untrusted.read(str(name)), kind, untrusted.root / name)
 
@@ -88,7 +108,29 @@ def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.Dat
 def parse_table(
     data: bytes, kind: str, path: str | Path, reading: TableReading | None = None
 ) -> pd.DataFrame:
-    """Read a table as :func:`read_table` does from the bytes of a file, which errors name."""
+    """Read a table as :func:`read_table` does from the bytes of a file, which errors name.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    kind : str
+        What the table holds, as for :func:`read_table`.
+    path : str or path
+        The file, for errors.
+    reading : TableReading, optional
+        Columns of other names, and the anchor of geographic positions.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the table is not valid.
+    """
     with faults_of(path):
         if reading is None and _is_own_dialect(data, kind):
             table = parse_columns(data, *_ID_COLUMNS)
@@ -144,15 +186,15 @@ def _require_confidences(table: pd.DataFrame) -> None:
     """Refuse alarms without confidences, and name the way to score them all the same."""
     if not {"x", "y"} <= set(table.columns):
         return  # the check of all columns names what is missing
-    way = "flgpr score --unranked takes such a list and ranks all its alarms equal"
+    unranked_hint = "flgpr score --unranked takes such a list and ranks all its alarms equal"
     if "confidence" not in table.columns:
         names = ", ".join(map(str, table.columns))
-        raise ValueError(f"alarms must have the columns confidence; got {names}; {way}")
+        raise ValueError(f"alarms must have the columns confidence; got {names}; {unranked_hint}")
     missing = _missing_confidences(table)
     if missing:
         raise ValueError(
             f"alarms.confidence must be a number in every row, got {missing} of {len(table)} rows "
-            f"without one; {way}"
+            f"without one; {unranked_hint}"
         )
 
 
@@ -172,7 +214,27 @@ def _with_equal_ranks(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
 
 
 def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
-    """Read a table as flgpr itself writes it, in UTF-8; any other dialect is a ValueError."""
+    """Read a table as flgpr itself writes it, in UTF-8 and in no other dialect.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    kind : str
+        What the table holds, as for :func:`read_table`.
+    path : str or path
+        The file, for errors.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the table is of another dialect, or not valid.
+    """
     with faults_of(path):
         return _CHECKS[kind](parse_columns(data, *_ID_COLUMNS))
 
@@ -189,6 +251,7 @@ def _is_own_dialect(data: bytes, kind: str) -> bool:
         data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return False
+    # A line that begins with # may be a comment: then the reader of dialects decides.
     return b"\n#" not in data
 
 
@@ -205,7 +268,25 @@ def _header_of(head: str) -> list[str]:
 
 
 def read_columns(path: Path, *texts: str) -> pd.DataFrame:
-    """Read a CSV file of any columns (:func:`parse_columns`)."""
+    """Read a CSV file of any columns.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    *texts : str
+        Columns of text even where they look like numbers.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table (:func:`parse_columns`).
+
+    Raises
+    ------
+    ValueError
+        If the table could be read in two ways, or is too large.
+    """
     return parse_columns(read_named(path), *texts)
 
 
@@ -272,6 +353,7 @@ def parse_csv(source: Any, **options: Any) -> pd.DataFrame:
 
 def _decimal_mark(text: str, mark: str, text_columns: Sequence[str]) -> str:
     """Return the decimal mark of a table whose columns are separated by semicolons or tabs."""
+    # All cells as text: a comma is decimal only where the whole column is of numbers.
     cells = pd.read_csv(io.StringIO(text), sep=mark, dtype=str, keep_default_na=False)
     has_commas = False
     has_points = False
@@ -298,15 +380,15 @@ def _check_table_size(data: bytes) -> None:
     mark = separator_of(head)
     columns = head.count(mark) + 1
     marks = data.count(mark.encode())
-    rows = max(data.count(b"\n"), data.count(b"\r"))
+    rows = max(data.count(b"\n"), data.count(b"\r"))  # lines end with \n, \r\n or \r alone
     counts = {
         "rows": (rows, _MOST_ROWS),
         "columns": (columns, _MOST_COLUMNS),
         "cells": (rows + marks, _MOST_CELLS),
     }
-    for what, (count, most) in counts.items():
+    for noun, (count, most) in counts.items():
         if count > most:
-            raise ValueError(f"a table must have at most {most} {what}, got {count}")
+            raise ValueError(f"a table must have at most {most} {noun}, got {count}")
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
@@ -337,6 +419,16 @@ def table_text(table: pd.DataFrame) -> str:
     a line end. An apostrophe in front of a cell marks it as text. It is put in front of a column's
     name and of text that begins so and is no number, and in front of text that begins with
     apostrophes before such a character. Reading removes one apostrophe.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        The table; its index is not written.
+
+    Returns
+    -------
+    str
+        The text.
     """
     quoted = table.rename(columns=_quoted)
     has_returns = False
@@ -403,7 +495,19 @@ def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
 def write_features(
     path: str | Path, points: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]
 ) -> None:
-    """Write GeoJSON points with the properties ``rest``, and the entries ``head`` of them all."""
+    """Write GeoJSON points with properties of each, and entries of them all.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write.
+    points : list of list of float
+        Coordinates of each point, as GeoJSON has them.
+    rest : pandas.DataFrame
+        Properties, a row for each point.
+    head : dict
+        Entries of the collection.
+    """
     features = []
     for point, row in zip(points, rest.to_dict("records"), strict=True):
         feature = {

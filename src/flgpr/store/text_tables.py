@@ -198,6 +198,7 @@ def _rows(lines: list[_Line], notes: list[str]) -> list[_Row]:
     if not lines:
         return []
     first = lines[0]
+    # The order of the marks counts: beside semicolons or tabs, commas are decimal.
     mark = next((mark for mark in _MARKS if mark in first.text), None)
     if mark == "," and _BLANKS_AND_COMMAS.search(first.text):
         raise ValueError(
@@ -247,6 +248,7 @@ def _with_points(rows: list[_Row], notes: list[str]) -> list[_Row]:
 
 def _number(cell: str) -> complex | None:
     """Return the real or complex number of a cell, NaN where it is missing, None if it is none."""
+    # Blanks about the sign between real and imaginary part, which Python does not read.
     text = _SIGN.sub(r"\1", cell.strip().lower())
     if text in _MISSING:
         return complex(np.nan)

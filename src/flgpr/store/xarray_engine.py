@@ -1,4 +1,4 @@
-"""Opens run stores by ``xarray.open_dataset(path, engine="flgpr")``, checked as :func:`open_run` does.
+"""Opens run stores by ``xarray.open_dataset(path, engine="flgpr")``, checked as by ``open_run``.
 
 Plain ``xarray.open_zarr`` opens them, too, and checks nothing: of a damaged store it returns fill
 values without a word.

@@ -425,15 +425,21 @@ def score_blind(
     look = match_blind(alarms, sealed, passphrase, log, registered=registered, witness=witness)
     matched = look.matched
     rules = look.rules
-    groups: list[tuple[str, Any]] = [("all", None)]
-    if rules["by"] is not None:
-        values = sorted(look.truth[rules["by"]].dropna().unique())
-        groups += [(str(value), {rules["by"]: value}) for value in values]
+    area = rules["area"]
+    column = rules["by"]
+    subsets: dict[str, Any] = {"all": None}
+    if column is not None:
+        for value in sorted(look.truth[column].dropna().unique()):
+            subsets[str(value)] = {column: value}
     level = chance(matched)
-    tables = [_points(matched, level, name, subset, rules["area"]) for name, subset in groups]
-    curve = roc_of(matched, area=rules["area"])
+    tables = []
+    for name, subset in subsets.items():
+        tables.append(_points(matched, level, name, subset, area))
+    curve = roc_of(matched, area=area)
     lists = {line["alarms"] for line in look.looks if "alarms" in line}
-    targets = _found_from(matched, rules["area"]) if rules["show"] == "targets" else None
+    targets = None
+    if rules["show"] == "targets":
+        targets = _found_from(matched, area)
     return BlindScore(
         points=pd.concat(tables, ignore_index=True),
         counts={name: curve.attrs[name] for name in _COUNTS},
@@ -466,22 +472,49 @@ def match_blind(
     sealed: str | Path,
     passphrase: Phrase,
     log: str | Path | None = None,
-    some: Sequence[str] = (),
+    only_lanes: Sequence[str] = (),
     registered: Registration | None = None,
     witness: str | Path | None = None,
 ) -> BlindLook:
     """Match an alarm list to a sealed truth, and enter the look before anything is returned.
 
     The result holds positions, and is for callers that summarise it as :func:`score_blind` does.
-    With ``some`` lanes the others and their targets are left out.
+
+    Parameters
+    ----------
+    alarms : pandas.DataFrame
+        Alarms with ``x``, ``y`` (m) and ``confidence``.
+    sealed : path
+        The sealed file.
+    passphrase : str or callable
+        The passphrase, or a function that asks for it.
+    log : path, optional
+        Log of all looks, by default beside the sealed file.
+    only_lanes : sequence of str
+        Names of lanes; all others and their targets are left out. By default none is.
+    registered : Registration, optional
+        Register and recipe, which a truth that was sealed with a register demands.
+    witness : path, optional
+        File elsewhere that must know the lines of the log.
+
+    Returns
+    -------
+    BlindLook
+        The match, the rules and the looks so far.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, the passphrase is not the right one, the log was changed, or the
+        register lacks what the truth demands.
     """
     opened = _decrypted(sealed, passphrase)
     log_file = _log_of(sealed, log, opened.identity)
     line = _admitted(sealed, log_file, opened, registered)
     truth = opened.truth
     lanes = opened.lanes
-    if some:
-        lanes = {name: lanes[name] for name in some}
+    if only_lanes:
+        lanes = {name: lanes[name] for name in only_lanes}
         truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
     scored_lanes = lanes if list(lanes) != [""] else lanes[""]
     matched = match(alarms, truth, scored_lanes, opened.rules["halo"])

@@ -23,6 +23,7 @@ _PANELS_WIDE = 3
 DASHES = ("-", "--", "-.", ":")
 GREY_ORDERED = ("#000000", "#d55e00", "#0072b2", "#cc79a7", "#009e73", "#56b4e9")
 """Colours of curves that are compared; neighbours differ in grey, too."""
+_DOTS = (0, (1, 2))  # of chance alone
 _COMPARED_DASHES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)))  # dots alone are chance
 MARKS = "osD^vP*X"
 _DODGE = 0.006  # of the axis, by which the intervals of detectors stand apart
@@ -73,24 +74,20 @@ def roc_figure(
         )
     bands = bands or {}
     panels = len(curves) if len(bands) > _MOST_BANDS else 1
-    columns = min(panels, _PANELS_WIDE)
-    rows = math.ceil(panels / columns)
-    size = (5.2, 4.0) if panels == 1 else (2.6 * columns + 0.4, 2.4 * rows + 0.5)
-    figure = _new_figure(figsize=size, dpi=150)
+    figure, plots = _curve_panels(panels)
     figure.suptitle(title, fontsize=10)
-    plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for number, (name, curve) in enumerate(curves.items()):
         axes = plots[number % panels]
         colour = COLOURS[number % len(COLOURS)]
         if name in bands:
             _draw_band(axes, bands[name], colour)
-        label = f"{name} ({int(curve.attrs['n_targets'])})"
+        targets = int(curve.attrs["n_targets"])
+        label = f"{name} ({targets})"
         dashes = DASHES[number % len(DASHES)]
         _draw_steps(axes, curve, "pd", far_max, label=label, color=colour, ls=dashes, lw=1.6)
         if "chance" in curve:
             label = "chance" if number < panels else "_"  # once in each legend
-            dots = (0, (1, 2))
-            _draw_steps(axes, curve, "chance", far_max, label=label, color=colour, ls=dots, lw=1.2)
+            _draw_steps(axes, curve, "chance", far_max, label=label, color=colour, ls=_DOTS, lw=1.2)
     for axes in plots[:panels]:
         axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02))
         axes.grid(alpha=0.3)
@@ -101,6 +98,18 @@ def roc_figure(
     figure.supxlabel("false alarms per m²", fontsize=10)
     figure.supylabel("probability of detection", fontsize=10)
     return figure
+
+
+def _curve_panels(panels: int) -> tuple[Figure, Any]:
+    """Return a figure for curves, and its axes row by row: the panels, then the unused ones."""
+    columns = min(panels, _PANELS_WIDE)
+    rows = math.ceil(panels / columns)
+    size = (5.2, 4.0)
+    if panels > 1:
+        size = (2.6 * columns + 0.4, 2.4 * rows + 0.5)
+    figure = _new_figure(figsize=size, dpi=150)
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    return figure, grid.ravel()
 
 
 def compared_roc_figure(
@@ -126,9 +135,13 @@ def compared_roc_figure(
         Operating points: ``detector``, ``far_allowed`` (per m²), ``pd``, ``pd_low``, ``pd_high``.
     far_max : float
         End of the axis, per m²; it lies farther out where a list of a single operating point does.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
     """
-    single = [float(curve["far"].iloc[-1]) for curve in curves.values() if len(curve) == 2]
-    end = max([far_max, *[1.08 * far for far in single]])
+    end = _end_of_axis(curves, far_max)
     figure = _new_figure(figsize=(8.2, 4.6), dpi=150)
     axes = figure.add_subplot()
     step = _DODGE * end
@@ -140,19 +153,20 @@ def compared_roc_figure(
         }
         mark = MARKS[number % len(MARKS)]
         rows = points[points["detector"] == name]
-        if len(curve) > 2:
+        if _is_single_point(curve):
+            # No rate below the point says anything of this detector.
+            rows = rows[:0]
+        else:
             _draw_steps(axes, curve, "pd", end, **style)
             if "chance" in curve:
-                _draw_steps(axes, curve, "chance", end, **style | {"ls": (0, (1, 2)), "lw": 1.0})
-        else:  # a single operating point: no rate below it says anything of this detector
-            rows = rows[:0]
+                chance_style = style | {"ls": _DOTS, "lw": 1.0}
+                _draw_steps(axes, curve, "chance", end, **chance_style)
         offset = (number - (len(curves) - 1) / 2) * step
         _draw_intervals(axes, curve, rows, offset, end, style, mark)
-        count = int(curve.attrs["n_targets"])
-        axes.plot(
-            [], [], marker=mark, mfc="white", ms=6, label=f"{labels[name]} ({count})", **style
-        )
-    axes.plot([], [], color="0.3", ls=(0, (1, 2)), lw=1.0, label="chance")
+        targets = int(curve.attrs["n_targets"])
+        label = f"{labels[name]} ({targets})"
+        axes.plot([], [], marker=mark, mfc="white", ms=6, label=label, **style)
+    axes.plot([], [], color="0.3", ls=_DOTS, lw=1.0, label="chance")
     axes.set(xlim=(0, end), ylim=(-0.02, 1.02))
     axes.set(xlabel="false alarms per m²", ylabel="probability of detection")
     axes.grid(alpha=0.3)
@@ -160,6 +174,24 @@ def compared_roc_figure(
         title="detector (targets)", fontsize=8, title_fontsize=8, loc="outside right upper"
     )
     return figure
+
+
+def _is_single_point(curve: pd.DataFrame) -> bool:
+    """Return whether a ROC table is of a list of a single operating point.
+
+    It then has two rows: no alarm, and all alarms.
+    """
+    return len(curve) <= 2
+
+
+def _end_of_axis(curves: Mapping[str, pd.DataFrame], far_max: float) -> float:
+    """Return the end of the axis of FAR, per m²: single operating points lie within it."""
+    end = far_max
+    for curve in curves.values():
+        if len(curve) == 2:
+            single_far = float(curve["far"].iloc[-1])
+            end = max(end, 1.08 * single_far)
+    return end
 
 
 def _draw_intervals(
@@ -172,11 +204,11 @@ def _draw_intervals(
     mark: str,
 ) -> None:
     """Draw the intervals of a detector at its operating points, and at its last alarm."""
-    rows = points[["far_allowed", "pd", "pd_low", "pd_high"]].set_axis(
-        ["far", "pd", "pd_low", "pd_high"], axis=1
-    )
-    last = curve.iloc[[-1]][["far", "pd", "pd_low", "pd_high"]]
-    if not np.isclose(rows["far"], last["far"].iloc[0], rtol=1e-6).any():
+    columns = ["far", "pd", "pd_low", "pd_high"]
+    rows = points[["far_allowed", "pd", "pd_low", "pd_high"]].set_axis(columns, axis=1)
+    last = curve.iloc[[-1]][columns]
+    is_at_last = np.isclose(rows["far"], last["far"].iloc[0], rtol=1e-6)
+    if not is_at_last.any():
         rows = pd.concat([rows, last])
     rows = rows[rows["far"] <= end]
     far = np.clip(rows["far"] + offset, 0, end)

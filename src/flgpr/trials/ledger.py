@@ -334,7 +334,23 @@ def before_opening(lines: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
 
 
 def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:
-    """Read a register, which must hold every line that its witness saw of it."""
+    """Read a register, which must hold every line that its witness saw of it.
+
+    Parameters
+    ----------
+    register : path or WitnessedRegister
+        The register.
+
+    Returns
+    -------
+    list of dict
+        Its lines.
+
+    Raises
+    ------
+    ValueError
+        If a line was changed or taken out.
+    """
     path, witness = register_paths(register)
     lines = read_register(path)
     if witness is not None:

@@ -9,7 +9,19 @@ _ANOTHER = "give another port, or port 0 (--port 0) for one that is free"
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Return a socket that listens on an address of this machine; port 0 takes a free one.
+    """Return a socket that listens on an address of this machine.
+
+    Parameters
+    ----------
+    host : str
+        Address or name of this machine.
+    port : int
+        The port; 0 takes a free one.
+
+    Returns
+    -------
+    socket.socket
+        The socket.
 
     Raises
     ------

@@ -30,9 +30,17 @@ _TARGET = ("target_id", "kind", "depth", "far", "confidence")
 
 
 def score_file(path: Path) -> Path | None:
-    """Return the file of a score at a path; None if there is none.
+    """Return the file of a score.
 
-    The path is the file itself or a folder of ``flgpr score``.
+    Parameters
+    ----------
+    path : Path
+        The file itself, or a folder of ``flgpr score``.
+
+    Returns
+    -------
+    Path or None
+        The file; None if there is none.
     """
     if path.is_dir():
         for name in _FILES:
@@ -88,9 +96,11 @@ class ScoreFiles(IndexOnly):
             detections = {}
             for name, entry in entries.items():
                 detections[str(name)] = _view_entry(entry, content["rules"])
-            rules = {name: content["rules"][name] for name in _RULES if name in content["rules"]}
+            stated = content["rules"]
+            rules = {name: stated[name] for name in _RULES if name in stated}
             rules |= _truth_digest(content["notes"])
-            self._score = canonical_json(_view_score(detections, rules))
+            view_score = _view_score(detections, rules)
+            self._score = canonical_json(view_score)
         except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as error:
             raise ValueError(
                 f"{path}: not a score that can be shown ({type(error).__name__}: {error})"
@@ -182,29 +192,41 @@ def _view_entry(entry: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str,
     if "far_allowed" in rows[0]:
         points = []
         for row in rows:
-            points.append({"group": row.get("group", "all")} | _only(row, _POINT))
+            group = row.get("group", "all")
+            points.append({"group": group} | _only(row, _POINT))
         rows = [row for row in rows if row.get("group", "all") == "all"]
-        head = {"n_targets": rows[0]["n_targets"], "area": entry.get("area"), "point": None}
-        head["allowed"] = [row["far_allowed"] for row in rows]
+        head = {
+            "n_targets": rows[0]["n_targets"],
+            "area": entry.get("area"),
+            "point": None,
+            "allowed": [row["far_allowed"] for row in rows],
+        }
     else:
         points = _open_points(entry)
         operating = entry["operating_point"]
-        head = {"n_targets": entry["n_targets"], "area": entry["area"]}
-        head["point"] = {
+        point = {
             "row": _last(rows, operating["far_allowed"]),
             "few_halos": None,
             "far_asked": operating["far_asked"],
             "far_allowed": operating["far_allowed"],
         }
+        head = {"n_targets": entry["n_targets"], "area": entry["area"], "point": point}
+
     curve = {"kind": None, "depth": None, "pd_mean": None, **head}
     curve["level"] = rules.get("level", 0.95)
     curve["threshold"] = [row.get("threshold") for row in rows]
     for name in _CURVE:
-        # Scores of an older version have no chance.
-        curve[name] = [row.get(name) if name == "chance" else row[name] for row in rows]
+        if name == "chance":
+            # Scores of an older version have none.
+            curve[name] = [row.get(name) for row in rows]
+        else:
+            curve[name] = [row[name] for row in rows]
+
     targets = []
     for target in entry.get("targets", []):
-        targets.append(_only({"far": target.get("found_from")} | target, _TARGET))
+        # A blind score states the allowed FAR from which a target is found.
+        with_far = {"far": target.get("found_from")} | target
+        targets.append(_only(with_far, _TARGET))
     return {
         "label": [],
         "target": [],
@@ -229,8 +251,9 @@ def _open_points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     counts = {"n_targets": entry["n_targets"], "area": entry["area"]}
     points = []
     for far in sorted(allowed):
-        row = rows[_last(rows, far)] | counts | {"far_allowed": far}
-        points.append({"group": "all"} | _only(row, _POINT))
+        row = rows[_last(rows, far)]
+        full_row = row | counts | {"far_allowed": far}
+        points.append({"group": "all"} | _only(full_row, _POINT))
     for name, kind in entry["kinds"].items():
         for row in kind["points"]:
             full_row = {"n_targets": kind["n_targets"]} | row

@@ -78,6 +78,7 @@ MakeMap = Callable[[Path, Path | None, Path | None], bytes]
 
 _RAW_DATA = ("bscan", "spectrum", "image", "health")
 _MAP_MARGIN = 20.0  # m of map around what is shown, at least
+_TOKEN_BYTES = 24  # random ones of the address, which nobody guesses
 
 
 class Viewer:
@@ -137,16 +138,7 @@ class Viewer:
         if not paths and live is None:
             raise ValueError("paths must name a result or a run to view, got none")
         if not is_loopback(host):
-            if not allow_remote:
-                raise ValueError(
-                    "host must be of this machine (127.0.0.1) unless remote access is on, "
-                    f"got {host}"
-                )
-            warnings.warn(
-                f"the viewer listens on {host}: whoever reaches it and learns the address with "
-                "its token can read these results, and nothing on the way is encrypted",
-                stacklevel=2,
-            )
+            _warn_of_remote_access(host, allow_remote)
         self._sources = open_sources(paths, score)
         if live is None and self._sources:
             folder = self._sources[0].folder
@@ -164,7 +156,7 @@ class Viewer:
         self._open_raw = raw
         self._raw = dict[int, Raw]()
         self._opening = threading.Lock()
-        self.token = secrets.token_urlsafe(24)
+        self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         # Requests before run is called wait.
         self._socket = listening_socket(host, port)
         self.host = host
@@ -209,7 +201,8 @@ class Viewer:
         y_max = max(lane["y_max"] for lane in lanes)
         margin = max(_MAP_MARGIN, 0.1 * (y_max - y_min))
         box = (x_min - margin, x_max + margin, y_min - margin, y_max + margin)
-        return map_backdrop(path, georeference, box), [float(edge) for edge in box]
+        image = map_backdrop(path, georeference, box)
+        return image, [float(edge) for edge in box]
 
     def _routes(self) -> list[Route]:
         """Return the addresses that are answered."""
@@ -272,6 +265,7 @@ class Viewer:
             query = dict(pairs)
             if len(query) < len(pairs):
                 raise ValueError("query must give every name once")
+            # Pages ask for a picture and its spectrum at once: the run is opened for the first.
             with self._opening:
                 if number not in self._raw:
                     self._raw[number] = self._open_raw(source.folder)
@@ -321,6 +315,7 @@ class Viewer:
             try:
                 if request.method != "PUT":
                     return _json_answer(await run_in_threadpool(file.read))
+                # Counted while it arrives: what a header states of its length proves nothing.
                 body = bytearray()
                 async for chunk in request.stream():
                     body += chunk
@@ -378,6 +373,19 @@ def serve(
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
     with contextlib.suppress(KeyboardInterrupt):
         viewer.run()
+
+
+def _warn_of_remote_access(host: str, allow_remote: bool) -> None:
+    """Warn that other machines reach the viewer; without their being allowed, refuse."""
+    if not allow_remote:
+        raise ValueError(
+            f"host must be of this machine (127.0.0.1) unless remote access is on, got {host}"
+        )
+    warnings.warn(
+        f"the viewer listens on {host}: whoever reaches it and learns the address with "
+        "its token can read these results, and nothing on the way is encrypted",
+        stacklevel=3,
+    )
 
 
 def _read_index(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
+from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, parse_json, read_named
 from flgpr.formats import is_gpr, preview_run
 from flgpr.store import (
     MOST_VERDICT_BYTES,
@@ -27,7 +27,7 @@ from flgpr.store import (
     verdict_bytes,
     write_whole,
 )
-from flgpr.store.files import listed_files, read_with_digest
+from flgpr.store.files import read_with_digest
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT = "flgpr-view"
@@ -371,6 +371,11 @@ def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -
     score : path, optional
         Folder of the first one's score if that is not in it.
 
+    Returns
+    -------
+    list of Source
+        What is shown, in the order of the paths.
+
     Raises
     ------
     ViewError
@@ -406,6 +411,11 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         What is opened.
     score : path, optional
         Folder of a result's score if that is not in the result.
+
+    Returns
+    -------
+    Source
+        What is shown.
 
     Raises
     ------

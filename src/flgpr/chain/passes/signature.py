@@ -18,8 +18,8 @@ from flgpr.clutter import BackgroundEstimator
 class SelfSignature(Pass):
     """The self-signature: what looks the same in all scans because it belongs to the vehicle.
 
-    It is the clipped mean of all images, each over its gain (Eq. 2), or their median. The sums are
-    those of :class:`flgpr.clutter.BackgroundEstimator` (``clutter/streaming.py``).
+    It is the clipped mean of all images, each over its gain (Eq. 2), their median, or zero, as the
+    recipe has it. The sums are those of :class:`flgpr.clutter.BackgroundEstimator` (``clutter/streaming.py``).
 
     The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared``
     (polarization, subband, y, x), the latter with gains that the polarizations share.

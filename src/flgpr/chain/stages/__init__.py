@@ -359,6 +359,23 @@ class FeatureStage(Stage):
                 "columns of the run-view are complete only when a place is passed"
             )
 
+    @classmethod
+    def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:  # noqa: ARG003
+        """Return how many columns it has at most, for the estimate of memory.
+
+        Few columns need not be counted: what is taken for an alarm anyway covers some hundred.
+
+        Parameters
+        ----------
+        settings : Table
+            The entries of its table.
+        polarizations : int
+            Polarizations of the images.
+        view : Grid
+            Pixels of the run-view.
+        """
+        return 0
+
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Return the features of one scan.
 

@@ -25,17 +25,12 @@ Share = Annotated[float, Field(gt=0, le=1)]
 
 
 class RxSettings(Table):
-    """An alarm's pixel and the ring about it, m.
+    """An alarm's pixel and the ring about it, m."""
 
-    The alarm's brightest pixel lies within ``reach``. The ring's pixels lie beyond ``guard``, up to
-    ``outer``; those are half widths, x and y. With fewer than ``least`` pixels in the ring the
-    column is NaN.
-    """
-
-    reach: Positive = 0.3
-    guard: tuple[Positive, Positive] = (0.5, 0.5)
-    outer: tuple[Positive, Positive] = (1.25, 1.25)
-    least: Annotated[int, Field(ge=2)] = 16
+    reach: Positive = 0.3  #: within which the alarm's brightest pixel lies
+    guard: tuple[Positive, Positive] = (0.5, 0.5)  #: half widths x and y inside the ring
+    outer: tuple[Positive, Positive] = (1.25, 1.25)  #: half widths x and y of the ring
+    least: Annotated[int, Field(ge=2)] = 16  #: pixels of the ring; with fewer the column is NaN
 
     @model_validator(mode="after")
     def _nested(self) -> RxSettings:
@@ -50,36 +45,29 @@ class RxSettings(Table):
 
 
 class CfarSettings(RxSettings):
-    """Channel, by default the first, and what the level of the ring is.
+    """Channel, and what the level of the ring is."""
 
-    It is the "average", or with "ordered" the quantile ``share``.
-    """
-
-    polarization: str | None = None
-    subband: str | None = None
-    kind: Literal["average", "ordered"] = "average"
-    share: Share = 0.75
+    polarization: str | None = None  #: of the channel; by default the first
+    subband: str | None = None  #: of the channel; by default the first
+    kind: Literal["average", "ordered"] = "average"  #: the mean, or with "ordered" a quantile
+    share: Share = 0.75  #: the quantile
 
 
 class MatchedSettings(Table):
-    """Pixels of mines and of clutter.
+    """Pixels of mines and of clutter, m."""
 
-    The brightest pixel of an alarm or a mine lies within ``reach``, clutter beyond ``clear`` of all
-    targets (m). A ``share`` of the mines of these ``kinds`` makes the signature; no detector is
-    trained on them again.
-    """
-
-    reach: Positive = 0.3
-    kinds: tuple[str, ...] = ("metal", "plastic")
+    reach: Positive = 0.3  #: within which the brightest pixel of an alarm or a mine lies
+    kinds: tuple[str, ...] = ("metal", "plastic")  #: kinds of targets that are mines
+    #: of these mines that makes the signature; no detector is trained on them again
     share: Share = 1.0
-    clear: Positive = 1.0
+    clear: Positive = 1.0  #: least distance of clutter from all targets
 
 
 class _Pixels(NamedTuple):
-    """Pixels of a run-view about a place that have a magnitude."""
+    """Pixels of a run-view about a point that have a magnitude."""
 
     level: FloatArray  # (pixel, channel) log-magnitudes, dB
-    x: FloatArray  # (pixel,) offsets from the place, m
+    x: FloatArray  # (pixel,) offsets from the point, m
     y: FloatArray
 
 
@@ -112,10 +100,9 @@ class Rx(FeatureStage):
         for number, point in enumerate(points):
             pixels = _around(view, point, self.settings.outer)
             brightest = _brightest_of(pixels, self.settings.reach)
-            beyond_guard = (np.abs(pixels.x) > guard_x + _EDGE) | (
-                np.abs(pixels.y) > guard_y + _EDGE
-            )
-            ring = pixels.level[beyond_guard]
+            beyond_x = np.abs(pixels.x) > guard_x + _EDGE
+            beyond_y = np.abs(pixels.y) > guard_y + _EDGE
+            ring = pixels.level[beyond_x | beyond_y]
             if brightest is not None and len(ring) >= self.settings.least:
                 excess[number] = self._excess(brightest, ring)
         return excess
@@ -151,7 +138,8 @@ class Cfar(Rx):
         if self.settings.kind == "ordered":
             level = np.quantile(ring, self.settings.share, method="inverted_cdf")
             return float(brightest[0] - level)
-        return float(brightest[0] - 20 * np.log10((10 ** (ring / 20)).mean()))
+        mean_magnitude = (10 ** (ring / 20)).mean()
+        return float(brightest[0] - 20 * np.log10(mean_magnitude))
 
 
 class Matched(FeatureStage):
@@ -192,9 +180,10 @@ class Matched(FeatureStage):
         off = _brightest(view, points, self.settings.reach) - mean
         inverse = _inverse(self.learnt["covariance"])
         signature = self.learnt["signature"]
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # NaN for alarms without a pixel
             amf = off @ inverse @ signature / np.sqrt(signature @ inverse @ signature)
-            ace = amf / np.sqrt(np.einsum("ni,ij,nj->n", off, inverse, off))
+            whitened_power = np.einsum("ni,ij,nj->n", off, inverse, off)
+            ace = amf / np.sqrt(whitened_power)
         return {"amf": amf, "ace": ace}
 
     @classmethod
@@ -203,8 +192,8 @@ class Matched(FeatureStage):
         bright_by_lane = []
         mines_by_lane = cls.targets_used_for_training(settings, examples)
         for lane, mines in zip(examples, mines_by_lane, strict=True):
-            places = mines[["x", "y"]].to_numpy()
-            bright_by_lane.append(_brightest(lane.view, places, settings.reach))
+            positions = mines[["x", "y"]].to_numpy()
+            bright_by_lane.append(_brightest(lane.view, positions, settings.reach))
         bright = np.concatenate(bright_by_lane)
         bright = bright[np.isfinite(bright).all(axis=1)]
         clutter = np.concatenate([_clutter(lane, settings.clear) for lane in examples])
@@ -245,10 +234,10 @@ def _inverse(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(covariance, rcond=1e-10, hermitian=True), dtype=np.float64)
 
 
-def _around(view: xr.DataArray, place: Any, half: tuple[float, float]) -> _Pixels:
-    """Return the pixels within half widths (x, y) of a place that have a magnitude."""
-    x = view["x"].values - place[0]
-    y = view["y"].values - place[1]
+def _around(view: xr.DataArray, centre: Any, half: tuple[float, float]) -> _Pixels:
+    """Return the pixels within half widths (x, y) of a point that have a magnitude."""
+    x = view["x"].values - centre[0]
+    y = view["y"].values - centre[1]
     columns = np.flatnonzero(np.abs(x) <= half[0] + _EDGE)
     rows = np.flatnonzero(np.abs(y) <= half[1] + _EDGE)
     channels = view.values.reshape(-1, *view.shape[-2:])

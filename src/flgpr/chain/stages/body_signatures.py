@@ -73,11 +73,11 @@ def signatures(bodies: Bodies, sensor: Sensor, imaging: Imaging) -> tuple[Comple
     -------
     chips : (body, polarization, subband, pixel) ndarray of complex
         The chips.
-    places : (body, 2) ndarray
+    positions : (body, 2) ndarray
         x and y of their middles in the scan frame, m.
     """
     chips = []
-    places = []
+    positions = []
     for number, soil in enumerate(bodies.soils):
         rng = np.random.default_rng([_SEED, number])
         spots = _draw_spots(bodies, imaging, rng)
@@ -91,14 +91,14 @@ def signatures(bodies: Bodies, sensor: Sensor, imaging: Imaging) -> tuple[Comple
             imaging.tolerance,
         )
         for scan, spot in enumerate(spots):
-            place = lane_to_scan(np.array([spot.x, spot.y, 0.0]), poses[scan])
+            position = lane_to_scan(np.array([spot.x, spot.y, 0.0]), poses[scan])
             # No mine lies on a pixel.
-            place[:2] += rng.uniform(-bodies.step / 4, bodies.step / 4, 2)
+            position[:2] += rng.uniform(-bodies.step / 4, bodies.step / 4, 2)
             offsets = np.column_stack([imaging.pixels, np.zeros(len(imaging.pixels))])
-            operator = imager.operator_on(scan, place + offsets, imager.subbands)
+            operator = imager.operator_on(scan, position + offsets, imager.subbands)
             chips.append(operator.adjoint(imager.signal(scan)))
-            places.append(place[:2])
-    return np.stack(chips), np.array(places)
+            positions.append(position[:2])
+    return np.stack(chips), np.array(positions)
 
 
 def _draw_spots(bodies: Bodies, imaging: Imaging, rng: np.random.Generator) -> list[_Spot]:

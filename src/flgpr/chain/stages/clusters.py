@@ -44,7 +44,7 @@ def subset(
 ) -> list[pd.DataFrame]:
     """Choose the mines that make templates and thresholds, evenly spread over the lanes.
 
-    They are the same for every stage. Of the targets, sorted by place, every n-th is taken.
+    They are the same for every stage. Of the targets, sorted by position, every n-th is taken.
 
     Parameters
     ----------
@@ -79,31 +79,22 @@ def subset(
 
 
 class TemplateSettings(Table):
-    """Sizes of templates and regions, x and y in m.
+    """Sizes of templates and regions, x and y in m."""
 
-    A ``share`` of the training mines makes the templates.
-    """
-
-    region: tuple[Positive, Positive] = (1.36, 1.47)
+    region: tuple[Positive, Positive] = (1.36, 1.47)  #: in which a template is moved
     template: tuple[Positive, Positive] = (1.04, 0.80)
-    share: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    share: Annotated[float, Field(gt=0, lt=1)] = 0.1  #: of the training mines that makes templates
 
 
 class ClusterSettings(TemplateSettings):
-    """Prescreeners; lengths in m.
+    """Prescreeners; lengths in m."""
 
-    ``radius`` is that of a cluster, ``pass_share`` the share of the mines of these ``kinds`` that
-    passes each prescreener, ``reach`` how far a peak may lie from its mine. ``rule`` says in which
-    images a region must be seen (par. 18 and 44); only images of these ``polarizations`` count, by
-    default all.
-    """
-
-    radius: Positive = 0.2
-    pass_share: Annotated[float, Field(gt=0, le=1)] = 1.0
-    reach: Positive = 0.5
-    kinds: tuple[str, ...] = ("metal",)
-    polarizations: tuple[str, ...] = ()
-    rule: Rule = "and-or"
+    radius: Positive = 0.2  #: of a cluster
+    pass_share: Annotated[float, Field(gt=0, le=1)] = 1.0  #: of the mines, by each prescreener
+    reach: Positive = 0.5  #: how far a peak may lie from its mine
+    kinds: tuple[str, ...] = ("metal",)  #: kinds of targets that are mines
+    polarizations: tuple[str, ...] = ()  #: whose images count; by default all
+    rule: Rule = "and-or"  #: in which images a region must be seen (par. 18 and 44)
 
 
 def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArray[Any]:

@@ -39,19 +39,17 @@ _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the
 class SampleSettings(Table):
     """Range cuts of some polarizations, and how training samples are taken.
 
-    ``length`` (pixels) is that of a cut. A mine's cut is taken where it is brightest, up to
-    ``search`` (m) from the surveyed place; clutter lies at least ``clear`` (m) from all mines, and
-    its cuts are ``clutter_step`` (pixels) apart. ``moments`` is the estimator of the clutter's mean
-    and covariance, ``rank`` the number of vectors of the detector.
+    A mine's cut is taken where it is brightest.
     """
 
     polarizations: tuple[str, ...] = ("HH", "VV")
-    length: Annotated[int, Field(ge=1)] = 28
-    search: Annotated[float, Field(ge=0)] = 0.5
-    clear: Positive = 1.0
+    length: Annotated[int, Field(ge=1)] = 28  #: of a cut, pixels
+    search: Annotated[float, Field(ge=0)] = 0.5  #: farthest cut from the surveyed mine, m
+    clear: Positive = 1.0  #: least distance of clutter from all mines, m
+    #: distance of clutter's cuts down-track and cross-track, pixels
     clutter_step: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (7, 8)
-    moments: str = "ledoit-wolf"
-    rank: Annotated[int, Field(ge=0)] = 3
+    moments: str = "ledoit-wolf"  #: estimator of the clutter's mean and covariance
+    rank: Annotated[int, Field(ge=0)] = 3  #: number of vectors of the detector
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -64,15 +62,9 @@ class SampleSettings(Table):
 
 
 class CutSettings(SampleSettings):
-    """Range cuts of some polarizations, and how training samples are taken.
+    """Range cuts of some polarizations, and how training samples and covariances are taken."""
 
-    ``length`` (pixels) is that of a cut. A mine's cut is taken where it is brightest, up to
-    ``search`` (m) from the surveyed place; clutter lies at least ``clear`` (m) from all mines, and
-    its cuts are ``clutter_step`` (pixels) apart. ``moments`` is the estimator of the clutter's mean
-    and covariance, ``rank`` the number of vectors of the detector.
-    """
-
-    ddof: Annotated[int, Field(ge=0)] = 1
+    ddof: Annotated[int, Field(ge=0)] = 1  #: by which a covariance's number of samples is reduced
 
 
 def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
@@ -90,7 +82,8 @@ def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Ar
     dict of str to ndarray
         The forms, and least value and deviation of their largest on the samples.
     """
-    return learnt_arrays(forms, np.max([form(clutter) for form in forms], axis=0))
+    largest = np.max([form(clutter) for form in forms], axis=0)
+    return learnt_arrays(forms, largest)
 
 
 def learnt_arrays(forms: Sequence[LinearQuadraticForm], value: FloatArray) -> Arrays:
@@ -111,8 +104,33 @@ class Samples(NamedTuple):
     pixel: NDArray[Any]  #: (sample, polarization) pixels of clutter
 
 
+def target_cuts(band: xr.DataArray, mines: FloatArray, settings: SampleSettings) -> NDArray[Any]:
+    """Take the range cuts at mines whose whole cut lies in the image.
+
+    Parameters
+    ----------
+    band : (polarization, y, x) DataArray of complex
+        One sub-band of a cleaned scan image.
+    mines : (mine, 2) ndarray
+        x and y in the scan frame, m.
+    settings : SampleSettings
+        Length, polarizations and search.
+
+    Returns
+    -------
+    (sample, feature) ndarray
+        The cuts; one that is not finite throughout is left out.
+    """
+    shape = settings.length, 1
+    cuts = range_cuts(band, mines, shape, settings.polarizations, settings.search)
+    return cuts[np.isfinite(cuts).all(axis=1)]
+
+
 def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> Samples:
     """Take range cuts at mines, and cuts and pixels of the clutter away from them.
+
+    They are of the whole image; the map by intervals of range, "principal-components", takes its
+    own from each interval.
 
     Parameters
     ----------
@@ -130,9 +148,8 @@ def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> 
     """
     cut = settings.length, 1
     stack, _ = stack_channels(band, settings.polarizations)
-    cuts = range_cuts(band, mines, cut, settings.polarizations, settings.search)
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
-    target = cuts[np.isfinite(cuts).all(axis=1)]
+    target = target_cuts(band, mines, settings)
     clutter = clutter_cuts(stack, clean, cut, settings.clutter_step)
     pixel = clutter_cuts(stack, clean, (1, 1), _PIXELS)
     return Samples(target, clutter, pixel)

@@ -15,7 +15,6 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter, uniform_filter
-from scipy.special import logsumexp
 
 from flgpr.chain.engine import Accumulator, Arrays, sum_accumulator
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
@@ -26,6 +25,13 @@ from flgpr.chain.stages.body_signatures import (
     sensor_of,
     signatures,
     window_of,
+)
+from flgpr.chain.stages.textured_clutter import (
+    SomeValues,
+    WhitenedGround,
+    clutter_whitener,
+    principal_directions,
+    ratio,
 )
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.detect.scorers.checks import Checked
@@ -101,15 +107,6 @@ class LikelihoodSettings(Table):
         return self
 
 
-class _BandSignatures(NamedTuple):
-    """What the chips of one sub-band are compared with, at one distance."""
-
-    values: NDArray[np.intp]  # numbers of its values in a chip
-    whitener: ComplexArray  # (value, value)
-    vectors: ComplexArray  # (vector, value) conjugate and orthonormal
-    share: FloatArray  # (vector,) of the mean signature's power
-
-
 class _Group(NamedTuple):
     """Names of the arrays of one group of simulated bodies."""
 
@@ -117,13 +114,6 @@ class _Group(NamedTuple):
     share: str  # learnt: their shares of the power
     chips: str  # examples: chips of the bodies
     ahead: str  # examples: how far ahead each lies
-
-
-class _Ground(NamedTuple):
-    """What chips of one metre ahead are whitened by, and the signatures in whitened clutter."""
-
-    whitener: ComplexArray  # (value, value)
-    signatures: dict[_Group, tuple[ComplexArray, FloatArray]]  # conjugate vectors, and shares
 
 
 _MINES = _Group("signature", "share", "bodies", "ahead")
@@ -172,8 +162,8 @@ class LikelihoodMap(MapStage):
         self._across = chip[1] * columns_apart
         self._between_rows = _between(self._rows, grid.ny)
         self._between_columns = _between(self._columns, grid.nx).T
-        self._bands: dict[tuple[int, int], _BandSignatures] = {}
-        self._grounds: dict[int, _Ground] = {}
+        self._bands: dict[tuple[int, int], SomeValues] = {}
+        self._grounds: dict[int, WhitenedGround] = {}
 
     @classmethod
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:
@@ -289,17 +279,17 @@ class LikelihoodMap(MapStage):
             band = self._band(metre, number, len(subbands))
             band_white = chips[..., band.values] @ band.whitener.T
             ratios[name] = ratio(band_white, band.vectors, band.share, self.settings.ratios)
-        if _STONES in ground.signatures:
+        if _STONES.signature in ground.signatures:
             stone = self._ratio(white, ground, _STONES)
             ratios["mine over stone"] = _RIVAL[0] * (ratios["likelihood"] - stone) + _RIVAL[1]
         return ratios
 
-    def _ratio(self, white: ComplexArray, ground: _Ground, group: _Group) -> FloatArray:
+    def _ratio(self, white: ComplexArray, ground: WhitenedGround, group: _Group) -> FloatArray:
         """Return the log-likelihood ratio of whitened chips of a metre, for a group of bodies."""
-        vectors, share = ground.signatures[group]
+        vectors, share = ground.signatures[group.signature]
         return ratio(white, vectors, share, self.settings.ratios)
 
-    def _ground(self, metre: int) -> _Ground:
+    def _ground(self, metre: int) -> WhitenedGround:
         """Return what the chips of a metre are compared with."""
         if metre not in self._grounds:
             ground = self._learnt_ground(metre)
@@ -308,38 +298,20 @@ class LikelihoodMap(MapStage):
             self._grounds[metre] = ground
         return self._grounds[metre]
 
-    def _learnt_ground(self, metre: int) -> _Ground:
+    def _learnt_ground(self, metre: int) -> WhitenedGround:
         """Return what was learnt of a metre on the training lanes."""
         signatures = {}
         for group in (_MINES, _STONES):
             if group.signature in self.learnt:
                 vectors = self.learnt[group.signature][metre]
-                signatures[group] = (vectors, self.learnt[group.share][metre])
-        return _Ground(self.learnt["whitener"][metre], signatures)
+                signatures[group.signature] = (vectors, self.learnt[group.share][metre])
+        return WhitenedGround(self.learnt["whitener"][metre], signatures)
 
-    def _adapted(self, ground: _Ground, metre: int) -> _Ground:
+    def _adapted(self, ground: WhitenedGround, metre: int) -> WhitenedGround:
         """Return the ground of a metre with the lane's own clutter in it."""
-        survey = self.setup.results["survey"]
         near = slice(max(metre - 1, 0), metre + 2)
-        own = survey["covariance"][near].sum(axis=0)
-        power = np.trace(own).real
-        if not power > 0:
-            return ground  # the lane shows nothing there
-        size = len(own)
-        share = self.settings.own
-        own = own * (size / power) + self.settings.load * np.eye(size)
-        back = np.linalg.inv(ground.whitener.astype(complex))
-        whitener = np.linalg.inv(
-            np.linalg.cholesky((1 - share) * back @ back.conj().T + share * own)
-        )
-        signatures = {}
-        for group, (vectors, shares) in ground.signatures.items():
-            # The mean signature is what it was; in other clutter it has other directions.
-            strong = whitener @ back @ (vectors.conj().T * np.sqrt(shares))
-            left, strength, _ = np.linalg.svd(strong, full_matrices=False)
-            new_shares = strength**2 * (shares.sum() / (strength**2).sum())
-            signatures[group] = (_single(left.T.conj()), new_shares)
-        return _Ground(_single(whitener), signatures)
+        own = self.setup.results["survey"]["covariance"][near].sum(axis=0)
+        return ground.with_clutter(own, self.settings.own, self.settings.load)
 
     def _interpolated(self, value: FloatArray) -> FloatArray:
         """Return values at the middles of chips, interpolated to all pixels."""
@@ -362,22 +334,13 @@ class LikelihoodMap(MapStage):
             for name, values in maps.items()
         }
 
-    def _band(self, metre: int, number: int, bands: int) -> _BandSignatures:
+    def _band(self, metre: int, number: int, bands: int) -> SomeValues:
         """Return what the chips of a sub-band are compared with at a metre, by its number."""
         if (metre, number) not in self._bands:
-            whitener = self.learnt["whitener"][metre]
-            vectors = self.learnt[_MINES.signature][metre]
+            ground = self._learnt_ground(metre)
             # Values go through polarization, sub-band and pixel.
-            values = np.flatnonzero(np.arange(len(whitener)) // 9 % bands == number)
-            back = np.linalg.inv(whitener.astype(complex))
-            covariance = (back @ back.conj().T)[np.ix_(values, values)]
-            white = np.linalg.inv(np.linalg.cholesky(covariance))
-            strong = vectors.conj().T * np.sqrt(self.learnt[_MINES.share][metre])
-            left, strength, _ = np.linalg.svd(white @ (back @ strong)[values], full_matrices=False)
-            share = strength**2 / (strength**2).sum()
-            self._bands[metre, number] = _BandSignatures(
-                values, _single(white), _single(left.T.conj()), share
-            )
+            values = np.flatnonzero(np.arange(len(ground.whitener)) // 9 % bands == number)
+            self._bands[metre, number] = ground.of_values(values, _MINES.signature)
         return self._bands[metre, number]
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
@@ -427,13 +390,13 @@ class LikelihoodMap(MapStage):
             chips[group] = np.concatenate([lane[group.chips] for lane in examples])
             ahead[group] = np.concatenate([lane[group.ahead] for lane in examples])
         for metre in range(len(count)):
-            white = _whitener(total, count, metre, settings.load)
+            white = clutter_whitener(total, count, metre, settings.load)
             learnt["whitener"].append(white)
             for group in (_MINES, _STONES):
                 bodies = chips[group]
                 nearest = np.argsort(np.abs(ahead[group] - metre - 0.5), kind="stable")
                 most = max(3 * len(bodies) // len(count), settings.rank)
-                vectors, share = _directions(bodies[nearest[:most]] @ white.T)
+                vectors, share = principal_directions(bodies[nearest[:most]] @ white.T)
                 learnt[group.signature].append(vectors[: settings.rank])
                 learnt[group.share].append(share[: settings.rank])
 
@@ -529,35 +492,6 @@ class LikelihoodMap(MapStage):
         )
 
 
-def ratio(
-    chips: ComplexArray, vectors: ComplexArray, share: FloatArray, ratios: Sequence[float]
-) -> FloatArray:
-    """Compute the log-likelihood ratio of whitened chips, averaged over powers.
-
-    Parameters
-    ----------
-    chips : (..., value) ndarray of complex
-        Whitened chips.
-    vectors : (vector, value) ndarray of complex
-        Conjugate and orthonormal.
-    share : (vector,) ndarray
-        Shares of the mean signature's power in them.
-    ratios : sequence of float
-        Powers γ of a signature in whitened clutter.
-
-    Returns
-    -------
-    (...) ndarray
-        The ratio, see :class:`LikelihoodMap`.
-    """
-    power = np.maximum((np.abs(chips) ** 2).sum(axis=-1), np.finfo(np.float32).tiny)
-    share_of_chip = np.abs(chips @ vectors.T) ** 2 / power[..., None]
-    gain = np.array(ratios)[:, None] * share
-    rest = np.maximum(1 - share_of_chip @ (gain / (1 + gain)).T, 1e-6)
-    by_power = -chips.shape[-1] * np.log(rest) - np.log1p(gain).sum(axis=1)
-    return np.asarray(logsumexp(by_power, axis=-1) - math.log(len(ratios)))
-
-
 def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.float32]:
     """Compute the contrast of every pixel of an image to the ring about it.
 
@@ -588,45 +522,6 @@ def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.floa
     tiny = np.finfo(np.float32).tiny
     contrast = 10 * np.log10(np.maximum(inner, tiny) / np.maximum(ring, tiny))
     return np.asarray(contrast, dtype=np.float32)
-
-
-def _whitener(total: NDArray[Any], count: FloatArray, metre: int, load: float) -> NDArray[Any]:
-    """Return what whitens the clutter of a metre and of as many about it as give a covariance.
-
-    Parameters
-    ----------
-    total : (metre, value, value) ndarray of complex
-        Sums of x x^H.
-    count : (metre,) ndarray
-        Number of samples in each.
-    metre : int
-        The metre.
-    load : float
-        Share of the mean power that is added to the diagonal.
-    """
-    size = total.shape[-1]
-    metres_off = np.abs(np.arange(len(count)) - metre)
-    reach = 1
-    while count[metres_off <= reach].sum() < size:
-        reach += 1
-    covariance = total[metres_off <= reach].sum(axis=0)
-    covariance *= size / np.trace(covariance).real
-    return np.linalg.inv(np.linalg.cholesky(covariance + load * np.eye(size)))
-
-
-def _directions(chips: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
-    """Return the principal vectors of whitened chips of unit power, and their shares of it.
-
-    Vectors are conjugate, the strongest first.
-    """
-    chips /= np.linalg.norm(chips, axis=1, keepdims=True)
-    _, strength, vectors = np.linalg.svd(chips, full_matrices=False)
-    return vectors.conj(), strength**2 / (strength**2).sum()
-
-
-def _single(values: NDArray[Any]) -> ComplexArray:
-    """Return values in single precision."""
-    return np.asarray(values, dtype=np.complex64)
 
 
 def _metres_of(images: Grid) -> int:

@@ -65,45 +65,38 @@ _COARSE = 1e-2  # tolerance of the second band's images, of which only the magni
 class MaskSettings(Table):
     """Masks and suppression; lengths in m.
 
-    The pixels of the masks are those of ``[image]`` unless ``x``, ``y`` and ``spacing`` say
-    otherwise. ``edges`` are the borders of the sub-regions in range, ``frames`` the scans that are
-    summed coherently, the latest the last. A calibration target's response is what lies ``halo``
-    about it, within ``response_db`` of its peak. ``second`` names the run of a second band (``flgpr
-    detect RUN --with NAME=OTHER``).
-
-    ``low_threshold`` says where the extended mask's threshold comes from: from the "calibration"
-    lanes, or from the roadside of the "frame" under test (Fuse et al. 2018, Sec. 2.4).
-
     ``method`` is one of
 
-    - "iteration-per-frame": suppress "using the same mask in each frame" (Sec. 2.3),
+    - "iteration-per-frame": suppress "using the same mask in each frame" (Fuse et al. 2018,
+      Sec. 2.3),
     - "iteration": the same of one reflectivity that all frames of the sum share,
     - "least-squares": fit that reflectivity by least squares,
     - "least-squares-spared": fit the road between the roadsides, too, and subtract only what lies
       under the mask: mines near it lose less.
-
-    ``amplitude`` says which response B of Eq. 7 is made of, see
-    :func:`flgpr.clutter.iterate_suppression`. With ``fall_back`` the best iteration stands in where
-    the average of a course that diverged is worse.
     """
 
-    edges: tuple[float, ...] = (5.0, 7.5, 10.0, 12.5, 15.0)
-    frames: Annotated[int, Field(ge=1, le=1000)] = 5
+    edges: tuple[float, ...] = (5.0, 7.5, 10.0, 12.5, 15.0)  #: of the sub-regions in range
+    frames: Annotated[int, Field(ge=1, le=1000)] = 5  #: scans that are summed, the latest the last
+    #: pixels of the masks; by default those of ``[image]``
     x: tuple[float, float] | None = None
     y: tuple[float, float] | None = None
     spacing: Spacing | None = None
-    roadside: tuple[float, float] = ROADSIDE
-    halo: Positive = 0.5
-    response_db: Positive = 6.0
+    roadside: tuple[float, float] = ROADSIDE  #: distances from the middle that it lies between
+    halo: Positive = 0.5  #: radius about a calibration target that its response lies in
+    response_db: Positive = 6.0  #: range of levels below the peak that a response consists of, dB
     intersect: Intersection = "pixel"
+    #: source of the extended mask's threshold: the calibration lanes, or the roadside of the frame
+    #: under test (Fuse et al. 2018, Sec. 2.4)
     low_threshold: Literal["calibration", "frame"] = "calibration"
     method: Literal["iteration", "iteration-per-frame", "least-squares", "least-squares-spared"] = (
         "iteration"
     )
+    #: response that B of Eq. 7 is made of, see :func:`flgpr.clutter.iterate_suppression`
     amplitude: Amplitude = "region"
-    fall_back: bool = True
+    fall_back: bool = True  #: whether the best iteration replaces an average that is worse
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 7
-    combination: Annotated[int, Field(ge=0, le=6)] = 6
+    combination: Annotated[int, Field(ge=0, le=6)] = 6  #: of iterations, in Table II
+    #: name of the run of a second band (``flgpr detect RUN --with NAME=OTHER``)
     second: str | None = None
 
     @model_validator(mode="after")
@@ -244,9 +237,13 @@ class MaskedSuppression(ClutterStage):
         """Return what makes a scan's operator on points of the frame of the scan at an index."""
         latest = self.setup.pose(index)
         pose = self.setup.run["pose"].values[scan]
-        return lambda points: self.setup.imager.operator_on(
-            scan, lane_to_scan(scan_to_lane(points, latest), pose)
-        )
+
+        def operator_on(points: FloatArray) -> ImagingOperator:
+            """Return the scan's operator on points of the latest scan's frame."""
+            in_lane = scan_to_lane(points, latest)
+            return self.setup.imager.operator_on(scan, lane_to_scan(in_lane, pose))
+
+        return operator_on
 
     def passes(self) -> list[PlannedPass]:
         """Return the passes of the second band's standing field and of the suppression itself.
@@ -301,9 +298,11 @@ class MaskedSuppression(ClutterStage):
         if settings.method.startswith("least-squares"):
             return self.least_squares(aperture, mask), False
         courses = self.courses(aperture, mask)
-        has_fallen_back = settings.fall_back and any(
-            fallen_back(iterations, settings.combination) for iterations in courses
-        )
+        has_fallen_back = False
+        if settings.fall_back:
+            has_fallen_back = any(
+                fallen_back(iterated, settings.combination) for iterated in courses
+            )
         return self.averaged(courses), has_fallen_back
 
     def courses(self, aperture: Aperture, mask: NDArray[np.bool_]) -> list[Iterated]:
@@ -432,8 +431,8 @@ class MaskedSuppression(ClutterStage):
         def add(index: int) -> None:
             # A sum of fewer scans is weaker, and would lower the thresholds of all.
             if index + 1 >= min(self.settings.frames, len(self.setup.imager)):
-                places = lane_to_scan(targets, self.setup.pose(index))
-                self.learn_from(self.aperture(index), places, learnt)
+                positions = lane_to_scan(targets, self.setup.pose(index))
+                self.learn_from(self.aperture(index), positions, learnt)
 
         return Accumulator(add, lambda _: learnt.state(), learnt.merge, learnt.state)
 
@@ -447,7 +446,7 @@ class MaskedSuppression(ClutterStage):
         aperture : Aperture
             The aperture.
         targets : (target, 3) ndarray
-            Their places in the frame of its latest scan, m.
+            Their positions in the frame of its latest scan, m.
         learnt : ThresholdCalibration
             The calibration, changed in place.
         """

@@ -31,24 +31,22 @@ Chips = NDArray[np.float32]
 class NetworkSettings(Table):
     """Chips and training; lengths in m.
 
-    A chip is ``size`` wide and long. Mines of these ``kinds`` are shown at their places and at the
-    run-view's maxima within ``reach`` of them, clutter at the maxima beyond ``clear`` of all
-    targets; maxima lie ``radius`` apart. Each of the ``epochs`` shows all of clutter once and as
-    many mines, mirrored across the track and moved by up to ``jitter``. The score is the mean of
-    those of ``networks`` that begin with different weights.
+    Mines are shown at their positions and at the run-view's maxima near them, clutter at the maxima
+    far from all targets. Each epoch shows all of clutter once and as many mines, mirrored across
+    the track and moved about a little.
     """
 
-    size: tuple[Positive, Positive] = (2.1, 2.1)
-    kinds: tuple[str, ...] = ("metal", "plastic", "ap")
-    reach: Positive = 0.5
-    clear: Positive = 1.0
-    radius: Positive = 0.5
-    jitter: Annotated[float, Field(ge=0)] = 0.1
-    channels: tuple[Count, Count, Count] = (16, 24, 32)
-    networks: Count = 3
+    size: tuple[Positive, Positive] = (2.1, 2.1)  #: width and length of a chip
+    kinds: tuple[str, ...] = ("metal", "plastic", "ap")  #: kinds of targets that are mines
+    reach: Positive = 0.5  #: farthest maximum from a mine that still shows it
+    clear: Positive = 1.0  #: least distance of clutter's maxima from all targets
+    radius: Positive = 0.5  #: distance between maxima
+    jitter: Annotated[float, Field(ge=0)] = 0.1  #: by up to which mines are moved
+    channels: tuple[Count, Count, Count] = (16, 24, 32)  #: of the three convolutions
+    networks: Count = 3  #: whose scores are averaged; they begin with different weights
     epochs: Count = 20
-    rate: Positive = 1e-3
-    decay: Annotated[float, Field(ge=0)] = 1e-2
+    rate: Positive = 1e-3  #: step of the optimizer
+    decay: Annotated[float, Field(ge=0)] = 1e-2  #: of the weights
     seed: int = 0
 
 
@@ -119,7 +117,9 @@ class ChipNetwork(FeatureStage):
         if not len(mines) or not len(clutter):
             needed = f"mines and clutter, got {len(mines)} and {len(clutter)} chips"
             counts = [Tally(len(mines), "chips of mines"), Tally(len(clutter), "chips of clutter")]
-            changes = kinds_change(settings, examples) if len(clutter) else [clear_change(settings)]
+            changes = [clear_change(settings)]
+            if len(clutter):
+                changes = kinds_change(settings, examples)
             raise TooFewExamplesError(needed, counts, changes)
 
         chips = np.concatenate([mines, clutter])
@@ -161,10 +161,13 @@ def forward(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
         The scores.
     """
     for layer, stride in enumerate(_STRIDES):
+        kernel = weights[f"kernel{layer}"]
+        bias = weights[f"bias{layer}"][:, None, None]
         windows = sliding_window_view(x, (3, 3), axis=(2, 3))[:, :, ::stride, ::stride]
-        x = np.einsum("ncyxvu,ocvu->noyx", windows, weights[f"kernel{layer}"], optimize=True)
-        x = np.maximum(x + weights[f"bias{layer}"][:, None, None], 0)
-    return np.asarray(x.mean(axis=(2, 3)) @ weights["last"] + weights["bias"], dtype=np.float64)
+        x = np.einsum("ncyxvu,ocvu->noyx", windows, kernel, optimize=True)
+        x = np.maximum(x + bias, 0)
+    mean = x.mean(axis=(2, 3))
+    return np.asarray(mean @ weights["last"] + weights["bias"], dtype=np.float64)
 
 
 def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed: int) -> Arrays:
@@ -198,16 +201,7 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
         ) from error
     generator = torch.Generator().manual_seed(seed)
     sizes = (mines.shape[1], *settings.channels)
-    weights: dict[str, Any] = {}
-    for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
-        # Variance 2 / inputs of a unit, so that signals keep their power from layer to layer.
-        scale = (2 / (9 * inputs)) ** 0.5
-        weights[f"kernel{layer}"] = torch.randn(outputs, inputs, 3, 3, generator=generator) * scale
-        weights[f"bias{layer}"] = torch.zeros(outputs)
-    weights["last"] = torch.randn(sizes[-1], generator=generator) / sizes[-1] ** 0.5
-    weights["bias"] = torch.zeros(1)
-    for weight in weights.values():
-        weight.requires_grad_()
+    weights = _first_weights(torch, sizes, generator)
 
     classes = [torch.from_numpy(chips) for chips in (mines, clutter)]
     half = 32  # chips of each class in a batch
@@ -216,12 +210,14 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
     optimizer = torch.optim.AdamW(weights.values(), settings.rate, weight_decay=settings.decay)
     scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, rounds)
     for _ in range(rounds):
-        drawn = [
-            chips[torch.randint(len(chips), (half,), generator=generator)] for chips in classes
-        ]
+        drawn = []
+        for chips in classes:
+            numbers = torch.randint(len(chips), (half,), generator=generator)
+            drawn.append(chips[numbers])
         x = torch.cat(drawn)
         mirrored = torch.rand(len(x), generator=generator) < 0.5
         x = torch.where(mirrored[:, None, None, None], x.flip(3), x)
+
         for layer, stride in enumerate(_STRIDES):
             kernel = weights[f"kernel{layer}"]
             x = functional.relu(functional.conv2d(x, kernel, weights[f"bias{layer}"], stride))
@@ -232,6 +228,21 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
         optimizer.step()
         scheduler.step()
     return {name: weight.detach().numpy() for name, weight in weights.items()}
+
+
+def _first_weights(torch: Any, sizes: tuple[int, ...], generator: Any) -> dict[str, Any]:
+    """Draw the weights that a network of layers of these channels begins with."""
+    weights: dict[str, Any] = {}
+    for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
+        # Variance 2 / inputs of a unit, so that signals keep their power from layer to layer.
+        scale = (2 / (9 * inputs)) ** 0.5
+        weights[f"kernel{layer}"] = torch.randn(outputs, inputs, 3, 3, generator=generator) * scale
+        weights[f"bias{layer}"] = torch.zeros(outputs)
+    weights["last"] = torch.randn(sizes[-1], generator=generator) / sizes[-1] ** 0.5
+    weights["bias"] = torch.zeros(1)
+    for weight in weights.values():
+        weight.requires_grad_()
+    return weights
 
 
 def _examples(
@@ -251,13 +262,15 @@ def _examples(
     shown = np.repeat(np.concatenate([mines, at_mines]), 9, axis=0)
     is_moved = np.arange(len(shown)) % 9 > 0
     shown[is_moved] += rng.uniform(-settings.jitter, settings.jitter, (len(shown) // 9 * 8, 2))
-    return _chips(lane.view, shown, settings.size), _chips(lane.view, clutter, settings.size)
+    chips_of_mines = _chips(lane.view, shown, settings.size)
+    chips_of_clutter = _chips(lane.view, clutter, settings.size)
+    return chips_of_mines, chips_of_clutter
 
 
-def _distance_to_nearest(points: FloatArray, places: FloatArray) -> FloatArray:
-    """Return the distance of each point (n, 2) to the nearest of some places; infinity for none."""
-    dx = points[:, None, 0] - places[:, 0]
-    dy = points[:, None, 1] - places[:, 1]
+def _distance_to_nearest(points: FloatArray, targets: FloatArray) -> FloatArray:
+    """Return the distance of each point (n, 2) to the nearest target; infinity for none."""
+    dx = points[:, None, 0] - targets[:, 0]
+    dy = points[:, None, 1] - targets[:, 1]
     distance: FloatArray = np.hypot(dx, dy).min(axis=1, initial=np.inf)
     return distance
 

@@ -45,52 +45,44 @@ from flgpr.screen import local_maxima, select
 from flgpr.screen.views import grid_of
 
 _BATCH = 128  # patches that are described at once
-_WHOLE = 0.999  # a cut pixel counts as seen if this much of what it was interpolated from was
+_KNOWN_SHARE = 0.999  # a cut pixel counts as seen if this much of what it was interpolated from was
 _SHARE_TOLERANCE = 1e-6  # of the sum of a mixture's weights
 
 
 class PatchSettings(Table):
-    """The patch about an alarm: its width and length ``size`` (m), and its channels.
+    """The patch about an alarm, and its channels."""
 
-    It shows these ``polarizations``, by default all of the run-view, in one ``subband``, by default
-    the first.
-    """
-
-    size: tuple[Positive, Positive] = (2.5, 2.5)
-    polarizations: tuple[str, ...] = ()
-    subband: str | None = None
+    size: tuple[Positive, Positive] = (2.5, 2.5)  #: width and length, m
+    polarizations: tuple[str, ...] = ()  #: by default all of the run-view
+    subband: str | None = None  #: by default the first
 
 
 class HogSettings(PatchSettings):
-    """Cells of ``cell`` m, ``block`` of them each way in a block, ``bins`` directions."""
+    """Histograms of oriented gradients."""
 
-    cell: Positive = 0.8
-    block: Annotated[int, Field(ge=1, le=16)] = 2
-    bins: Annotated[int, Field(ge=2, le=36)] = 9
+    cell: Positive = 0.8  #: edge of a cell, m
+    block: Annotated[int, Field(ge=1, le=16)] = 2  #: cells of a block each way
+    bins: Annotated[int, Field(ge=2, le=36)] = 9  #: directions
 
 
 class LbpSettings(PatchSettings):
-    """A patch has ``parts`` x ``parts`` histograms."""
+    """Histograms of local binary patterns."""
 
-    parts: Annotated[int, Field(ge=1, le=16)] = 3
+    parts: Annotated[int, Field(ge=1, le=16)] = 3  #: histograms of a patch each way
 
 
 class DictionarySettings(PatchSettings):
-    """Local descriptors of windows, and how many of them teach.
+    """Local descriptors of windows, and how many of them teach."""
 
-    A window is ``window`` wide and long, the next one lies ``step`` farther (m). It is described by
-    its "pixels" or by histograms of its "gradients", of all polarizations together, in their first
-    ``directions`` principal directions. A patch has ``parts`` x ``parts`` pools. At most ``most``
-    windows teach, of patches at local maxima of the training lanes, ``radius`` apart (m).
-    """
-
+    #: what describes a window, of all polarizations together: its pixels, or histograms of its
+    #: gradients
     local: Literal["pixels", "gradients"] = "pixels"
-    window: Positive = 0.7
-    step: Positive = 0.2
-    directions: Annotated[int, Field(ge=1, le=512)] = 32
-    parts: Annotated[int, Field(ge=1, le=8)] = 2
-    radius: Positive = 0.75
-    most: Annotated[int, Field(ge=1, le=200_000)] = 20_000
+    window: Positive = 0.7  #: width and length of a window, m
+    step: Positive = 0.2  #: from one window to the next, m
+    directions: Annotated[int, Field(ge=1, le=512)] = 32  #: principal directions of descriptors
+    parts: Annotated[int, Field(ge=1, le=8)] = 2  #: pools of a patch each way
+    radius: Positive = 0.75  #: distance of the maxima of training lanes whose patches teach, m
+    most: Annotated[int, Field(ge=1, le=200_000)] = 20_000  #: windows that teach
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
 
     @model_validator(mode="after")
@@ -102,13 +94,13 @@ class DictionarySettings(PatchSettings):
 
 
 class WordSettings(DictionarySettings):
-    """Local descriptors, and how many ``words`` the dictionary has."""
+    """Local descriptors, and the size of the dictionary."""
 
-    words: Annotated[int, Field(ge=2, le=4096)] = 200
+    words: Annotated[int, Field(ge=2, le=4096)] = 200  #: visual words of the dictionary
 
 
 class FisherSettings(DictionarySettings):
-    """Local descriptors, and how many ``gaussians`` the mixture has."""
+    """Local descriptors, and the size of the mixture."""
 
     local: Literal["pixels", "gradients"] = "gradients"
     window: Positive = 1.2
@@ -121,7 +113,7 @@ class _Channels(NamedTuple):
 
     polarizations: list[str]
     values: FloatArray  #: (polarization, y, x) magnitudes, zero where nothing was seen
-    seen: FloatArray  #: (polarization, y, x) 1 where a magnitude is, else 0
+    has_value: FloatArray  #: (polarization, y, x) 1 where a magnitude is, else 0
     grid: Grid
 
     @classmethod
@@ -131,15 +123,16 @@ class _Channels(NamedTuple):
         labels = [str(label) for label in view["polarization"].values]
         polarizations = list(settings.polarizations) or labels
         values = np.stack([select(view, label, subband).values for label in polarizations])
-        seen = np.isfinite(values)
-        magnitudes = np.where(seen, values, 0.0).astype(np.float64)
-        return cls(polarizations, magnitudes, seen.astype(np.float64), grid_of(view))
+        known = np.isfinite(values)
+        magnitudes = np.where(known, values, 0.0).astype(np.float64)
+        return cls(polarizations, magnitudes, known.astype(np.float64), grid_of(view))
 
     def patches(self, points: FloatArray, size: tuple[float, float]) -> FloatArray:
         """Cut normalised patches (point, polarization, v, u) about points (point, 2)."""
         magnitudes = cut_regions(self.values, self.grid, points, size)
-        seen = cut_regions(self.seen, self.grid, points, size)
-        return normalize_by_border(magnitudes, seen > _WHOLE)
+        # Interpolated like the magnitudes: less than one next to a pixel without one.
+        share_known = cut_regions(self.has_value, self.grid, points, size)
+        return normalize_by_border(magnitudes, share_known > _KNOWN_SHARE)
 
 
 class PatchStage(FeatureStage):
@@ -187,11 +180,31 @@ class _StaticPatterns(PatchStage):
 
     prefix: ClassVar[str] = ""
 
+    @classmethod
+    def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:
+        """Return how many columns all polarizations have."""
+        shown = len(settings.polarizations) or polarizations
+        return shown * cls._count_of_one(settings, view)
+
+    @classmethod
+    def _count_of_one(cls, settings: Any, view: Grid) -> int:
+        """Return how many columns a polarization has."""
+        corner = np.array([[view.x_min, view.y_min]])
+        patch = cut_regions(np.zeros((1, 1, 1)), view, corner, settings.size)
+        return int(cls._descriptors(patch, settings, view.dx).shape[1])
+
+    @classmethod
+    def _descriptors(cls, patches: FloatArray, settings: Any, spacing: float) -> FloatArray:
+        """Return the descriptors (patch, column) of patches (patch, polarization, v, u)."""
+        raise NotImplementedError
+
+    def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
+        """Return the descriptors, of each polarization by itself."""
+        return self._descriptors(patches, self.settings, spacing)
+
     def _names(self, channels: _Channels) -> list[str]:
         """Return names such as ``hog_HH_017``."""
-        corner = np.array([[channels.grid.x_min, channels.grid.y_min]])
-        patch = channels.patches(corner, self.settings.size)[:, :1]
-        count = self._describe(patch, channels.grid.dx).shape[1]
+        count = self._count_of_one(self.settings, channels.grid)
         names = []
         for polarization in channels.polarizations:
             names += [f"{self.prefix}_{polarization}_{number:03d}" for number in range(count)]
@@ -204,11 +217,11 @@ class Hog(_StaticPatterns):
     prefix = "hog"
     Settings: ClassVar[type[Table]] = HogSettings
 
-    def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
-        """Return the histograms, of each polarization by itself."""
-        cell = max(round(self.settings.cell / spacing), 1)
-        features = hog(patches, cell, self.settings.block, self.settings.bins)
-        return features.reshape(len(patches), -1)
+    @classmethod
+    def _descriptors(cls, patches: FloatArray, settings: Any, spacing: float) -> FloatArray:
+        """Return the histograms of gradients."""
+        cell = max(round(settings.cell / spacing), 1)
+        return hog(patches, cell, settings.block, settings.bins).reshape(len(patches), -1)
 
 
 class Lbp(_StaticPatterns):
@@ -217,9 +230,15 @@ class Lbp(_StaticPatterns):
     prefix = "lbp"
     Settings: ClassVar[type[Table]] = LbpSettings
 
-    def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:  # noqa: ARG002
-        """Return the histograms, of each polarization by itself."""
-        return lbp_histograms(patches, self.settings.parts).reshape(len(patches), -1)
+    @classmethod
+    def _descriptors(
+        cls,
+        patches: FloatArray,
+        settings: Any,
+        spacing: float,  # noqa: ARG003
+    ) -> FloatArray:
+        """Return the histograms of patterns."""
+        return lbp_histograms(patches, settings.parts).reshape(len(patches), -1)
 
 
 class _LearntPatterns(PatchStage):
@@ -306,6 +325,16 @@ class VisualWords(_LearntPatterns):
     Settings: ClassVar[type[Table]] = WordSettings
 
     @classmethod
+    def column_count(
+        cls,
+        settings: Any,
+        polarizations: int,  # noqa: ARG003
+        view: Grid,  # noqa: ARG003
+    ) -> int:
+        """Return how many words all pools have."""
+        return int(settings.parts**2 * settings.words)
+
+    @classmethod
     def _dictionary(cls, descriptors: FloatArray, settings: Any) -> Arrays:
         """Learn the words."""
         return {"words": learn_words(descriptors, settings.words, settings.seed)}
@@ -335,6 +364,13 @@ class FisherVectors(_LearntPatterns):
 
     size_entry = "gaussians"
     Settings: ClassVar[type[Table]] = FisherSettings
+
+    @classmethod
+    def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:
+        """Return how many components the vectors of all pools have."""
+        shown = len(settings.polarizations) or polarizations
+        directions = min(settings.directions, shown * _components(settings, view.dx))
+        return int(settings.parts**2 * 2 * settings.gaussians * directions)
 
     @classmethod
     def _dictionary(cls, descriptors: FloatArray, settings: Any) -> Arrays:
@@ -373,11 +409,11 @@ class FisherVectors(_LearntPatterns):
         return np.concatenate(pools, axis=1)
 
 
-def _numbered(prefix: str, parts: int, count: int) -> list[str]:
+def _numbered(prefix: str, divisions: int, count: int) -> list[str]:
     """Return the names of the components of each pool of a patch."""
     width = len(str(count - 1))
     names = []
-    for pool in range(parts**2):
+    for pool in range(divisions**2):
         names += [f"{prefix}_{pool}_{number:0{width}d}" for number in range(count)]
     return names
 
@@ -439,7 +475,7 @@ def _windows_of_lanes(
 def _maxima_in_lane(lane: TrainingView, channels: _Channels, radius: float) -> FloatArray:
     """Return the local maxima (n, 2) in a lane of the mean log-magnitude of its channels."""
     magnitudes = np.maximum(channels.values, np.finfo(np.float32).tiny)
-    level = np.where(channels.seen > 0, np.log(magnitudes), np.nan).mean(axis=0)
+    level = np.where(channels.has_value > 0, np.log(magnitudes), np.nan).mean(axis=0)
     table = local_maxima(lane.view[0, 0].copy(data=level), radius)
     places = table[["x", "y"]].to_numpy(dtype=np.float64)
     return places[lane.lane.contains(places[:, 0], places[:, 1])]

@@ -17,11 +17,17 @@ from pydantic import model_validator
 
 from flgpr.chain.engine import Accumulator, Arrays, append_accumulator
 from flgpr.chain.stages import FloatArray, Positive, Table
-from flgpr.chain.stages.forms import MOST_FORMS, FormMap, SampleSettings, learnt_arrays
+from flgpr.chain.stages.forms import (
+    MOST_FORMS,
+    FormMap,
+    SampleSettings,
+    learnt_arrays,
+    target_cuts,
+)
 from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import LinearQuadraticForm, PrincipalComponentDetector
-from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.features import clean_pixels, clutter_cuts, stack_channels
 from flgpr.model import ground_points, lane_to_scan
 
 
@@ -68,8 +74,8 @@ class ComponentMap(FormMap):
         y = image["y"].values
         before = self.settings.length // 2
         after = self.settings.length - before - 1
-        for form, (near, far) in zip(self.forms, pairwise(self.settings.edges), strict=True):
-            first, end = np.searchsorted(y, [near, far])
+        for form, interval in zip(self.forms, pairwise(self.settings.edges), strict=True):
+            first, end = np.searchsorted(y, interval)
             # The chips of the interval's pixels reach beyond it.
             begin = max(first - before, 0)
             of_interval = form.likelihood(stack[:, begin : end + after], self._chip)
@@ -112,6 +118,11 @@ def interval_samples(
 ) -> dict[str, NDArray[Any]]:
     """Take range cuts at mines, and of the clutter away from them, in each interval of range.
 
+    A mine's cut may reach beyond the interval in which the mine lies, a cut of clutter may not: its
+    moments are those of the interval. So the image cannot be cut into intervals first, and
+    :func:`~flgpr.chain.stages.forms.samples_at`, which takes both from one image, serves the map
+    "deflection" alone.
+
     Parameters
     ----------
     band : (polarization, y, x) DataArray of complex
@@ -129,15 +140,14 @@ def interval_samples(
     shape = settings.length, 1
     samples = {}
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
-    for number, (near, far) in enumerate(pairwise(settings.edges)):
-        of_interval = mines[(mines[:, 1] >= near) & (mines[:, 1] < far)]
-        cuts = range_cuts(band, of_interval, shape, settings.polarizations, settings.search)
-        rows = slice(*np.searchsorted(band["y"].values, [near, far]))
+    for number, (nearest, farthest) in enumerate(pairwise(settings.edges)):
+        of_interval = mines[(mines[:, 1] >= nearest) & (mines[:, 1] < farthest)]
+        samples[f"target-{number}"] = target_cuts(band, of_interval, settings)
+
+        rows = slice(*np.searchsorted(band["y"].values, [nearest, farthest]))
         stack, _ = stack_channels(band.isel(y=rows), settings.polarizations)
-        samples[f"target-{number}"] = cuts[np.isfinite(cuts).all(axis=1)]
-        samples[f"clutter-{number}"] = clutter_cuts(
-            stack, clean[rows], shape, settings.clutter_step
-        )
+        of_clutter = clutter_cuts(stack, clean[rows], shape, settings.clutter_step)
+        samples[f"clutter-{number}"] = of_clutter
     return samples
 
 
@@ -148,17 +158,21 @@ def _trained(
     clutter: NDArray[Any],
 ) -> LinearQuadraticForm:
     """Return the log-likelihood ratio of an interval, or refuse too few looks or samples."""
-    near, far = interval
+    nearest, farthest = interval
+    span = f"from {nearest:g} to {farthest:g} m"
     counts = [
-        Tally(len(target), f"looks at targets from {near:g} to {far:g} m"),
+        Tally(len(target), f"looks at targets {span}"),
         Tally(len(clutter), "cuts of clutter there"),
     ]
     if len(target) < 2:
-        ends = Change("edges", [settings.edges[0], settings.edges[-1]], list(settings.edges))
-        needed = f"2 looks at targets or more from {near:g} to {far:g} m, got {len(target)}"
-        raise TooFewExamplesError(needed, counts, [ends] if len(settings.edges) > 2 else [])
+        needed = f"2 looks at targets or more {span}, got {len(target)}"
+        changes = []
+        if len(settings.edges) > 2:
+            ends = [settings.edges[0], settings.edges[-1]]
+            changes.append(Change("edges", ends, list(settings.edges)))
+        raise TooFewExamplesError(needed, counts, changes)
     if len(clutter) < 2:
-        needed = f"2 cuts of clutter or more from {near:g} to {far:g} m, got {len(clutter)}"
+        needed = f"2 cuts of clutter or more {span}, got {len(clutter)}"
         raise TooFewExamplesError(needed, counts, [clear_change(settings)])
     try:
         whitener = ClutterWhitener(settings.moments).fit(clutter)

@@ -1,7 +1,6 @@
-"""What outshines the lane from beside it.
+"""Bright objects beside the lane: found by a mask, fitted with the forward model.
 
-It is found by a mask and fitted with the forward model. One stage subtracts it, another says how
-much of an alarm it explains.
+One stage subtracts their response, another says how much of an alarm it explains.
 """
 
 from __future__ import annotations
@@ -41,19 +40,18 @@ _NEEDS_WHOLE_RUN = "only the whole run shows what outshines the lane"
 class RoadsideSettings(Table):
     """The mask and the fit.
 
-    The mask holds the pixels outside the lane that are brighter in ``subband`` than every pixel in
-    it, grown by ``grow`` (m) but never into the lane; ``spacing`` (m) is that of the model's
-    pixels, and ``iterations`` the number of conjugate gradients.
+    The mask holds the pixels outside the lane that are brighter than every pixel in it, grown a
+    little, but never into the lane.
     """
 
-    subband: str
-    spacing: Spacing
-    grow: Annotated[float, Field(ge=0, le=100)]
-    iterations: Annotated[int, Field(ge=1, le=10_000)]
+    subband: str  #: sub-band in which pixels are compared
+    spacing: Spacing  #: of the model's pixels, m
+    grow: Annotated[float, Field(ge=0, le=100)]  #: by which the mask is grown, m
+    iterations: Annotated[int, Field(ge=1, le=10_000)]  #: number of conjugate gradients
 
 
 class RoadsideShareSettings(RoadsideSettings):
-    """The mask, the fit, and the ``polarization`` whose amplitude is shared out."""
+    """The mask, the fit, and the polarization whose amplitude is divided."""
 
     polarization: str = "HH"
 
@@ -102,7 +100,7 @@ class RoadsideModel:
 
     @property
     def points(self) -> FloatArray:
-        """Places (point, 3) of the mask in the lane frame, m; needs the pass that finds it."""
+        """Points (point, 3) of the mask in the lane frame, m; needs the pass that finds it."""
         return np.asarray(self.setup.results[MASK]["points"])
 
     def cleaned(self, index: int) -> ComplexArray:
@@ -144,10 +142,11 @@ class RoadsideModel:
         pixels = setup.imager.grid
         lane = setup.lane
         poses = setup.run["pose"].values[setup.imager.scans]
+        # As wide as any scan sees, for a vehicle that heads along the lane.
         left = pixels.x_min + poses[:, 0].min()
         right = pixels.x[-1] + poses[:, 0].max()
-        far = min(lane.y_max, pixels.y[-1] + poses[:, 1].max())
-        grid = Grid.spanning((left, right), (lane.y_min, far), settings.spacing)
+        farthest = min(lane.y_max, pixels.y[-1] + poses[:, 1].max())
+        grid = Grid.spanning((left, right), (lane.y_min, farthest), settings.spacing)
         sums = RunViewSums(grid, np.inf)
 
         def add(index: int) -> None:
@@ -194,8 +193,8 @@ class RoadsideModel:
         tones = np.asarray(setup.run["frequency"].values)
         band = setup.imager.subbands[self.settings.subband]
         weight = band_weights(tones, (band,), WINDOWS["hann"])[0]
-        places = lane_to_scan(self.points, setup.pose(index))
-        operator = setup.imager.operator_on(int(setup.imager.scans[index]), places)
+        points = lane_to_scan(self.points, setup.pose(index))
+        operator = setup.imager.operator_on(int(setup.imager.scans[index]), points)
         return suppress_by_model(data, operator, self.settings.iterations, weight).data
 
     def _peak(self, index: int, data: ComplexArray) -> float:
@@ -203,8 +202,8 @@ class RoadsideModel:
         if not len(self.points):
             return 0.0
         image = self.image(index, data).isel(polarization=self.setup.imaged)
-        places = lane_to_scan(self.points, self.setup.pose(index))
-        values = sample_scan(image.sel(subband=self.settings.subband), places)
+        points = lane_to_scan(self.points, self.setup.pose(index))
+        values = sample_scan(image.sel(subband=self.settings.subband), points)
         return float(np.nanmax(values, initial=0.0))
 
     def _block_of(self, index: int) -> Mapping[str, NDArray[Any]]:

@@ -68,7 +68,8 @@ class TimeFrequency(FeatureStage):
         missing = [name for name in settings.polarizations if name not in imaged]
         if missing:
             raise ValueError(
-                f"time-frequency.polarizations must be among {', '.join(imaged)}, got {missing[0]!r}"
+                f"time-frequency.polarizations must be among {', '.join(imaged)}, "
+                f"got {missing[0]!r}"
             )
         subbands = setup.imager.subbands
         widths = {name: high - low for name, (low, high) in subbands.items()}
@@ -102,24 +103,26 @@ class TimeFrequency(FeatureStage):
         side = round(self.settings.across / grid.dx)
         rows, columns = image.shape[-2:]
         inside = (row >= half) & (row + half < rows) & (column >= side) & (column + side < columns)
-        seen = np.flatnonzero(inside)
-        if not len(seen):
+        alarms = np.flatnonzero(inside)
+        if not len(alarms):
             return values
 
+        settings = self.settings
         offsets = grid.dy * np.arange(-half, half + 1)
-        wavenumbers = self._wavenumbers(points[seen], np.asarray(image.attrs["pose"]))
+        wavenumbers = self._wavenumbers(points[alarms], np.asarray(image.attrs["pose"]))
         band = image.sel(subband=self._subband)
-        for polarization in self.settings.polarizations:
+        for polarization in settings.polarizations:
             channel = band.sel(polarization=polarization).values
-            profiles = self._profiles(channel, row[seen], column[seen], half, side)
+            profiles = self._profiles(channel, row[alarms], column[alarms], half, side)
             known = np.isfinite(profiles).all(axis=1)
-            energy = spectrograms(profiles[known], offsets, wavenumbers[known], self.settings.width)
+            energy = spectrograms(profiles[known], offsets, wavenumbers[known], settings.width)
             features = reflection_features(
-                energy, offsets, self._frequency, self.settings.search, self.settings.gate
+                energy, offsets, self._frequency, settings.search, settings.gate
             )
             for name in _NAMES:
                 unit = 1e9 if name in _GIGAHERTZ else 1.0
-                values[f"tf_{name}_{polarization}"][seen[known]] = getattr(features, name) / unit
+                feature = getattr(features, name) / unit
+                values[f"tf_{name}_{polarization}"][alarms[known]] = feature
         return values
 
     def _wavenumbers(self, points: FloatArray, pose: FloatArray) -> FloatArray:
@@ -144,7 +147,7 @@ class TimeFrequency(FeatureStage):
         down = row[:, None, None] + np.arange(-half, half + 1)[:, None]
         across = column[:, None, None] + np.arange(-side, side + 1)
         chips = channel[down, across].astype(np.complex128)
-        near = round(self.settings.search / self.setup.images.dy)
-        middle = np.abs(chips[:, half - near : half + near + 1])
+        search = round(self.settings.search / self.setup.images.dy)
+        middle = np.abs(chips[:, half - search : half + search + 1])
         brightest = np.nan_to_num(middle).max(axis=1).argmax(axis=1)
         return np.asarray(chips[np.arange(len(chips)), :, brightest])

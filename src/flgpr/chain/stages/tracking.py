@@ -20,17 +20,12 @@ from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Setup, Table
 
 
 class TrackingSettings(Table):
-    """How a maximum is looked for.
+    """How a maximum is searched, in which channel."""
 
-    ``polarization`` and ``subband`` are those of the channel, by default the first. ``reach`` is
-    how far a scan's maximum may lie from the alarm (m), ``level`` its least magnitude in units of
-    the background.
-    """
-
-    polarization: str | None = None
-    subband: str | None = None
-    reach: Positive = 0.5
-    level: Positive = 2.0
+    polarization: str | None = None  #: of the channel; by default the first
+    subband: str | None = None  #: of the channel; by default the first
+    reach: Positive = 0.5  #: how far a scan's maximum may lie from the alarm, m
+    level: Positive = 2.0  #: least magnitude of the maximum, in units of the background
 
 
 class Tracking(FeatureStage):
@@ -44,8 +39,8 @@ class Tracking(FeatureStage):
         imager = setup.imager
         labels = imager.run["polarization"].values
         imaged = [str(labels[number]) for number in setup.imaged]
-        polarization = _index_of("polarization", settings.polarization, imaged)
-        subband = _index_of("subband", settings.subband, list(imager.subbands))
+        polarization = _index_of("tracking.polarization", settings.polarization, imaged)
+        subband = _index_of("tracking.subband", settings.subband, list(imager.subbands))
         self._channel = (polarization, subband)
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -56,7 +51,9 @@ class Tracking(FeatureStage):
         magnitude = np.abs(image.values[self._channel])
         x = image["x"].values
         y = image["y"].values
-        in_sight = ((points >= [x[0], y[0]]) & (points <= [x[-1], y[-1]])).all(axis=1)
+        beyond_first = points >= [x[0], y[0]]
+        before_last = points <= [x[-1], y[-1]]
+        in_sight = (beyond_first & before_last).all(axis=1)
         tracked = np.full(len(points), np.nan)
         for number in np.flatnonzero(in_sight):
             tracked[number] = _stands_out(
@@ -65,12 +62,12 @@ class Tracking(FeatureStage):
         return {"tracked": tracked}
 
 
-def _index_of(name: str, label: str | None, known: list[str]) -> int:
+def _index_of(entry: str, label: str | None, known: list[str]) -> int:
     """Return the index of a label, by default the first; refuse an unknown one."""
     if label is None:
         return 0
     if label not in known:
-        raise ValueError(f"tracking.{name} must be one of {', '.join(known)}, got {label!r}")
+        raise ValueError(f"{entry} must be one of {', '.join(known)}, got {label!r}")
     return known.index(label)
 
 
@@ -86,13 +83,14 @@ def _stands_out(
 
     It is none if it lies on the flank of something brighter, within reach of it.
     """
+    # Twice the reach: the surroundings of the farthest pixel are compared too.
     columns = slice(*np.searchsorted(x, [point[0] - 2 * reach, point[0] + 2 * reach]))
     rows = slice(*np.searchsorted(y, [point[1] - 2 * reach, point[1] + 2 * reach]))
-    values = magnitude[rows, columns]
+    values = np.nan_to_num(magnitude[rows, columns])
     u = x[columns] - point[0]
     v = y[rows, None] - point[1]
-    within_reach = np.where(u**2 + v**2 <= reach**2, np.nan_to_num(values), -np.inf)
+    within_reach = np.where(u**2 + v**2 <= reach**2, values, -np.inf)
     row, column = np.unravel_index(int(within_reach.argmax()), within_reach.shape)
-    around = (u - u[column]) ** 2 + (v - v[row]) ** 2 <= reach**2
-    brightest_around = np.nan_to_num(values)[around].max()
+    surroundings = (u - u[column]) ** 2 + (v - v[row]) ** 2 <= reach**2
+    brightest_around = values[surroundings].max()
     return bool(within_reach[row, column] >= max(level, brightest_around))

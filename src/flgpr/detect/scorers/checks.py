@@ -62,7 +62,7 @@ class Checked:
         *types: type[np.generic],
         finite: bool = True,
     ) -> NDArray[Any]:
-        """Return an array of one of some ``types``, by default of float64, whose numbers are finite.
+        """Return an array of one of several ``types``, by default float64, of finite numbers.
 
         None in ``shape`` allows any length of an axis. Without ``finite``, infinity may be among
         the numbers, but NaN may not.

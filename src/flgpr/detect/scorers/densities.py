@@ -31,15 +31,31 @@ class MixtureScorer:
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
-        """Score samples (n_samples, n_features)."""
+        """Score samples.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) ndarray
+            Samples.
+
+        Returns
+        -------
+        (n_samples,) ndarray
+            Log density less the offset.
+        """
         z = (X - self.own_centre) / self.own_scale
         logs = np.empty((len(z), len(self.share)))
-        for k, (share, mean, root) in enumerate(zip(self.share, self.mean, self.root, strict=True)):
+        components = zip(self.share, self.mean, self.root, strict=True)
+        for k, (share, mean, root) in enumerate(components):
             distance = np.sum(((z - mean) @ root) ** 2, axis=1)
-            logs[:, k] = np.log(share) + np.sum(np.log(np.diagonal(root))) - distance / 2
+            log_determinant = np.sum(np.log(np.diagonal(root)))  # of the root
+            logs[:, k] = np.log(share) + log_determinant - distance / 2
+
+        # The largest is taken out of the exponentials, which would all vanish far from the means.
         largest = logs.max(axis=1, keepdims=True)
         density = np.log(np.sum(np.exp(logs - largest), axis=1)) + largest[:, 0]
-        return np.asarray(density - z.shape[1] / 2 * math.log(2 * math.pi) - self.offset)
+        constant = z.shape[1] / 2 * math.log(2 * math.pi)
+        return np.asarray(density - constant - self.offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the mixture and its standardisation."""
@@ -117,7 +133,8 @@ class TailScorer:
         if not len(X):
             return np.zeros(0)
         left, right, skewed = tail_logs(np.concatenate([self.examples, X]))
-        return np.asarray(self._joined(left, right, skewed).sum(axis=1)[-len(X) :])
+        scores = self._joined(left, right, skewed).sum(axis=1)
+        return np.asarray(scores[-len(X) :])
 
     @staticmethod
     def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
@@ -157,7 +174,18 @@ class CopulaScorer(TailScorer):
 def tail_logs(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return -log of the shares in the left tail, the right tail, and the one on the skewed side.
 
-    The shares are of samples that are at most, and at least, as large, feature by feature.
+    The shares are of samples that are at most, and at least, as large, feature by feature (Li et
+    al. 2022).
+
+    Parameters
+    ----------
+    X : (n_samples, n_features) ndarray
+        Samples.
+
+    Returns
+    -------
+    left, right, skewed : (n_samples, n_features) ndarray
+        Negative logarithms of the shares.
     """
     left = -np.log(_share_up_to(X))
     right = -np.log(_share_up_to(-X))
@@ -173,7 +201,8 @@ def _share_up_to(X: FloatArray) -> FloatArray:
     share = np.empty_like(X)
     for feature in range(X.shape[1]):
         column = X[:, feature]
-        share[:, feature] = np.searchsorted(np.sort(column), column, side="right") / len(column)
+        up_to = np.searchsorted(np.sort(column), column, side="right")
+        share[:, feature] = up_to / len(column)
     return share
 
 
@@ -189,9 +218,13 @@ class NeighbourScorer:
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        step = max(1, _DISTANCES_AT_ONCE // max(len(self.examples), 1))
-        scores = [self._score(X[begin : begin + step]) for begin in range(0, len(X), step)]
-        return np.concatenate(scores) if scores else np.zeros(0)
+        if not len(X):
+            return np.zeros(0)
+        samples_at_once = max(1, _DISTANCES_AT_ONCE // max(len(self.examples), 1))
+        scores = []
+        for begin in range(0, len(X), samples_at_once):
+            scores.append(self._score(X[begin : begin + samples_at_once]))
+        return np.concatenate(scores)
 
     def _score(self, X: FloatArray) -> FloatArray:
         """Score samples that are few enough for all their distances to be in memory."""
@@ -234,12 +267,13 @@ class NeighbourScorer:
         metric = estimator.metric
         known = isinstance(metric, str) and metric in METRICS and not estimator.metric_params
         refuse_unless(known, f"metric must be one of {', '.join(METRICS)} for a detector", metric)
-        power = {
+        powers = {
             "minkowski": float(estimator.p),
             "euclidean": 2.0,
             "manhattan": 1.0,
             "chebyshev": 0.0,
-        }[metric]
+        }
+        power = powers[metric]
         examples = np.array(estimator.neigh_._fit_X, dtype=np.float64)
         neighbours = int(estimator.n_neighbors)
         return cls(examples, neighbours, str(estimator.method), power, float(estimator.threshold_))

@@ -86,9 +86,23 @@ class KernelSum:
 
 
 def rbf_values(X: FloatArray, vectors: FloatArray, gamma: float, power: int = 2) -> FloatArray:
-    """Evaluate ``exp(-γ Σ |x_i - z_i|^power)`` of samples and vectors (n_samples, n_vectors).
+    """Evaluate ``exp(-γ Σ |x_i - z_i|^power)`` of samples and vectors.
 
-    The power 2 makes the RBF kernel, the power 1 the Laplacian one.
+    Parameters
+    ----------
+    X : (n_samples, n_features) ndarray
+        Samples.
+    vectors : (n_vectors, n_features) ndarray
+        Vectors.
+    gamma : float
+        γ.
+    power : {2, 1}
+        2 makes the RBF kernel, 1 the Laplacian one.
+
+    Returns
+    -------
+    (n_samples, n_vectors) ndarray
+        Kernel matrix.
     """
     distance = np.zeros((len(X), len(vectors)))
     for feature in range(X.shape[1]):
@@ -99,9 +113,13 @@ def rbf_values(X: FloatArray, vectors: FloatArray, gamma: float, power: int = 2)
 
 def score_in_blocks(score: Any, X: FloatArray, vectors: int) -> FloatArray:
     """Score samples in blocks, so that no kernel matrix grows with their number."""
-    step = max(1, _VALUES_AT_ONCE // max(vectors, 1))
-    scores = [score(X[begin : begin + step]) for begin in range(0, len(X), step)]
-    return np.concatenate(scores) if scores else np.zeros(0)
+    if not len(X):
+        return np.zeros(0)
+    samples_at_once = max(1, _VALUES_AT_ONCE // max(vectors, 1))
+    scores = []
+    for begin in range(0, len(X), samples_at_once):
+        scores.append(score(X[begin : begin + samples_at_once]))
+    return np.concatenate(scores)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ class LinearScorer:
     weight: FloatArray  #: (n_features,) w
     intercept: float  #: b
     #: whether examples weighed alike, so that the log odds are those of the examples' frequencies
-    plain: bool
+    unweighted: bool
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
@@ -32,7 +32,7 @@ class LinearScorer:
 
     def settings(self) -> dict[str, Any]:
         """Return the intercept, and whether examples weighed alike."""
-        return {"intercept": self.intercept, "plain": self.plain}
+        return {"intercept": self.intercept, "plain": self.unweighted}
 
     @classmethod
     def of(cls, estimator: Any) -> Self:

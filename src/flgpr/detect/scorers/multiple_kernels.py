@@ -81,9 +81,8 @@ class MultipleKernelScorer:
         scorer = cls(vectors, weight, group, kernel_weight, gamma, checked.number("intercept"))
         checked.done()
         count = len(kernel_weight)
-        refuse_unless(
-            1 <= count <= features, f"array 'kernel_weight' must be of 1 to {features}", count
-        )
+        rule = f"array 'kernel_weight' must be of 1 to {features}"
+        refuse_unless(1 <= count <= features, rule, count)
         known = bool(((group >= 0) & (group < count)).all())
         refuse_unless(known, f"array 'group' must be from 0 to {count - 1}", group.tolist())
         for name, values in (("kernel_weight", kernel_weight), ("gamma", gamma)):

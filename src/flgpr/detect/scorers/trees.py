@@ -32,7 +32,18 @@ class Trees:
     value: FloatArray  #: (n_nodes,) what a leaf adds
 
     def total(self, X: NDArray[Any]) -> FloatArray:
-        """Return the sums (n_samples,) of the leaves that samples (n_samples, n_features) reach."""
+        """Return the sums of the leaves that samples reach, over all trees.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) ndarray
+            Samples.
+
+        Returns
+        -------
+        (n_samples,) ndarray
+            Sums.
+        """
         total = np.zeros(len(X))
         for root in self.first:
             node = np.full(len(X), root)
@@ -58,16 +69,21 @@ class Trees:
 
     @classmethod
     def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
-        """Join trees, each with ``left``, ``right``, ``feature``, ``split`` and ``value``."""
+        """Join trees, each with ``left``, ``right``, ``feature``, ``split`` and ``value``.
+
+        The children of a tree count from its own first node.
+        """
         names = ("left", "right", "feature", "split", "value")
         columns: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
         first = []
         count = 0
         for tree in trees:
-            leaf = np.asarray(tree["left"]) < 0
+            left = np.asarray(tree["left"])
+            right = np.asarray(tree["right"])
+            leaf = left < 0
             first.append(count)
-            columns["left"].append(np.where(leaf, _LEAF, np.asarray(tree["left"]) + count))
-            columns["right"].append(np.where(leaf, _LEAF, np.asarray(tree["right"]) + count))
+            columns["left"].append(np.where(leaf, _LEAF, left + count))
+            columns["right"].append(np.where(leaf, _LEAF, right + count))
             columns["feature"].append(np.where(leaf, 0, tree["feature"]))
             columns["split"].append(np.where(leaf, 0.0, tree["split"]))
             columns["value"].append(np.asarray(tree["value"], dtype=np.float64))
@@ -108,6 +124,7 @@ def _check_paths(trees: Trees, features: int) -> None:
     in_range = first.size > 0 and first[0] == 0 and first[-1] < count
     rising = in_range and bool((np.diff(first) > 0).all())
     refuse_unless(rising, "array 'first' must rise from 0 within the nodes", first[:5].tolist())
+
     node = np.arange(count)
     tree = np.searchsorted(first, node, side="right") - 1
     end = np.append(first[1:], count)[tree]  # of the node's own tree
@@ -118,12 +135,12 @@ def _check_paths(trees: Trees, features: int) -> None:
         later = leaf | ((child > node) & (child < end))
         rule = f"array {name!r} must lead to later nodes of the tree"
         refuse_unless(bool(later.all()), rule, child[~later][:1])
+
     known = (trees.feature >= 0) & (trees.feature < features)
-    refuse_unless(
-        bool(known.all()),
-        f"array 'feature' must be from 0 to {features - 1}",
-        trees.feature[~known][:1],
-    )
+    rule = f"array 'feature' must be from 0 to {features - 1}"
+    refuse_unless(bool(known.all()), rule, trees.feature[~known][:1])
+
+    # Level by level: a file may hold a path as long as its nodes, and every sample would walk it.
     level = first
     for _ in range(_LARGEST_DEPTH):
         parents = level[~leaf[level]]
@@ -145,9 +162,9 @@ def _table_of(tree: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ForestScorer:
-    """Compute the log odds of a random forest.
+    """Compute the log odds of the mean over a random forest's trees.
 
-    They are those of the mean over trees of the share of mines in a sample's leaf.
+    A tree gives the share of mines in a sample's leaf.
     """
 
     trees: Trees
@@ -156,7 +173,9 @@ class ForestScorer:
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features), which the trees take in single precision."""
         p = self.trees.total(X.astype(np.float32)) / len(self.trees.first)
-        return np.asarray(np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12)))
+        log_mine = np.log(np.maximum(p, 1e-12))
+        log_clutter = np.log(np.maximum(1 - p, 1e-12))
+        return np.asarray(log_mine - log_clutter)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the table of nodes."""
@@ -183,10 +202,9 @@ class ForestScorer:
         checked = Checked(settings, arrays)
         trees = Trees.taken(checked, features)
         checked.done()
-        shares = (trees.value >= 0) & (trees.value <= 1)
-        refuse_unless(
-            bool(shares.all()), "array 'value' must lie between 0 and 1", trees.value[~shares][:1]
-        )
+        is_share = (trees.value >= 0) & (trees.value <= 1)
+        rule = "array 'value' must lie between 0 and 1"
+        refuse_unless(bool(is_share.all()), rule, trees.value[~is_share][:1])
         return cls(trees)
 
 
@@ -310,9 +328,12 @@ def _path_lengths(tree: Any) -> FloatArray:
 def _mean_path_length(count: NDArray[Any]) -> FloatArray:
     """Return the mean depth of an unsuccessful search among ``count`` examples.
 
-    This is Eq. 1 of Liu, Ting & Zhou 2008.
+    This is c(n) = 2H(n - 1) - 2(n - 1)/n, Eq. 1 of Liu, Ting & Zhou 2008, with the harmonic number
+    H(i) ≈ ln i + γ; of two examples it is 1, as in scikit-learn.
     """
     n = np.asarray(count, dtype=np.float64)
     several = np.maximum(n, 3.0)
-    length = 2 * (np.log(several - 1) + np.euler_gamma) - 2 * (several - 1) / several
-    return np.asarray(np.where(n <= 1, 0.0, np.where(n == 2, 1.0, length)))
+    harmonic = np.log(several - 1) + np.euler_gamma
+    length = 2 * harmonic - 2 * (several - 1) / several
+    of_two_or_more = np.where(n == 2, 1.0, length)
+    return np.asarray(np.where(n <= 1, 0.0, of_two_or_more))

@@ -27,7 +27,7 @@ _CONDUCTOR = np.array([[-1.0], [1.0]])
 
 @dataclass
 class Echoes:
-    """Echoes to be summed: each a path per pair, a place, a spectrum, and its weight in each pair.
+    """Echoes to be summed: a path per pair, a position, a spectrum and a weight per pair for each.
 
     Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference
     (HV - VH)/2. A weight has one row for the first three and one for the last.
@@ -50,9 +50,9 @@ class Echoes:
         Parameters
         ----------
         path : ndarray (pair,) or (1,)
-            Electrical path there and back, m.
+            Electrical path out and back, m.
         position : ndarray (3,)
-            Where the antennas' gains are taken, m.
+            Point at which the antennas' gains are taken, m.
         spectrum : ndarray (3 or 4, frequency)
             Amplitudes, m; a missing fourth row is zero.
         weight : ndarray (2, pair), optional
@@ -113,9 +113,22 @@ class Ground:
         return np.stack(reflection(sine, 1.0, self.media[0]))
 
     def entry_squared(self, sine: float, layer: int) -> ComplexArray:
-        """Return t12² for H and V (2, frequency).
+        """Return the transmission t² into a layer and out of it, H and V.
 
-        It is the transmission into the given layer and, by reciprocity, out of it.
+        It is the product of Fresnel's coefficients over all interfaces above, squared: by
+        reciprocity the way out has the same one.
+
+        Parameters
+        ----------
+        sine : float
+            Sine of the angle of incidence in air.
+        layer : int
+            Index of the layer.
+
+        Returns
+        -------
+        ndarray (2, frequency) of complex
+            t² of H and of V.
         """
         media = [np.ones_like(self.media[0]), *self.media[: layer + 1]]
         total = np.ones((2, self.frequency.size), complex)
@@ -127,9 +140,21 @@ class Ground:
         return total**2
 
     def dispersion(self, sine: float, depth: float) -> ComplexArray:
-        """Return attenuation and phase against the path at the band's middle (frequency,).
+        """Return attenuation and phase of the way to a depth and back, beyond the ray's path.
 
-        They are those of the way to a depth, m, and back; the path is that at the real index.
+        The ray's path is that at the real index of the band's middle (:meth:`ray`).
+
+        Parameters
+        ----------
+        sine : float
+            Sine of the angle of incidence in air.
+        depth : float
+            Depth, m.
+
+        Returns
+        -------
+        ndarray (frequency,) of complex
+            Factor of the amplitude.
         """
         extra: Any = 0
         thicknesses = self.soil.thicknesses_above(depth)
@@ -138,9 +163,17 @@ class Ground:
         return np.exp(-2j * self.wavenumber * extra)
 
     def ray(self, antennas: FloatArray, points: FloatArray) -> Ray:
-        """Return the rays from antennas (n, 3) to buried points (n, 3).
+        """Return the rays from antennas to buried points, refracted and delayed by the roughness.
 
-        They are refracted, and delayed by the rough interface.
+        Parameters
+        ----------
+        antennas, points : ndarray (n, 3)
+            Ends of each ray, m.
+
+        Returns
+        -------
+        Ray
+            Path, sine and point of entry of each ray.
         """
         level = points[:, :2] - antennas[:, :2]
         distance = np.hypot(level[:, 0], level[:, 1])
@@ -148,24 +181,33 @@ class Ground:
         ray = refracted_ray(distance, antennas[:, 2], list(thicknesses.T), self.real)
         if self.heights is None:
             return ray
-        entry = points[:, :2] - level * (ray.entry / np.maximum(distance, 1e-9))[:, None]
-        delay = interface_path(ray.sine, self.real[0]) * self.heights(entry[:, 0], entry[:, 1])
+        from_point = ray.entry / np.maximum(distance, 1e-9)  # share of the level distance
+        entry = points[:, :2] - level * from_point[:, None]
+        height = self.heights(entry[:, 0], entry[:, 1])
+        delay = interface_path(ray.sine, self.real[0]) * height
         return ray._replace(path=ray.path + delay)
 
 
 def incidence(x: float, y: float, z: float, array: ArrayState) -> float:
-    """Return the sine of the array's middle's angle of incidence at a place, m."""
+    """Return the sine of the angle of incidence at a point, m, from the middle of the array."""
     offset = array.position.mean(axis=0) - np.array([x, y, z])
     return float(math.hypot(offset[0], offset[1]) / np.linalg.norm(offset))
 
 
 def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
-    """Return the directions from a place to the middle between each pair's antennas.
+    """Return the directions from a point to the middle between each pair's antennas.
+
+    Parameters
+    ----------
+    x, y : float
+        Point, m.
+    array : ArrayState
+        The antennas.
 
     Returns
     -------
     ndarray (pair, 2)
-        Horizontal unit vectors; the middle is that of the directions, as seen from the place.
+        Horizontal unit vectors; the middle is that of the directions, as seen from the point.
     """
     direction = array.position[:, :2] - np.array([x, y])
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -203,15 +245,19 @@ def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArraySta
     sine = incidence(target.x, target.y, 0.0, array)
     k = ground.wavenumber
     wall, top = _standing_reflections(target, ground, sine)
-    corner = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
     towards = bisectors(target.x, target.y, array)
-    corner = _without_cross(corner * _CONDUCTOR * ground.reflection(sine) * wall)
+
+    # The cylinder's wall by stationary phase; twice, as waves meet wall and ground in either order.
+    wall_amplitude = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
+    corner = _without_cross(wall_amplitude * _CONDUCTOR * ground.reflection(sine) * wall)
     _add_ring_point(echoes, target, radius, towards, 0.0, corner, array)
+
     for rim in bodies.visible_rims(target.outline, sine):
         if rim.drop > 0:
             continue
-        size = bodies.rim_amplitude(rim, k, sine) * top * np.array([[rim.h], [rim.v]])
-        reach = rim.radius if rim.near else -rim.radius
+        edge = np.array([[rim.h], [rim.v]])
+        size = bodies.rim_amplitude(rim, k, sine) * top * edge
+        reach = rim.radius if rim.is_near else -rim.radius
         z = height - rim.drop
         _add_ring_point(echoes, target, reach, towards, z, _without_cross(size), array)
 
@@ -258,7 +304,8 @@ def _add_ring_point(
 def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
     """Return the paths (pair,) in air by way of points (pair or 1, 3), m."""
     sent = np.linalg.norm(array.position[array.tx] - point, axis=-1)
-    return np.asarray(sent + np.linalg.norm(array.position[array.rx] - point, axis=-1))
+    taken = np.linalg.norm(array.position[array.rx] - point, axis=-1)
+    return np.asarray(sent + taken)
 
 
 def add_object(
@@ -290,10 +337,10 @@ def add_object(
 
 
 def _object_stream(seed: int, scene_object: SceneObject) -> np.random.Generator:
-    """Return the random stream of an object, named by its kind and place in mm."""
-    return stream(
-        seed, scene_object.kind, round(scene_object.x * 1000), round(scene_object.y * 1000)
-    )
+    """Return the random stream of an object, named by its kind and position in mm."""
+    x_mm = round(scene_object.x * 1000)
+    y_mm = round(scene_object.y * 1000)
+    return stream(seed, scene_object.kind, x_mm, y_mm)
 
 
 def _add_rock(
@@ -303,20 +350,26 @@ def _add_rock(
 
     It is a dipole, half a radius up, that saturates at the optical cross section.
     """
+    radius = scene_object.radius
     sine = incidence(scene_object.x, scene_object.y, 0.0, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
+
+    # Rayleigh's 4πa²·(ka)⁴·((ε - 1)/(ε + 2))² up to πa²·|r|², with r of normal incidence.
     optical = ((math.sqrt(6) - 1) / (math.sqrt(6) + 1)) ** 2
     dipole = ((6 - 1) / (6 + 2)) ** 2
-    growth = 4 * dipole / optical * (k * scene_object.radius) ** 4
-    size = scene_object.radius / 2 * np.sqrt(optical * growth / (1 + growth))
-    r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * scene_object.radius * cosine)
+    growth = 4 * dipole / optical * (k * radius) ** 4
+    size = radius / 2 * np.sqrt(optical * growth / (1 + growth))
+
+    # Direct wave and the one by the ground, on both ways: H along the ground, V along it and up.
+    r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * radius * cosine)
     copolar_h = (1 + r_h) ** 2
     copolar_v = (sine * (1 + r_v)) ** 2 + (cosine * (1 - r_v)) ** 2
     copolar = np.stack([copolar_h, copolar_v])
+
     rng = _object_stream(seed, scene_object)
     spectrum = rotated(size * copolar, rng.normal(0, 0.2))
-    point = np.tile([scene_object.x, scene_object.y, scene_object.radius / 2], (array.tx.size, 1))
+    point = np.tile([scene_object.x, scene_object.y, radius / 2], (array.tx.size, 1))
     echoes.add(_air_path(point, array), point[0], spectrum)
 
 
@@ -325,6 +378,8 @@ def _add_post(echoes: Echoes, scene_object: SceneObject, ground: Ground, array: 
     sine = incidence(scene_object.x, scene_object.y, scene_object.height / 2, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
+    # The integral over the height of exp(2jkz·cosθ) leaves its two ends, and the corner, whose
+    # phase does not depend on the height, all of it.
     line = np.sqrt(k * scene_object.radius * sine / (4 * np.pi)) * np.exp(-0.25j * np.pi)
     bounce = _CONDUCTOR * ground.reflection(sine)
     end = 1 / (2j * k * cosine)
@@ -342,10 +397,19 @@ def bush_scatterers(
 ) -> tuple[FloatArray, ComplexArray]:
     """Draw a bush's twigs.
 
+    Parameters
+    ----------
+    scene_object : SceneObject
+        The bush.
+    seed : int
+        Seed of the world.
+    count : int
+        Number of twigs.
+
     Returns
     -------
     position : ndarray (twig, 3)
-        Places in the lane frame, m.
+        Positions in the lane frame, m.
     amplitude : ndarray (twig, 3) of complex
         HH, VV and cross, m: HH of the bush's ``rcs_db``, -10 dBsm unless given, cross 6 dB below.
     """
@@ -355,8 +419,9 @@ def bush_scatterers(
     position[:, :2] += [scene_object.x, scene_object.y]
     rcs_db = -10.0 if scene_object.rcs_db is None else scene_object.rcs_db
     level = 10 ** (rcs_db / 20) / math.sqrt(4 * np.pi * count)
-    z = (rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3))) / math.sqrt(2)
-    return position, z * level * np.array([1.0, 1.0, 0.5])
+    white = rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3))
+    unit = white / math.sqrt(2)
+    return position, unit * level * np.array([1.0, 1.0, 0.5])
 
 
 def _add_bush(
@@ -382,13 +447,13 @@ def _add_fiducial(
     echoes.add(_air_path(point, array), point[0], spectrum.astype(complex))
 
 
-def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
-    """Return the antennas' gains over distance towards places, without the beam's narrowing.
+def antenna_gains(points: FloatArray, array: ArrayState) -> NDArray[np.float32]:
+    """Return the antennas' gains over distance towards points, without the beam's narrowing.
 
     Parameters
     ----------
-    places : ndarray (n, 3)
-        In the lane frame, m.
+    points : ndarray (n, 3)
+        Points in the lane frame, m.
     array : ArrayState
         The antennas.
 
@@ -397,18 +462,18 @@ def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
     ndarray (antenna, n, 3)
         H to h, H to v and V to v.
     """
-    shape = (len(array.position), len(places))
+    shape = (len(array.position), len(points))
     gain = np.empty((*shape, 3), np.float32)
     exponent = 0.0 if array.growth > 0 else array.exponent
     no_beams = np.empty((0, 0), np.float32)
     # Delays and carriers are of no interest here.
     wavenumber = 0.0
-    extra = np.zeros(len(places))
+    extra = np.zeros(len(points))
     drift = np.zeros(3)
     distance = np.empty(shape)
     phasor = np.empty(shape, np.complex64)
     antenna_terms(
-        places,
+        points,
         array.position,
         array.boresight,
         array.horizontal,
@@ -428,6 +493,15 @@ def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
 def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDArray[np.complex64]:
     """Sum echoes over all pairs and tones.
 
+    Parameters
+    ----------
+    echoes : Echoes
+        The echoes.
+    array : ArrayState
+        The antennas.
+    frequency : ndarray (frequency,)
+        Evenly spaced tones, Hz.
+
     Returns
     -------
     ndarray (4, pair, frequency) of complex64
@@ -441,11 +515,14 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
     gain = antenna_gains(position, array)
     ray = position - array.position[:, None]
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    # A beam cos^(n/2) whose n grows with f² is exp(n/2·log cos).
     log_cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
+
     path = np.stack([np.broadcast_to(p, (pairs,)) for p in echoes.path])
     spectrum = np.ascontiguousarray(np.stack(echoes.spectrum), dtype=np.complex64)
     weights = [np.broadcast_to(w, (2, pairs)) for w in echoes.weight]
     weight = np.stack(weights).astype(np.float32)
+
     first = frequency[0] / SPEED_OF_LIGHT
     step = (frequency[1] - frequency[0]) / SPEED_OF_LIGHT if frequency.size > 1 else 0.0
     growth = array.growth * SPEED_OF_LIGHT**2
@@ -491,6 +568,33 @@ def _sum(  # type: ignore[no-untyped-def]
 
     Phases and beams advance from tone to tone by their second differences, and are computed anew
     every 64 tones, so that rounding does not build up.
+
+    Parameters
+    ----------
+    path : (echo, pair) ndarray
+        Electrical paths, m.
+    spectrum : (echo, 4, frequency) ndarray of complex64
+        Amplitudes HH, VV, (HV + VH)/2 and (HV - VH)/2, m.
+    weight : (echo, 2, pair) ndarray of float32
+        Weights of the first three rows and of the last.
+    gain : (antenna, echo, 3) ndarray of float32
+        Gains over distance, H to h, H to v and V to v.
+    log_cosine : (antenna, echo) ndarray
+        Logarithm of the cosine off the boresight.
+    path_rate : (antenna, echo) ndarray
+        Growth of an antenna's path from tone to tone of a sweep in motion, m.
+    tx, rx : (pair,) ndarray of int
+        Antennas of every pair.
+    first, step : float
+        First tone and spacing over the speed of light, 1/m.
+    growth : float
+        Growth of the beam's exponent with the squared wavenumber, m²; zero for none.
+    mixed : bool
+        Whether the antennas mix H and V, as dipoles do.
+    out : (4, pair, frequency) ndarray of complex64
+        HH, HV, VH and VV, which are added to.
+    begin, end : int
+        Pairs of this call.
     """
     tones = spectrum.shape[2]
     middle = tones // 2

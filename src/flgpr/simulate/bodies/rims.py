@@ -20,16 +20,13 @@ _LARGEST_COEFFICIENT = 5.0
 
 
 class Rim(NamedTuple):
-    """One visible point of a ring edge, near or far, ``drop`` below the top.
+    """One visible point of a ring edge, on its near or on its far side."""
 
-    ``h`` and ``v`` are its coefficients; those of a plate are equal. Lengths are in m.
-    """
-
-    radius: float
-    drop: float
-    near: bool
-    h: float
-    v: float
+    radius: float  #: of the ring, m
+    drop: float  #: how far it lies below the top, m
+    is_near: bool  #: whether it is on the side of the radar
+    h: float  #: coefficient of H
+    v: float  #: coefficient of V; those of a plate are equal
 
 
 def cylinder(radius: float, height: float) -> tuple[tuple[float, float], ...]:
@@ -53,6 +50,11 @@ def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
         Angle φ of the ray from the first face, rad.
     exterior : float
         Exterior angle nπ, rad: 3π/2 for a right-angled edge.
+
+    Returns
+    -------
+    soft, hard : float
+        D_s and D_h, bounded where the theory's grow without limit.
     """
     n = exterior / math.pi
     front = math.sin(math.pi / n) / n
@@ -80,12 +82,18 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
         Corners from the top's centre to the bottom's, m.
     sine : float
         Sine of the angle of incidence in the medium around.
+
+    Returns
+    -------
+    list of Rim
+        The rims.
     """
     theta = math.asin(sine)
     rims = []
     for before, corner, after in zip(profile[:-2], profile[1:-1], profile[2:], strict=True):
         if corner[0] <= 0:  # on the axis there is no ring
             continue
+        # Directions of the two faces in the plane of axis and ray, counted from the outside.
         first = math.atan2(corner[1] - before[1], before[0] - corner[0])
         second = math.atan2(corner[1] - after[1], after[0] - corner[0])
         exterior = (first - second) % (2 * math.pi)
@@ -113,11 +121,16 @@ def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexAr
         In the medium around, rad/m.
     sine : array_like
         Sine of the angle of incidence in the medium around.
+
+    Returns
+    -------
+    ndarray of complex
+        Amplitude, m, in the broadcast shape.
     """
     k = np.asarray(wavenumber, dtype=float)
     s = np.asarray(sine, dtype=float)
     size = np.sqrt(rim.radius / (4 * np.pi * k * s))
-    phase = -0.75j * np.pi if rim.near else -0.25j * np.pi
+    phase = -0.75j * np.pi if rim.is_near else -0.25j * np.pi
     return np.asarray(size * np.exp(phase))
 
 
@@ -152,9 +165,9 @@ def layered_reflection(
     for i in range(len(thickness) - 1, -1, -1):
         q = k * np.sqrt(np.asarray(media[i + 1], dtype=complex) - s**2)
         delay = np.exp(-2j * q * thickness[i])
-        top = reflection(s, media[i], media[i + 1])
-        total_h = (top[0] + total_h * delay) / (1 + top[0] * total_h * delay)
-        total_v = (top[1] + total_v * delay) / (1 + top[1] * total_v * delay)
+        top_h, top_v = reflection(s, media[i], media[i + 1])
+        total_h = (top_h + total_h * delay) / (1 + top_h * total_h * delay)
+        total_v = (top_v + total_v * delay) / (1 + top_v * total_v * delay)
     return total_h, total_v
 
 

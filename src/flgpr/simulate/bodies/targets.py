@@ -76,8 +76,9 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
     lean, across = _lean(target, mean_sine, permittivity, array)
     table_sine = _leaning(sine, lean, permittivity) / math.sqrt(_relative_permittivity(target))
     weight = node_weights(table_sine, separation, _aspect(azimuth, target), aspects)
-    taper = _taper(target, mean_sine, ground, layer, array)
-    near_factor = 0.5j / ground.wavenumber * taper
+
+    # Near the radar the wave is not plane over the body: F + j·g/(2k0)·∂F/∂sinθ, see _taper.
+    near_factor = 0.5j / ground.wavenumber * _taper(target, mean_sine, ground, layer, array)
     entry = ground.entry_squared(mean_sine, layer) * ground.dispersion(mean_sine, target.depth)
     # Cross amplitudes take the mean of H and V.
     entry_cross = np.sqrt(entry[0] * entry[1])
@@ -86,6 +87,7 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
     near_factor = np.stack([*near_factor, near_cross, near_cross])
     spectra = ((basis + near_factor * slope) * entry).astype(np.complex64)
     spectra = spectra.reshape(-1, 4, ground.frequency.size)
+
     surface = np.array([target.x, target.y, 0.0])
     path = sent.path + taken.path
     for channels, kind in (([0, 1], 0), ([2], 1), ([3], 2)):
@@ -116,6 +118,20 @@ def mean_amplitude(target: Target, ground: Ground, array: ArrayState) -> Complex
     It is the mean over the array's pairs of the signature table's, without the way through the
     ground and back (:meth:`Ground.entry_squared` and :meth:`Ground.dispersion`), for waves that are
     plane over the body.
+
+    Parameters
+    ----------
+    target : Target
+        A target in the ground, whose tilt is left out.
+    ground : Ground
+        The ground that it lies in.
+    array : ArrayState
+        The antennas, their heights counted from that ground.
+
+    Returns
+    -------
+    ndarray (2, frequency) of complex
+        Amplitudes HH and VV, m.
     """
     layer = ground.medium(target.depth)
     aspects, amplitudes = _amplitudes(target, ground.media[layer], ground.frequency)
@@ -132,11 +148,16 @@ def mean_amplitude(target: Target, ground: Ground, array: ArrayState) -> Complex
 def _principal_weights(
     weight: FloatArray, spectra: NDArray[np.complex64]
 ) -> Iterator[tuple[FloatArray, NDArray[np.complex64]]]:
-    """Yield few weights (pair,) and spectra whose products sum to ``Σ_n weight[n]·spectra[n]``."""
+    """Yield few weights (pair,) and spectra whose products sum to ``Σ_n weight[n]·spectra[n]``.
+
+    The nodes' weights differ little from pair to pair, so that few principal components hold them.
+    """
     values, vectors = np.linalg.eigh(weight @ weight.T)
     strong = values > _LEAST_WEIGHT**2 * values[-1]
     principal = vectors[:, strong].astype(np.float32)
-    yield from zip(principal.T @ weight, np.tensordot(principal.T, spectra, 1), strict=True)
+    principal_weights = principal.T @ weight
+    principal_spectra = np.tensordot(principal.T, spectra, 1)
+    yield from zip(principal_weights, principal_spectra, strict=True)
 
 
 def _taper(
@@ -148,17 +169,23 @@ def _taper(
     wave front is curved: to first order in size over range ``F + j·g/(2k0)·∂F/∂sinθ``, g being this
     growth plus 1/(2R·sinθ) for that.
     """
+    surface = np.array([target.x, target.y, 0.0])
+    slant = float(np.linalg.norm(array.position.mean(axis=0) - surface))
+
+    # Antennas: a step to either side of the body, away from the radar.
     outward = -bisectors(target.x, target.y, array).mean(axis=0)
     steps = np.array([[-_STEP], [_STEP]]) * outward / np.linalg.norm(outward)
-    places = np.concatenate([np.array([target.x, target.y]) + steps, np.zeros((2, 1))], axis=1)
-    gains = np.abs(antenna_gains(places, array)).swapaxes(1, 2)
-    copolar_gains = gains[:, [0, 2]]  # (antenna, H and V, place)
+    positions = np.concatenate([surface[:2] + steps, np.zeros((2, 1))], axis=1)
+    gains = np.abs(antenna_gains(positions, array)).swapaxes(1, 2)
+    copolar_gains = gains[:, [0, 2]]  # (antenna, H and V, position)
     growth = np.log(copolar_gains[..., 1] / copolar_gains[..., 0]) / (2 * _STEP)
-    slant = float(np.linalg.norm(array.position.mean(axis=0) - np.array([target.x, target.y, 0.0])))
+
+    # Transmission into the ground, by way of the sine of the angle of incidence.
     sine_change = (1 - sine**2) / slant  # per metre
     log_below = np.log(np.abs(ground.entry_squared(sine - _SINE_STEP, layer)))
     log_above = np.log(np.abs(ground.entry_squared(sine + _SINE_STEP, layer)))
     entry = (log_above - log_below) / (2 * _SINE_STEP) * sine_change
+
     return np.asarray(2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine))
 
 
@@ -328,7 +355,7 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
     for rim in bodies.visible_rims(target.outline, min(sine / index, 0.999)):
         if target.dielectric is not None and rim.drop > 0:
             continue  # the layers' sum already holds the body's bottom
-        side = 1.0 if rim.near else -1.0
+        side = 1.0 if rim.is_near else -1.0
         # The axis leans towards the radar: the near rim sinks, the far one rises.
         depth = max(target.depth + rim.drop + side * rim.radius * along, 0.0)
         point = np.empty((array.tx.size, 3))
@@ -336,10 +363,11 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
         point[:, 2] = -depth
         sent = ground.ray(array.position[array.tx], point)
         taken = ground.ray(array.position[array.rx], point)
+
         size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index)
         size = size * ground.dispersion(sine, depth)
         copolar = size * entry * _strength(rim, target, sine, ground, layer)
-        if cover is not None and rim.drop == 0 and not rim.near:
+        if cover is not None and rim.drop == 0 and not rim.is_near:
             copolar = copolar * cover
         position = np.array([target.x, target.y, -depth])
         echoes.add(sent.path + taken.path, position, rotated(copolar, across))
@@ -357,7 +385,7 @@ def _strength(
     gap = min(target.air_gap, 0.9 * target.height)
     layers = [(gap, 1.0), (target.height - gap, target.dielectric)]
     near_rim = bodies.layers_strength(sine, ground.wavenumber, ground.media[layer], layers)
-    return near_rim if rim.near else -near_rim
+    return near_rim if rim.is_near else -near_rim
 
 
 def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
@@ -368,9 +396,11 @@ def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
     diameter, the last as the share of it that fits. The near rim has no top before it and sees
     none. Squared, for by reciprocity the way out has the same bounces as the way in.
     """
+    # r21 = -r12 of the surface from below, Γ of metal for H and V.
     normal = np.sqrt(ground.media[0] - sine**2)
     delay = np.exp(-2j * ground.wavenumber * normal * target.depth)
     bounce = -ground.reflection(sine) * np.array([[-1.0], [1.0]]) * delay
+
     shift = 2 * target.depth * sine / math.sqrt(ground.real[0] - sine**2)
     fitting = min(2 * target.radius / max(shift, 1e-9), 1e3)
     complete = math.floor(fitting)

@@ -1,4 +1,4 @@
-"""The surface's scatterers: a fixed random field in the world, made tile by tile where seen."""
+"""The surface's scatterers: a fixed random field in the world, made tile by tile where in view."""
 
 from __future__ import annotations
 
@@ -52,22 +52,20 @@ def _cell_corners(cells: tuple[int, int]) -> NDArray[np.int64]:
 
 
 def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
-    """Return places (point, 2) in the unit square, one in each of its cells.
+    """Return random positions (point, 2) in the unit square, one in each of its cells.
 
-    Jittered places (Cook 1986) are even although they are few.
+    Jittered positions (Cook 1986) are even although they are few.
     """
     corner = _cell_corners(cells)
     return np.asarray((corner + rng.random(corner.shape)) / cells)
 
 
 class Scatterers(NamedTuple):
-    """Point scatterers on the mean surface, in the lane frame.
+    """Point scatterers on the mean surface, in the lane frame."""
 
-    ``xy`` (point, 2) are their places, m. ``amplitude`` (point, 3) is to be multiplied by sqrt(σ⁰)
-    of HH, of VV and of HH; its mean square is the area per scatterer, m².
-    """
-
-    xy: FloatArray
+    xy: FloatArray  #: (point, 2) positions, m
+    #: (point, 3), to be multiplied by sqrt(σ⁰) of HH, of VV and of HH; its mean square is the area
+    #: per scatterer, m²
     amplitude: NDArray[np.complex64]
 
 
@@ -119,7 +117,12 @@ class SurfaceField:
         Parameters
         ----------
         corners : ndarray (corner, 2)
-            Places in the lane frame, m.
+            Positions in the lane frame, m.
+
+        Returns
+        -------
+        Scatterers
+            All scatterers of these tiles.
         """
         touched = tiles_between(corners.min(axis=0), corners.max(axis=0))
         tiles = [self.tile(ix, iy) for ix, iy in touched]
@@ -132,9 +135,12 @@ class SurfaceField:
         rng = stream(self.seed, self.name, ix, iy)
         xy = (jittered(rng, self._cells) + [ix, iy]) * TILE
         z = self._unit_amplitudes(rng)
-        power = np.full(self.per_tile, TILE**2 / self.per_tile * 10 ** (self.surface.level_db / 10))
+
+        area = TILE**2 / self.per_tile
+        power = np.full(self.per_tile, area * 10 ** (self.surface.level_db / 10))
         if self._texture is not None:
             power *= self._texture(xy, ix, iy)
+        # A tile lies within a circle of less than one tile's edge about its middle.
         x, y, radius = self._discs.T
         touches = np.hypot(x / TILE - ix - 0.5, y / TILE - iy - 0.5) < radius / TILE + 1
         for patch in itertools.compress(self.patches, touches):
@@ -156,7 +162,7 @@ class SurfaceField:
 class _Texture:
     """Gamma-distributed local power of mean one.
 
-    It is a Gaussian field of the given correlation length, a sum of plane waves, whose values are
+    It is a Gaussian field of the table's correlation length, a sum of plane waves, whose values are
     mapped onto the gamma distribution.
     """
 
@@ -173,15 +179,19 @@ class _Texture:
         self._row = lru_cache(64)(self._waves_along_y)
 
     def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
-        """Return the power (point,) at places (point, 2) of the tile (ix, iy)."""
-        nodes = (self._row(iy) @ self._column(ix).T).real * math.sqrt(2 / self._phase.size)
+        """Return the power (point,) at positions (point, 2) of the tile (ix, iy)."""
+        waves = self._row(iy) @ self._column(ix).T
+        nodes = waves.real * math.sqrt(2 / self._phase.size)
+
+        # Bilinear between the nodes of the tile.
         position = (xy - np.array([ix, iy]) * TILE) / TILE * (self._nodes - 1)
         cell = np.minimum(position.astype(int), self._nodes - 2)
         fx, fy = (position - cell).T
         cx, cy = cell.T
         low = nodes[cy, cx] * (1 - fx) + nodes[cy, cx + 1] * fx
         high = nodes[cy + 1, cx] * (1 - fx) + nodes[cy + 1, cx + 1] * fx
-        return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))
+        gaussian = low * (1 - fy) + high * fy
+        return np.asarray(np.interp(gaussian, self._grid, self._power))
 
     def _waves_along_x(self, ix: int) -> ComplexArray:
         """Return the waves along x in a column of tiles."""

@@ -177,6 +177,8 @@ def surface_backscatter(
             # How much a tilt across the ray turns the polarizations into one another.
             rotated = (np.sin(across) / np.maximum(local_sine, 1e-6)) ** 2
             alpha_h, alpha_v = bragg_factors(cosine, local_sine, eps)
+
+            # Backscatter comes from the roughness of the wavenumber 2k·sinθ (Bragg).
             bragg = 2 * k * local_sine
             spectrum = rms_height**2 * _spectrum(bragg, correlation_length, 0.5)
             if uneven_rms > 0:

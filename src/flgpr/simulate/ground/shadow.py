@@ -30,18 +30,14 @@ _TABLE = (_COSINE - 1j * _SINE) / (1 - 1j) + 0.5  # G(v), see Shadows
 
 
 class Strip(NamedTuple):
-    """An upright that rays must pass, ``radius`` to either side of its middle.
+    """An upright that rays must pass, ``radius`` to either side of its middle."""
 
-    Heights are above the lane's plane, m. ``foliage`` is the one-way loss across its middle at 0.87
-    GHz, dB; infinite is opaque.
-    """
-
-    x: float
+    x: float  #: position in the lane frame, m
     y: float
-    bottom: float
-    top: float
-    radius: float
-    foliage: float = math.inf
+    bottom: float  #: height above the lane's plane, m
+    top: float  #: height above the lane's plane, m
+    radius: float  #: m
+    foliage: float = math.inf  #: one-way loss across its middle at 0.87 GHz, dB; infinite: opaque
 
 
 def shadow_strips(
@@ -61,6 +57,11 @@ def shadow_strips(
         Height of the ground at x and y, m.
     foliage : float
         One-way loss of a bush at 0.87 GHz over its mean chord, dB/m.
+
+    Returns
+    -------
+    list of Strip
+        Strips, those of targets first.
     """
     strips = []
     for target in targets:
@@ -71,17 +72,20 @@ def shadow_strips(
     for scene_object in objects:
         if scene_object.kind == "fiducial":
             continue
-        height = scene_object.radius if scene_object.kind == "rock" else scene_object.height
-        lowest = _LOWEST_ROCK if scene_object.kind == "rock" else 0.0
+        height = scene_object.height
+        lowest = 0.0
+        if scene_object.kind == "rock":
+            height = scene_object.radius  # half of it is buried
+            lowest = _LOWEST_ROCK
         if height <= lowest:
             continue
         loss = math.inf
         if scene_object.kind == "bush":
-            loss = foliage * math.pi / 2 * scene_object.radius
-        z = float(ground(scene_object.x, scene_object.y))
-        strips.append(
-            Strip(scene_object.x, scene_object.y, z, z + height, scene_object.radius, loss)
-        )
+            loss = foliage * math.pi / 2 * scene_object.radius  # mean chord of a circle
+        x = scene_object.x
+        y = scene_object.y
+        z = float(ground(x, y))
+        strips.append(Strip(x, y, z, z + height, scene_object.radius, loss))
     return strips
 
 
@@ -124,12 +128,13 @@ class Shadows:
         values : ndarray (point, channel, node) of complex64
             Amplitudes.
         points : ndarray (point, 3)
-            Their places in the lane frame, m.
+            Their positions in the lane frame, m.
         nodes : ndarray (node,)
             Frequencies, Hz.
         """
         if not len(self._strips):
             return
+        # The loss of foliage in dB grows with the root of the frequency.
         passed = 10 ** (-self._foliage[:, None] * np.sqrt(nodes / 0.87e9) / 20)
         shade = partial(
             _shade,
@@ -156,7 +161,9 @@ class Shadows:
         f = self._frequency
         nodes = np.geomspace(f[0], f[-1], _NODES) if f.size > 1 else f
         factor = self.factors(point[None, :], nodes)[0]
-        return np.interp(f, nodes, factor.real) + 1j * np.interp(f, nodes, factor.imag)
+        real = np.interp(f, nodes, factor.real)
+        imaginary = np.interp(f, nodes, factor.imag)
+        return real + 1j * imaginary
 
 
 @njit(cache=True, inline="always")
@@ -178,7 +185,10 @@ def _fresnel(v: Any, table: Any) -> Any:
 def _strip_factor(
     point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, table: Any, out: Any
 ) -> None:
-    """Fill ``out`` (node,) with the factor of the field from an antenna to a point past a strip."""
+    """Fill ``out`` (node,) with the factor of the field from an antenna to a point past a strip.
+
+    The formula is that of :class:`Shadows`. ``passed`` (node,) is T.
+    """
     out[:] = 1.0
     dx = point[0] - antenna[0]
     dy = point[1] - antenna[1]
@@ -203,9 +213,31 @@ def _strip_factor(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, begin, end):  # type: ignore[no-untyped-def]
-    """Multiply ``out`` (point, channel, node) by the two-way factor of every strip.
+    """Multiply amplitudes by the two-way factor of every strip.
 
-    A factor is the mean over pairs of the product of both ways.
+    A factor is the mean over pairs of the product of both ways. Strips that surely change a point's
+    amplitude by less than ``_LEAST`` are left out.
+
+    Parameters
+    ----------
+    points : (point, 3) ndarray
+        Points, m.
+    antennas : (antenna, 3) ndarray
+        Positions of the antennas, m.
+    tx, rx : (pair,) ndarray of int
+        Antennas of every pair.
+    strips : (strip, 5) ndarray
+        Strips without their foliage.
+    passed : (strip, node) ndarray
+        Share of the amplitude that passes a strip, T.
+    wavelength : (node,) ndarray
+        Wavelengths, m.
+    table : ndarray of complex
+        Samples of the Fresnel integral G.
+    out : (point, channel, node) ndarray of complex64
+        Amplitudes.
+    begin, end : int
+        Points of this call.
     """
     cx = antennas[:, 0].mean()
     cy = antennas[:, 1].mean()

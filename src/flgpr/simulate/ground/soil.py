@@ -127,16 +127,19 @@ def peplinski(
     _in_range("clay", clay, 0.0, 100.0 - sand)
     _in_range("moisture", moisture, 0.0, 0.55)
     f = np.asarray(frequency, dtype=np.float64)
-    grain = 2.66
+    grain = 2.66  # density of the solids, g/cm³
     alpha = 0.65
     s = sand / 100
     c = clay / 100
-    mineral = (1.01 + 0.44 * grain) ** 2 - 0.062
+    mineral = (1.01 + 0.44 * grain) ** 2 - 0.062  # permittivity of the solids
     beta_real = 1.2748 - 0.519 * s - 0.152 * c
     beta_imag = 1.33797 - 0.603 * s - 0.166 * c
+
+    # Free water after Debye, with 80.1 at rest, 4.9 at high frequency, and 0.58e-10 s for 2πτ.
     omega = 2 * np.pi * f
     relaxation = 0.58e-10 / (2 * np.pi)
     water_real = 4.9 + (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
+
     solids = bulk_density / grain * (mineral**alpha - 1)
     wet = moisture**beta_real * water_real**alpha
     real = (1 + solids + wet - moisture) ** (1 / alpha)

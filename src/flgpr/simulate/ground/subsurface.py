@@ -9,11 +9,23 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground import inclusions
+from flgpr.simulate.ground.buried_spectra import (
+    CAP,
+    LENS,
+    LEVEL,
+    ROOT,
+    STONE,
+    VOLUME,
+    WALL,
+    BuriedSpectra,
+    incidence_laws,
+    shape_index,
+    spectral_shapes,
+)
 from flgpr.simulate.ground.field import TILE, TILES_KEPT, cell_counts, jittered, tiles_between
 from flgpr.simulate.ground.holes import Hole, cap_flash, wall_flash
 from flgpr.simulate.ground.layers import Layer, PointEchoes, View, through_grass
@@ -21,22 +33,8 @@ from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.scene_tables import Roots, Stones
 
-# Corner frequencies over the band's middle for which shapes of growth are made.
-_CORNERS = np.geomspace(0.02, 50.0, 28)
-# Numbers of the shapes: those of stones and of roots by corner frequency, and four single ones.
-_STONE = 0
-_ROOT = _CORNERS.size
-_VOLUME = 2 * _CORNERS.size
-_LENS = _VOLUME + 1
-_WALL = _VOLUME + 2
-_CAP = _VOLUME + 3
 _ROOT_STEP = 0.02  # m between the points of a root
 _COPOLAR = np.array([1.0, 1.0, 0.0])
-_LEVEL = math.sin(math.radians(67))  # sine of incidence at which shapes and tables are made
-_SINES = np.linspace(0.02, 0.999, 128)  # of the table of transmissions
-# Tones and depths of the table of losses.
-_NODES = 64
-_DEPTHS = 48
 
 
 class Buried(NamedTuple):
@@ -65,182 +63,6 @@ def buried_clutter(scene: Scene) -> list[str]:
         "heterogeneity": scene.heterogeneity.deviation,
     }
     return [name for name, amount in amounts.items() if getattr(scene, name).on and amount > 0]
-
-
-def spectral_shapes(scene: Scene, ground: Ground) -> FloatArray:
-    """Return the growth with frequency of all that lies in the soil.
-
-    Returns
-    -------
-    ndarray (shape, frequency)
-        Amplitudes over those at the band's middle.
-    """
-    k = ground.wavenumber
-    middle = k.size // 2
-    u = k / k[middle]
-    soil = ground.real[-1]
-    uneven = scene.heterogeneity
-    power = inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical)
-    thick = np.sinc(k * math.sqrt(soil - _LEVEL**2) * scene.lenses.thickness / np.pi)
-    shapes = [inclusions.stone_shape(u / corner) for corner in _CORNERS]
-    shapes += [inclusions.root_shape(u / corner) for corner in _CORNERS]
-    volume = np.sqrt(power)
-    lens = u**0.5 * thick
-    wall = u**-0.5 * np.exp(-0.5 * (2 * k * _LEVEL * scene.holes.wall) ** 2)
-    cap = u**-0.5
-    shapes += [volume, lens, wall, cap]
-    return np.array([shape / shape[middle] for shape in shapes])
-
-
-def incidence_laws(scene: Scene, ground: Ground) -> FloatArray:
-    """Return the change of each shape's amplitude with the sine of incidence.
-
-    Returns
-    -------
-    ndarray (shape, sine)
-        At uniform sines from 0 to 1.
-    """
-    sine = np.linspace(0, 1, 256)
-    laws = np.ones((_CAP + 1, sine.size))
-    uneven = scene.heterogeneity
-    k = ground.wavenumber[ground.wavenumber.size // 2]
-
-    def volume(s: FloatArray | float) -> FloatArray:
-        """Return the cross section per volume at a sine, for a deviation of one."""
-        return inclusions.volume_backscatter(
-            k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical
-        )
-
-    laws[_VOLUME] = np.sqrt(volume(sine) / volume(_LEVEL))
-    laws[_LENS] = np.maximum(sine, 0.05) ** -1.5
-    return laws
-
-
-class BuriedSpectra:
-    """Spectra of buried points as few functions of frequency, weighted by shape and depth.
-
-    A point of amplitude A at the band's middle, depth d and sine s echoes with
-    ``A·t12²(s)·shape(f)·exp(-2jk0·d·(sqrt(ε(f) - s²) - n_c))`` beyond the delay of ``d·n_c``, n_c
-    the root at the middle. The exponent is tabulated at one incidence, for to first order in loss
-    and dispersion another incidence is another depth, ``d·sqrt(ε - s0²)/sqrt(ε - s²)``. t12² is
-    taken at the band's middle.
-
-    Parameters
-    ----------
-    ground : Ground
-        The soil and the tones.
-    shapes : ndarray (shape, frequency)
-        Growth with frequency, 1 at the band's middle.
-    deepest : float
-        Greatest depth of a point, m.
-    cover : callable, optional
-        Two-way amplitude (3, sine, frequency) of HH, VV and cross through what stands over the
-        soil, for sines.
-    tolerance : float
-        Share of the spectra's amplitude that the functions may leave out.
-    ranks : int
-        Most functions.
-
-    Attributes
-    ----------
-    basis : ndarray (rank, 3, frequency)
-        The functions.
-    """
-
-    def __init__(
-        self,
-        ground: Ground,
-        shapes: FloatArray,
-        deepest: float,
-        cover: Callable[[FloatArray], FloatArray] | None = None,
-        tolerance: float = 0.01,
-        ranks: int = 6,
-    ) -> None:
-        frequency = ground.frequency
-        self._ground = ground
-        self._deepest = deepest
-        self._entry = _entry_table(ground)
-        self._tops = np.cumsum([0.0, *(layer.thickness for layer in ground.soil.layers)])
-        # Depths lie closer where they are small, as losses change fastest there.
-        depths = deepest * np.linspace(0, 1, _DEPTHS) ** 2
-        nodes = np.unique(np.linspace(0, frequency.size - 1, _NODES).round().astype(int))
-        loss = np.array([ground.dispersion(_LEVEL, d)[nodes] for d in depths])
-        rows = shapes[:, None, nodes] * loss
-        if cover is not None:
-            middle = frequency.size // 2
-            over = cover(_SINES)
-            self._entry *= over[:, :, middle].T
-            growth = over.mean(axis=(0, 1))
-            rows *= growth[nodes] / growth[middle]
-        _, s, vt = np.linalg.svd(rows.reshape(-1, nodes.size), full_matrices=False)
-        # Relative amplitude of each rank and all after it.
-        remaining = np.sqrt(np.cumsum((s**2)[::-1])[::-1] / np.sum(s**2))
-        count = min(ranks, max(1, int(np.count_nonzero(remaining > tolerance))))
-        self._weights = (rows @ vt[:count].conj().T).astype(np.complex64)
-        functions = vt[:count]
-        if nodes.size < frequency.size:
-            functions = CubicSpline(frequency[nodes], functions, axis=1)(frequency)
-        self.basis = np.repeat(functions[:, None], 3, axis=1)
-
-    def layer(self, depth: FloatArray) -> NDArray[np.intp]:
-        """Return the index of the soil's layer that holds each depth, m."""
-        return np.searchsorted(self._tops[1:], depth, side="left").astype(np.intp)
-
-    def permittivity(self, depth: FloatArray) -> FloatArray:
-        """Return the real permittivity at the band's middle at each depth, m."""
-        return np.asarray(np.array(self._ground.real)[self.layer(depth)])
-
-    def delay(self, depth: FloatArray, sine: FloatArray) -> FloatArray:
-        """Return the electrical path from the surface to depths, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
-        bottoms = [*self._tops[1:], np.inf]
-        path = np.zeros_like(depth)
-        for top, bottom, eps in zip(self._tops, bottoms, self._ground.real, strict=True):
-            vertical = np.sqrt(eps - sine**2)
-            path += np.clip(depth, top, bottom) * vertical - top * vertical
-        return path
-
-    def transmission(self, depth: FloatArray, sine: FloatArray) -> ComplexArray:
-        """Return t12² into the layer that holds each depth.
-
-        Returns
-        -------
-        ndarray (point, 3) of complex
-            Of HH, VV, and their geometric mean for cross.
-        """
-        position = (sine - _SINES[0]) / (_SINES[1] - _SINES[0])
-        position = np.clip(position, 0, _SINES.size - 1.001)
-        cell = position.astype(int)
-        fraction = (position - cell)[:, None]
-        layer = self.layer(depth)
-        low = self._entry[layer, cell]
-        high = self._entry[layer, cell + 1]
-        return np.asarray(low * (1 - fraction) + high * fraction)
-
-    def weights(
-        self, shape: NDArray[np.intp], depth: FloatArray, sine: FloatArray
-    ) -> NDArray[np.complex64]:
-        """Return the weights (point, rank) of the functions."""
-        eps = self._ground.real[0]
-        # The depth at which the tabulated incidence has the same loss.
-        equivalent = depth * np.sqrt((eps - _LEVEL**2) / (eps - sine**2))
-        position = np.minimum(np.sqrt(equivalent / self._deepest), 1.0) * (_DEPTHS - 1.001)
-        cell = position.astype(int)
-        fraction = (position - cell).astype(np.float32)[:, None]
-        low = self._weights[shape, cell]
-        high = self._weights[shape, cell + 1]
-        return np.asarray(low + fraction * (high - low))
-
-
-def _entry_table(ground: Ground) -> ComplexArray:
-    """Return t12² (layer, sine, 3) at the band's middle: of HH, VV and their geometric mean."""
-    middle = ground.frequency.size // 2
-    at_middle = Ground(ground.soil, None, ground.frequency[middle : middle + 1])
-    copolar = []
-    for layer in range(len(ground.real)):
-        entries = [at_middle.entry_squared(sine, layer)[:, 0] for sine in _SINES]
-        copolar.append(entries)
-    h, v = np.moveaxis(np.array(copolar), -1, 0)
-    return np.stack([h, v, np.sqrt(h * v)], axis=-1)
 
 
 class SubsurfaceField:
@@ -301,7 +123,7 @@ class SubsurfaceField:
         along, across = inclusions.spheroid(stretch, body, soil)
         axial = size * (along - across)
         axis = _draw_directions(rng, count)
-        return _points(xy, depth, size * across, _shape_index(_STONE, corner), axial, axis)
+        return _points(xy, depth, size * across, shape_index(STONE, corner), axial, axis)
 
     def roots(self, ix: int, iy: int) -> Buried:
         """Draw the roots that begin in a tile, as chains of points along their winding lines."""
@@ -335,7 +157,7 @@ class SubsurfaceField:
         body = table.permittivity * (1 - 1j * table.loss_tangent)
         soil = self._spectra.permittivity(depth)
         along, across, corner = inclusions.root(radius, body, soil, self._k)
-        shape = _shape_index(_ROOT, corner)
+        shape = shape_index(ROOT, corner)
         return _points(xy, depth, across * step, shape, (along - across) * step, axis)
 
     def lenses(self, ix: int, iy: int) -> Buried:
@@ -349,12 +171,12 @@ class SubsurfaceField:
         contrast = rng.normal(0, table.contrast, count)
         soil = self._spectra.permittivity(depth)
         size = inclusions.lens(radius, contrast, table.thickness, self._k)
-        size = size * np.sinc(self._k * np.sqrt(soil - _LEVEL**2) * table.thickness / np.pi)
+        size = size * np.sinc(self._k * np.sqrt(soil - LEVEL**2) * table.thickness / np.pi)
         return _points(
             np.tile(xy, (2, 1)),
             np.tile(depth, 2),
             np.concatenate([size, size.conj()]),
-            np.full(2 * count, _LENS),
+            np.full(2 * count, LENS),
             reach=np.concatenate([radius, -radius]),
         )
 
@@ -374,10 +196,10 @@ class SubsurfaceField:
         volume = TILE**2 / count * 2 * table.depth * root
         soil = self._spectra.permittivity(depth)
         strength = inclusions.volume_backscatter(
-            self._k, _LEVEL, soil, table.deviation, table.horizontal, table.vertical
+            self._k, LEVEL, soil, table.deviation, table.horizontal, table.vertical
         )
         z = rng.standard_normal((count, 2)).view(np.complex128)[:, 0] / math.sqrt(2)
-        return _points(xy, depth, z * np.sqrt(strength * volume), np.full(count, _VOLUME))
+        return _points(xy, depth, z * np.sqrt(strength * volume), np.full(count, VOLUME))
 
 
 def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
@@ -396,13 +218,6 @@ def _draw_directions(rng: np.random.Generator, count: int) -> FloatArray:
     """Draw unit vectors (point, 3), even over the sphere."""
     vectors = rng.standard_normal((count, 3))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-def _shape_index(first: int, corner: FloatArray) -> NDArray[np.intp]:
-    """Return the number of the shape whose corner frequency is nearest, from ``first`` on."""
-    step = math.log(_CORNERS[1] / _CORNERS[0])
-    nearest = np.round(np.log(corner / _CORNERS[0]) / step)
-    return first + np.clip(nearest, 0, _CORNERS.size - 1).astype(np.intp)
 
 
 def _points(
@@ -552,7 +367,7 @@ class HoleLayer:
                 points[row, edges, :2] = middle[row, :2] + side * hole.radius * towards[row]
         flat_depth = depth.ravel()
         flat_sine = np.repeat(sine, 6)
-        shape = np.tile([_WALL, _WALL, _CAP], 2 * count)
+        shape = np.tile([WALL, WALL, CAP], 2 * count)
         weights = self._spectra.weights(shape, flat_depth, flat_sine)
         coefficient = (weights[:, :, None] * amplitude.reshape(-1, 1, 3)).astype(np.complex64)
         extra = self._spectra.delay(flat_depth, flat_sine)

@@ -54,10 +54,22 @@ class Terrain:
         self._rut_phase = rng.uniform(0, 2 * np.pi, 3)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return the height of the ground at points of the lane frame, m, in their shape."""
+        """Return the height of the ground at points of the lane frame.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Positions in the lane frame, m, broadcast against each other.
+
+        Returns
+        -------
+        ndarray
+            Heights, m, in the broadcast shape.
+        """
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        places = np.stack([x.ravel(), y.ravel()], axis=1)
-        return np.asarray(self.relief(places)[:, 0].reshape(x.shape))
+        positions = np.stack([x.ravel(), y.ravel()], axis=1)
+        height = self.relief(positions)[:, 0]
+        return np.asarray(height.reshape(x.shape))
 
     def relief(self, xy: FloatArray) -> FloatArray:
         """Return height (m) and slopes of the ground.
@@ -65,7 +77,7 @@ class Terrain:
         Parameters
         ----------
         xy : ndarray (point, 2)
-            Places in the lane frame, m.
+            Positions in the lane frame, m.
 
         Returns
         -------
@@ -90,7 +102,7 @@ class Terrain:
         return out
 
     def _undulation(self, xy: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Return the undulation on a lattice around places (point, 2).
+        """Return the undulation on a lattice around positions (point, 2).
 
         These are the lattice's first node, m, its step, m, and heights and slopes (y, x, 3).
         """
@@ -100,20 +112,26 @@ class Terrain:
         last = np.floor(xy.max(axis=0) / step) + 3
         x = np.arange(first[0], last[0]) * step
         y = np.arange(first[1], last[1]) * step
-        along_x = np.exp(1j * (x[:, None] * self._waves[0] + self._phase))
-        along_y = np.exp(1j * y[:, None] * self._waves[1])
+
+        # A plane wave exp(j(kx·x + ky·y + φ)) is a product over the axes, so that the sum over all
+        # waves at all nodes is a product of matrices. A slope is the sum of j·k times the waves.
+        wave_x, wave_y = self._waves
+        along_x = np.exp(1j * (x[:, None] * wave_x + self._phase))
+        along_y = np.exp(1j * y[:, None] * wave_y)
         height = along_y @ along_x.T
-        slope_x = (along_y * (1j * self._waves[0])) @ along_x.T
-        slope_y = (along_y * (1j * self._waves[1])) @ along_x.T
+        slope_x = (along_y * (1j * wave_x)) @ along_x.T
+        slope_y = (along_y * (1j * wave_y)) @ along_x.T
         sums = np.stack([height, slope_x, slope_y], axis=-1).real
+
+        # A wave of amplitude sqrt(2/N) has the variance 1/N.
         scale = self.table.undulation * math.sqrt(2 / _MODES)
         return first * step, step, sums * scale
 
     def _rut_line(self, y: FloatArray) -> tuple[float, float, FloatArray]:
         """Return the line midway between the ruts on nodes along the lane.
 
-        These are the first node, m, the step, m, and the line's place across, m, and slope
-        (node, 2).
+        These are the first node, m, the step, m, and the line's position across, m, and slope
+        (node, 2). The line is a sum of three sines.
         """
         step = self.table.rut_wander_length / _RUT_NODES
         first = math.floor(y.min() / step)
@@ -131,40 +149,55 @@ class Terrain:
         Parameters
         ----------
         points : ndarray (point, 3)
-            Their x and y count, m.
+            Points of the lane frame, m; only x and y count.
         centre : ndarray (3,)
-            Where the rays come from, m.
+            Origin of the rays, m.
 
         Returns
         -------
         ndarray (point,)
             1 where the ground faces away.
         """
-        z, along_x, along_y = self.relief(points[:, :2]).T
+        z, slope_x, slope_y = self.relief(points[:, :2]).T
         ray = centre - points
         ray[:, 2] = centre[2] - z
-        normal = np.sqrt(1 + along_x**2 + along_y**2)
-        towards = ray[:, 2] - along_x * ray[:, 0] - along_y * ray[:, 1]
-        cosine = towards / (normal * np.linalg.norm(ray, axis=1))
+        # The normal of the ground is (-dz/dx, -dz/dy, 1).
+        normal_length = np.sqrt(1 + slope_x**2 + slope_y**2)
+        along_normal = ray[:, 2] - slope_x * ray[:, 0] - slope_y * ray[:, 1]
+        cosine = along_normal / (normal_length * np.linalg.norm(ray, axis=1))
         return np.asarray(np.sqrt(1 - np.clip(cosine, 0, 1) ** 2))
 
     def follow(self, pose: FloatArray) -> FloatArray:
-        """Return the poses (scan, 6) of a vehicle whose four wheels stand on the ground.
+        """Return the poses of a vehicle whose four wheels stand on the ground.
 
-        The axles are half a wheelbase before and behind the place of the pose.
+        The axles are half a wheelbase before and behind the position of the pose. Four wheels do
+        not touch uneven ground at once: the pose is that of the plane that fits their heights.
+
+        Parameters
+        ----------
+        pose : ndarray (scan, 6)
+            Poses on level ground, m and rad.
+
+        Returns
+        -------
+        ndarray (scan, 6)
+            Poses with height, pitch and roll.
         """
         if self.flat or not self.table.follow:
             return pose
         base = self.table.wheelbase
         gauge = self.table.rut_spacing
+        # Left and right front wheel, left and right rear wheel.
         wheels = 0.5 * np.array([[-gauge, base], [gauge, base], [-gauge, -base], [gauge, -base]])
         lifted = pose.copy()
         for row in lifted:
             turn = heading_matrix(row[3])[:2, :2]
             z = self.relief(wheels @ turn.T + row[:2])[:, 0]
+            front_over_rear = z[0] + z[1] - z[2] - z[3]
+            left_over_right = z[0] + z[2] - z[1] - z[3]
             row[2] += z.mean()
-            row[4] += math.atan((z[0] + z[1] - z[2] - z[3]) / (2 * base))
-            row[5] += math.atan((z[0] + z[2] - z[1] - z[3]) / (2 * gauge))
+            row[4] += math.atan(front_over_rear / (2 * base))
+            row[5] += math.atan(left_over_right / (2 * gauge))
         return lifted
 
 
@@ -188,7 +221,11 @@ def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> No
 def _add_ruts(
     xy: Any, origin: Any, step: Any, line: Any, depth: Any, width: Any, spacing: Any, out: Any
 ) -> None:
-    """Add the heights and slopes of both ruts to ``out`` (point, 3)."""
+    """Add the heights and slopes of both ruts to ``out`` (point, 3).
+
+    A rut is ``-depth·exp(-4·ln 2·(a/width)²)`` at the distance a from its line, so that ``width``
+    is its full width at half depth.
+    """
     sharp = 4 * math.log(2.0) / width**2
     for i in range(xy.shape[0]):
         fraction = (xy[i, 1] - origin) / step

@@ -115,8 +115,9 @@ class Impairments:
             path < signature_end(self.sensor), (slant / self.errors.noise_range) ** -2.0, 0
         )
         shape = (4, self.pairs, path.size)
-        echo = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / math.sqrt(2) * envelope
-        echo[1:3] *= 0.3  # cross-polarized echoes are weaker
+        white = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+        echo = white / math.sqrt(2) * envelope
+        echo[1:3] *= 0.3  # cross-polarized echoes are weaker; assumed
         spectrum = np.fft.fft(echo, axis=-1)[..., :tones] / math.sqrt(2 * tones)
         power = self.reference * 10 ** ((self.errors.self_signature_db or 0.0) / 10)
         return np.asarray(spectrum * math.sqrt(power), dtype=np.complex64)
@@ -129,12 +130,14 @@ class Impairments:
     def bursts(self, scan: int) -> NDArray[np.complex64]:
         """Return the pulsed interference of a scan (4, pair, frequency).
 
-        It is a run of tones, of random phases, in some of the sweeps.
+        It is a row of neighbouring tones, of random phases, in some of the sweeps: a pulse lasts
+        for a part of a sweep.
         """
         errors = self.errors
         tones = self.frequency.size
         rng = stream(self.seed, "bursts", scan)
         sweeps = np.flatnonzero(rng.random(self.pairs) < errors.burst_probability)
+
         shortest, longest = errors.burst_tones
         length = rng.integers(shortest, longest + 1, sweeps.size)
         start = rng.integers(0, np.maximum(tones - length, 0) + 1)
@@ -142,6 +145,7 @@ class Impairments:
         level = np.sqrt(self.noise_power * 10 ** (level_db / 10))
         tone = np.arange(tones)
         inside = (tone >= start[:, None]) & (tone < (start + length)[:, None])
+
         bursts = np.zeros((4, self.pairs, tones), np.complex64)
         phase = rng.uniform(0, 2 * np.pi, (4, sweeps.size, tones))
         bursts[:, sweeps] = level[:, None] * inside * np.exp(1j * phase)
@@ -164,8 +168,18 @@ def reference_clutter(sensor: Sensor) -> float:
 
     The image of a cell of clutter has the power ``σ⁰·A·g²·(P·K)²`` (P pairs, K tones, A the cell's
     area, g the two-way amplitude of a unit scatterer), that of white noise ``P·K`` times its
-    variance. Range and band are those in the sensor's ``errors``; the soil has ε = 3.4, s = 5 mm, l
-    = 5 cm, and HH counts.
+    variance. Range and band are those in the sensor's ``errors``; the soil has ε = 3.4, s = 5 mm,
+    l = 5 cm, and HH counts.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor.
+
+    Returns
+    -------
+    float
+        Variance of a sample, in units of the squared signal.
 
     Raises
     ------
@@ -177,24 +191,35 @@ def reference_clutter(sensor: Sensor) -> float:
     band = axis[(axis >= low) & (axis <= high)]
     if band.size < 2:
         raise ValueError(f"noise_band must hold at least two tones, got {low:g} to {high:g} Hz")
-    distance = sensor.errors.noise_range
     centre = float(band.mean())
-    slant = math.hypot(distance, sensor.height)
-    sine = distance / slant
+    slant = math.hypot(sensor.errors.noise_range, sensor.height)
+    sine = sensor.errors.noise_range / slant
     sigma = surface_backscatter(centre, sine, 3.4, 0.005, 0.05)[0]
+
     tx, rx = sensor.pairs()
     aperture = float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
     down_range = SPEED_OF_LIGHT / (2 * (high - low) * sine)
     # In this order: another one would change the last bit of every noise sample.
     cell = down_range * SPEED_OF_LIGHT / centre * slant / max(aperture, 0.1)
-    if sensor.antenna.kind == "dipole":
-        amplitude = 2 * np.pi * centre * 4e-7 * np.pi / (4 * np.pi) ** 1.5 / slant**2
-    else:
-        gain = 10 ** (sensor.antenna.gain_db / 10) * (centre / sensor.antenna.gain_frequency) ** 2
-        off_axis = math.asin(sensor.height / slant) - sensor.tilt
-        pattern = math.cos(off_axis) ** float(sensor.antenna.exponents(np.array([centre]))[0])
-        amplitude = gain * pattern * SPEED_OF_LIGHT / centre / (4 * np.pi) ** 1.5 / slant**2
+
+    amplitude = _unit_amplitude(sensor, centre, slant)
     return float(sigma * cell * amplitude**2 * tx.shape[0] * band.size)
+
+
+def _unit_amplitude(sensor: Sensor, frequency: float, slant: float) -> float:
+    """Return the two-way amplitude g of a unit scatterer on the ground at a slant range, m.
+
+    A horn has the gain G of its axis times its pattern, and g = G·λ/((4π)^1.5·R²); a dipole of
+    unit moment sees the field ωμ0/(4πR), and g = ωμ0/((4π)^1.5·R²).
+    """
+    if sensor.antenna.kind == "dipole":
+        return 2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi) ** 1.5 / slant**2
+    antenna = sensor.antenna
+    gain = 10 ** (antenna.gain_db / 10) * (frequency / antenna.gain_frequency) ** 2
+    off_axis = math.asin(sensor.height / slant) - sensor.tilt
+    exponent = float(antenna.exponents(np.array([frequency]))[0])
+    pattern = math.cos(off_axis) ** exponent
+    return gain * pattern * SPEED_OF_LIGHT / frequency / (4 * np.pi) ** 1.5 / slant**2
 
 
 _TAPS = 32  # delays of which a leakage in frequency is made
@@ -255,11 +280,11 @@ class AntennaErrors:
         if not self._level.any():
             return self._fixed_transfer if self._fixed_transfer.size > 1 else None
         rng = stream(self.seed, "antennas")
-        error = rng.normal(size=(3, *self._shape))
+        shape = (3, *self._shape)  # gain, phase and delay of every port
+        error = rng.normal(size=shape)
         if self.errors.antenna_drift > 0:
-            drift = slow_change(
-                self.seed, "antenna-drift", scan, (3, *self._shape), _ANTENNA_KNOT
-            ).real
+            drift = slow_change(self.seed, "antenna-drift", scan, shape, _ANTENNA_KNOT).real
+            # The real part has half of the variance.
             error = error + self.errors.antenna_drift * math.sqrt(2) * drift
         gain_db, phase, delay = (self._level * error)[..., None]
         turned = np.exp(1j * (phase - 2 * np.pi * self.frequency * delay))
@@ -273,8 +298,14 @@ class AntennaErrors:
         # V taken up by the H port, and H by the V port.
         r_hv, r_vh = leak[1][self._second].swapaxes(0, 1)
         hh, hv, vh, vv = signal
+
+        # What comes back in H and V when the H port is fed, and when the V port is.
+        h_of_h = hh + t_hv * vh
+        v_of_h = hv + t_hv * vv
+        h_of_v = vh + t_vh * hh
+        v_of_v = vv + t_vh * hv
         mixed = []
-        for h, v in ((hh + t_hv * vh, hv + t_hv * vv), (vh + t_vh * hh, vv + t_vh * hv)):
+        for h, v in ((h_of_h, v_of_h), (h_of_v, v_of_v)):
             mixed.append(h + r_hv * v)
             mixed.append(v + r_vh * h)
         return np.stack(mixed).astype(np.complex64)
@@ -314,6 +345,7 @@ class AntennaErrors:
         rng = stream(self.seed, "ringing")
         count = len(errors.ringing_frequencies)
         shape = (*self._shape, count)
+        # Antennas of a kind differ by 2 %; assumed.
         centre = np.array(errors.ringing_frequencies) * (1 + 0.02 * rng.normal(size=shape))
         phase = 2j * np.pi * rng.random(shape)
         size = 10 ** (errors.ringing_db / 20) * np.exp(phase)
@@ -324,7 +356,21 @@ class AntennaErrors:
 def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> ComplexArray:
     """Return the response of a damped resonance, one at its centre f0 (narrow-band).
 
-    It rings as ``exp(-π·f0·t/Q)``; frequencies are in Hz.
+    It rings as ``exp(-π·f0·t/Q)``.
+
+    Parameters
+    ----------
+    frequency : ndarray (frequency,)
+        Tones, Hz.
+    centre : ndarray (..., 1)
+        Centres f0, Hz.
+    quality : float
+        Quality Q.
+
+    Returns
+    -------
+    ndarray (..., frequency) of complex
+        Responses.
     """
     return np.asarray(1 / (1 + 2j * quality * (frequency - centre) / centre))
 
@@ -382,6 +428,8 @@ def slow_change(seed: int, name: str, scan: int, shape: tuple[int, ...], knot: i
     ends = []
     for k in (first, first + 1):
         rng = stream(seed, name, k)
-        ends.append((rng.normal(size=shape) + 1j * rng.normal(size=shape)) / math.sqrt(2))
+        white = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+        ends.append(white / math.sqrt(2))
+    # Weights on a circle: their squares sum to one, and with them the variance stays.
     angle = since_knot / knot * math.pi / 2
     return np.asarray(math.cos(angle) * ends[0] + math.sin(angle) * ends[1])

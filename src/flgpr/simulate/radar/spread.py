@@ -36,24 +36,19 @@ _TURN = 0.04
 
 @dataclass(frozen=True)
 class ArrayState:
-    """Where the antennas of a scan stand and look, in the lane frame.
+    """Where the antennas of a scan stand and look, in the lane frame."""
 
-    ``position`` (antenna, 3) has transmitters before receivers, m. ``tx`` and ``rx`` are the
-    antennas of each pair; ``horizontal`` and ``vertical`` unit vectors along the H and V dipoles.
-    ``exponent`` is n of a horn's power pattern cos^n, negative for dipoles; ``growth`` that of a
-    beam that narrows with frequency, ``n = max(growth·f² - 1, 0)``, s², zero where ``exponent``
-    always holds. ``drift`` is how far the antennas move during a sweep over all tones, m; they
-    stand at ``position`` in its middle.
-    """
-
-    position: FloatArray
-    tx: NDArray[np.intp]
-    rx: NDArray[np.intp]
-    boresight: FloatArray
-    horizontal: FloatArray
-    vertical: FloatArray
-    exponent: float
+    position: FloatArray  #: (antenna, 3): transmitters before receivers, in a sweep's middle, m
+    tx: NDArray[np.intp]  #: (pair,): antennas that transmit
+    rx: NDArray[np.intp]  #: (pair,): antennas that receive
+    boresight: FloatArray  #: (3,): unit vector along the middle of the beams
+    horizontal: FloatArray  #: (3,): unit vector along the H dipoles
+    vertical: FloatArray  #: (3,): unit vector along the V dipoles
+    exponent: float  #: n of a horn's power pattern cos^n, negative for dipoles
+    #: growth of a beam that narrows with frequency, ``n = max(growth·f² - 1, 0)``, s²; zero where
+    #: ``exponent`` always holds
     growth: float = 0.0
+    #: (3,): how far the antennas move during a sweep over all tones, m
     drift: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def exponents(self, frequency: FloatArray) -> FloatArray:
@@ -72,7 +67,11 @@ class ArrayState:
 def _antenna_gain(
     kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, vertical: Any, exponent: Any
 ) -> Any:
-    """Return the gains (H to h, H to v, V to v) of an antenna for the unit ray k leaving it."""
+    """Return the gains (H to h, H to v, V to v) of an antenna for the unit ray k leaving it.
+
+    A dipole's gains are its components along the ray's own directions: h along k × z, level, and v
+    at right angles to it and to the ray, upwards.
+    """
     if exponent >= 0:
         cosine = max(kx * boresight[0] + ky * boresight[1] + kz * boresight[2], 0.0)
         gain = cosine ** (0.5 * exponent)
@@ -104,11 +103,33 @@ def antenna_terms(  # type: ignore[no-untyped-def]
 ):
     """Fill path, carrier phasor and gain over distance of every ray.
 
-    Paths and phasors are (antenna, point), m, gains (antenna, point, 3 or lane).
-    ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift``
-    (3,) is how far the antennas move in a sweep times carrier over bandwidth, m: so much later or
-    earlier echoes seem to come. ``beams`` (cosine, lane) are tabulated patterns; where there is
-    none, ``exponent`` holds.
+    Parameters
+    ----------
+    points : (point, 3) ndarray
+        Scatterers, m.
+    antennas : (antenna, 3) ndarray
+        Positions of the antennas, m.
+    boresight, horizontal, vertical : (3,) ndarray
+        Directions of the antennas, as in :class:`ArrayState`.
+    exponent : float
+        Exponent of the pattern where there are no ``beams``, as in :class:`ArrayState`.
+    beams : (cosine, lane) ndarray of float32
+        Tabulated patterns of :func:`_beam_table`, or an empty array.
+    wavenumber : float
+        Carrier over the speed of light, 1/m.
+    extra : (point,) ndarray
+        Path beyond the straight line, m; it delays and does not spread.
+    drift : (3,) ndarray
+        How far the antennas move in a sweep, times carrier over bandwidth, m: so much later or
+        earlier echoes seem to come.
+    distance : (antenna, point) ndarray
+        Paths, m, filled.
+    phasor : (antenna, point) ndarray of complex64
+        Carrier phasors, filled.
+    gain : (antenna, point, lane or 3) ndarray of float32
+        Gains over distance, filled: of every lane, or H to h, H to v and V to v.
+    begin, end : int
+        Antennas of this call.
     """
     lanes = beams.shape[1]
     steps = beams.shape[0] - 2
@@ -150,17 +171,36 @@ def antenna_terms(  # type: ignore[no-untyped-def]
 def _spreading(lanes: int, dipoles: bool) -> Any:
     """Return the kernel for a number of lanes.
 
-    The compiler knows the number, so that it sums several at once. The kernel adds points to
-    profiles (pair, bin, 2·lane): real parts first, then imaginary parts. ``coefficient`` (point,
-    lane) holds h, v and cross, each for all ranks. For horns lanes are these, and each has a gain
-    of its own; for dipoles lanes are HH, HV, VH and VV, each for all ranks.
+    The compiler knows the number, so that it sums several at once. For horns the lanes are h, v and
+    cross, each for all ranks, and each lane has a gain of its own; for dipoles they are HH, HV, VH
+    and VV, each for all ranks.
     """
 
     @shared(cache=True, fastmath=True)
     def spread(  # type: ignore[no-untyped-def]
         coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end
     ):
-        """Add points to the profiles of pairs."""
+        """Add points to the profiles of pairs.
+
+        Parameters
+        ----------
+        coefficient : (point, lane) ndarray of complex64
+            Amplitudes h, v and cross, each for all ranks.
+        ranks : int
+            Number of functions of frequency.
+        distance, phasor, gain
+            As :func:`antenna_terms` fills them.
+        tx, rx : (pair,) ndarray of int
+            Antennas of every pair.
+        per_metre : float
+            Bins of a metre of path.
+        table : (step, tap) ndarray of float32
+            Taps of the window by fraction of a bin.
+        profile : (pair, bin + tap, 2·lane) ndarray of float32
+            Profiles, real parts before imaginary parts.
+        begin, end : int
+            Pairs of this call.
+        """
         steps = table.shape[0] - 2
         bins = profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
@@ -256,7 +296,7 @@ class Spreader:
         Parameters
         ----------
         points : ndarray (point, 3)
-            Places in the lane frame, m.
+            Positions in the lane frame, m.
         values : ndarray (point, 3, rank) of complex64
             Amplitudes HH, VV and cross for every function H_r, m.
         functions : ndarray (rank, frequency)
@@ -297,8 +337,10 @@ class Spreader:
             yield np.arange(len(points))
             return
         rate = _path_rates(points, array.position.mean(axis=0), array.drift)
+        # Cycles by which the phases of the extreme rates differ at the ends of the band, both ways.
         turn = 2 * np.ptp(rate) * self.bandwidth / 4 / SPEED_OF_LIGHT
-        edges = np.linspace(rate.min(), rate.max(), max(1, math.ceil(turn / _TURN)) + 1)
+        groups = max(1, math.ceil(turn / _TURN))
+        edges = np.linspace(rate.min(), rate.max(), groups + 1)
         for low, high in itertools.pairwise(edges):
             yield np.flatnonzero((rate >= low) & ((rate < high) | (high == edges[-1])))
 
@@ -351,6 +393,7 @@ class Spreader:
         phasor = np.empty(shape, np.complex64)
         gain = np.empty((*shape, 3 if array.dipoles else lanes), np.float32)
         drift = array.drift * (self.wavenumber * SPEED_OF_LIGHT / self.bandwidth)
+        # Chunks bound the memory of the rays.
         for first in range(0, len(chosen), _CHUNK):
             chunk = chosen[first : first + _CHUNK]
             coefficient[: len(chunk), : 3 * ranks] = flat[chunk]
@@ -393,9 +436,12 @@ class Spreader:
         spectra = np.empty((kinds * len(functions), len(profile), self.bins), np.complex64)
         _fold(WIDTH, spectra, profile)
         spectra = scipy.fft.fft(spectra, axis=-1, overwrite_x=True, workers=2)
+
+        # The first tap lies WIDTH/2 - 1 bins before the bin of a path.
         tones = np.arange(self.count) - self.centre
         shift = np.exp(2j * np.pi * tones * (WIDTH // 2 - 1) / self.bins) * self._correction
         weight = (functions * shift).astype(np.complex64)
+
         out = np.zeros((kinds, len(profile), self.count), np.complex64)
         below = self.centre  # tones below the middle lie at the end of a spectrum
         for lane, spectrum in enumerate(spectra):
@@ -435,7 +481,8 @@ def _beam_table(exponents: FloatArray, lanes: int) -> NDArray[np.float32]:
     The exponents are repeated over the lanes.
     """
     cosine = np.minimum(np.arange(_COSINES + 2) / _COSINES, 1.0)
-    return (cosine[:, None] ** (0.5 * np.resize(exponents, lanes))).astype(np.float32)
+    half_exponent = 0.5 * np.resize(exponents, lanes)
+    return (cosine[:, None] ** half_exponent).astype(np.float32)
 
 
 def _window(bins: int, tone: NDArray[np.intp]) -> tuple[NDArray[np.float32], FloatArray]:
@@ -443,9 +490,12 @@ def _window(bins: int, tone: NDArray[np.intp]) -> tuple[NDArray[np.float32], Flo
     ratio = bins / tone.size
     # Beatty, Nishimura & Pauly 2005: the best β for this width and oversampling.
     beta = math.pi * math.sqrt((WIDTH / ratio) ** 2 * (ratio - 0.5) ** 2 - 0.8)
+
+    # Window I0(β·sqrt(1 - (2x/w)²)) at the taps' distances x; its transform is w·sinh(r)/r.
     fraction = np.arange(_TABLE + 2) / _TABLE
     offset = np.arange(WIDTH) - (WIDTH // 2 - 1)
-    inside = np.maximum(1 - ((offset - fraction[:, None]) / (WIDTH / 2)) ** 2, 0)
+    distance = offset - fraction[:, None]
+    inside = np.maximum(1 - (distance / (WIDTH / 2)) ** 2, 0)
     taps = np.where(inside > 0, np.i0(beta * np.sqrt(inside)), 0)
     root = np.sqrt(beta**2 - (np.pi * WIDTH * tone / bins) ** 2 + 0j)
     correction = 1 / (WIDTH * np.sinh(root) / root).real

@@ -181,13 +181,15 @@ def _draw_roadside(scene: Scene, seed: int) -> list[SceneObject]:
     """Draw the bushes and then the posts on both sides of the lane."""
     rng = stream(seed, "roadside")
     span = scene.length + 2 * MARGIN
-    bushes = [_draw_bush(scene, rng) for _ in range(rng.poisson(scene.clutter.bushes * span))]
-    posts = [_draw_post(scene, rng) for _ in range(rng.poisson(scene.clutter.posts * span))]
+    bush_count = rng.poisson(scene.clutter.bushes * span)
+    bushes = [_draw_bush(scene, rng) for _ in range(bush_count)]
+    post_count = rng.poisson(scene.clutter.posts * span)
+    posts = [_draw_post(scene, rng) for _ in range(post_count)]
     return bushes + posts
 
 
-def _roadside_place(scene: Scene, rng: np.random.Generator) -> tuple[float, float]:
-    """Draw a place at the roadside, m."""
+def _roadside_position(scene: Scene, rng: np.random.Generator) -> tuple[float, float]:
+    """Draw a position at the roadside, m."""
     nearest, farthest = scene.clutter.roadside
     x = rng.uniform(nearest, farthest) * rng.choice([-1, 1])
     y = rng.uniform(-MARGIN, scene.length + MARGIN)
@@ -196,7 +198,7 @@ def _roadside_place(scene: Scene, rng: np.random.Generator) -> tuple[float, floa
 
 def _draw_bush(scene: Scene, rng: np.random.Generator) -> SceneObject:
     """Draw a bush at the roadside."""
-    x, y = _roadside_place(scene, rng)
+    x, y = _roadside_position(scene, rng)
     radius = rng.uniform(0.2, 0.7)
     height = rng.uniform(0.3, 1.0)
     level = rng.uniform(-20, -3)
@@ -205,7 +207,7 @@ def _draw_bush(scene: Scene, rng: np.random.Generator) -> SceneObject:
 
 def _draw_post(scene: Scene, rng: np.random.Generator) -> SceneObject:
     """Draw a post at the roadside."""
-    x, y = _roadside_place(scene, rng)
+    x, y = _roadside_position(scene, rng)
     radius = rng.uniform(0.02, 0.06)
     height = rng.uniform(0.3, 1.0)
     return SceneObject(kind="post", x=x, y=y, radius=radius, height=height)
@@ -297,6 +299,7 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
         pose[:, 0] = amplitude * np.sin(angle).sum(axis=1)
         pose[:, 3] = np.arctan(amplitude * (wave * np.cos(angle)).sum(axis=1))
     pose[:, 0] += (scene.x_min + scene.x_max) / 2
+    # In this order: the random numbers fix the track of a seed.
     pose[:, 2] = height + rng.normal(0, track.bounce, y.size)
     pose[:, 4:] = rng.normal(0, track.attitude, (y.size, 2))
     return np.asarray(pose, dtype=np.float64), np.asarray(seconds, dtype=np.float64)

@@ -47,24 +47,19 @@ _SAMPLE = 2000  # unknowns on which the waves' common directions are found
 class Lattice(NamedTuple):
     """Quarter ``x > 0, y > 0`` of a body on a cubic lattice.
 
-    Cells go from the axis outwards and from the top down; ``cell`` is their edge, m.
-    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z; the soil's where there is no
-    body.
+    Cells go from the axis outwards and from the top down.
     """
 
-    cell: float
+    cell: float  #: edge of a cell, m
+    #: (x, y, z, 3): that for fields along x, y and z; the soil's where there is no body
     permittivity: ComplexArray
 
 
 class Waves(NamedTuple):
-    """Downgoing plane waves, H and V each.
+    """Downgoing plane waves, H and V each."""
 
-    ``transverse`` (wave,) are their horizontal wavenumbers κ, rad/m, ``azimuth`` (wave,) where they
-    go to, from x towards y, rad.
-    """
-
-    transverse: FloatArray
-    azimuth: FloatArray
+    transverse: FloatArray  #: (wave,): horizontal wavenumbers κ, rad/m
+    azimuth: FloatArray  #: (wave,): where they go to, from x towards y, rad
 
 
 def scattering_amplitudes(
@@ -108,13 +103,18 @@ def scattering_amplitudes(
 
 
 def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
-    """Return the square root of the polarizability over the cell's volume (3, x, y, z)."""
+    """Return the square root of the polarizability over the cell's volume (3, x, y, z).
+
+    It is that of Clausius and Mossotti, with the radiative reaction of a filtered cell (Gay-Balmaz
+    & Martin 2002).
+    """
     size = k * lattice.cell
     ratio = np.moveaxis(lattice.permittivity, -1, 0) / soil
     static = 3 / (4 * np.pi) * (ratio - 1) / (ratio + 2)
     filtered = np.log((np.pi - size) / (np.pi + size)) / np.pi - 1j
     radiation = 4 / 3 * size**2 + 2 / 3 * size**3 * filtered
-    return np.ascontiguousarray(np.sqrt(static / (1 - static * radiation)), dtype=np.complex64)
+    polarizability = static / (1 - static * radiation)
+    return np.ascontiguousarray(np.sqrt(polarizability), dtype=np.complex64)
 
 
 def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArray]:
@@ -137,6 +137,8 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
         A and B where R² = 0, 1, 2, ... cells.
     """
     r = np.sqrt(np.arange(1, count))
+
+    # g of the wavenumbers below π: the integral ends in sine and cosine integrals.
     sine = np.sin(size * r)
     cosine = np.cos(size * r)
     si_minus, ci_minus = sici((np.pi - size) * r)
@@ -144,10 +146,13 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
     si = si_minus + si_plus
     ci = ci_minus - ci_plus - 1j * np.pi
     g = (cosine * si + sine * ci) / (np.pi * r)
+
+    # g', and g'' by the wave equation, with the terms of the edge at π.
     edge_sine = np.sin(np.pi * r)
     edge_cosine = np.pi * r * np.cos(np.pi * r)
     slope = (size * (cosine * ci - sine * si) + 2 * edge_sine / r) / (np.pi * r) - g / r
     curve = -(size**2) * g + 2 * (edge_cosine - edge_sine) / (np.pi * r**3) - 2 * slope / r
+
     delta = (edge_sine - edge_cosine) / (2 * np.pi**2 * r**3)
     at_zero = np.zeros(1)
     isotropic = size**2 * g + slope / r + 4 * np.pi / 3 * delta
@@ -182,6 +187,7 @@ def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArra
         for b in range(a, 3):
             component = line * grid[a] * grid[b]
             component = component + (diagonal if a == b else 0)
+            # xy is odd in x and in y, xx in neither.
             odd = [(a == axis) != (b == axis) for axis in range(3)]
             symbol = _symbol(component, shape, odd)
             out[a][b] = symbol
@@ -310,9 +316,12 @@ def _wave_columns(
     in_x = _by_parity(kappa * cosine, x, parity[0])
     in_y = _by_parity(kappa * sine, y, parity[1])
     in_z = np.exp(-1j * np.outer(z, down)).astype(np.complex64)
+
+    # Unit vectors h and v, by components.
     unit = [[-sine, down / k * cosine], [cosine, down / k * sine], [0 * sine, kappa / k]]
     out = np.empty((*scale.shape, 2, kappa.size), np.complex64)
     for c in range(3):
+        # The horizontal components have the other parity along their own axis.
         plane = in_x[c == 0][:, None, None, :] * (in_y[c == 1][:, None, :] * in_z)
         plane *= scale[c][..., None]
         for polarization in range(2):
@@ -349,13 +358,15 @@ def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
         if fresh.shape[1] == 0:
             break
         answer = np.stack([system.apply(v) for v in fresh.T.copy()], axis=1)
+        # Normal equations of the least residual, of the old directions and the new ones.
         adjoint = answer.conj().T
         mixed = adjoint @ image
         gram = np.block([[gram, mixed.conj().T], [mixed, adjoint @ answer]])
         sources = np.concatenate([sources, adjoint @ start])
         basis = np.concatenate([basis, fresh], axis=1)
         image = np.concatenate([image, answer], axis=1)
-        residual = start - image @ np.linalg.solve(gram, sources).astype(np.complex64)
+        coefficients = np.linalg.solve(gram, sources).astype(np.complex64)
+        residual = start - image @ coefficients
     solution = np.linalg.solve(gram, image.conj().T @ columns)
     once = solution.T @ (basis.T @ columns)
     twice = solution.T @ (basis.T @ image) @ solution
@@ -378,7 +389,8 @@ def _orthonormal(block: SingleArray, basis: SingleArray, least: float) -> Single
         block = block - basis @ (basis.conj().T @ block)
     weight, mixing = np.linalg.eigh((block.conj().T @ block).astype(complex))
     long = weight > least**2
-    return np.asarray(block @ (mixing[:, long] / np.sqrt(weight[long])).astype(np.complex64))
+    unit_length = mixing[:, long] / np.sqrt(weight[long])
+    return np.asarray(block @ unit_length.astype(np.complex64))
 
 
 _LAYER_CELLS = 2  # at least, in the thinnest layer
@@ -435,16 +447,19 @@ def solve_box(
     separation = np.atleast_1d(np.asarray(separations, dtype=float))
     _check(body, frequency, permittivity, s, cells_per_wavelength)
     wavenumber = 2 * math.pi * frequency / SPEED_OF_LIGHT
+
     sent = aspect[:, None] - separation / 2
     # Rounded, so that equal azimuths are found to be equal.
     azimuths = np.round([sent, sent + separation], 9)
     azimuth, index = np.unique(azimuths, return_inverse=True)
     kappa = np.repeat(wavenumber * s, azimuth.size)
     waves = Waves(kappa, np.tile(azimuth, s.size))
+
     cell = choose_cell(body, permittivity, wavenumber, cells_per_wavelength, most_cells)
     lattice = lattice_of(body, permittivity, cell)
     with threadpool_limits(1):
         full = scattering_amplitudes(lattice, permittivity, wavenumber, waves)
+
     full = full.reshape(2, s.size, azimuth.size, 2, s.size, azimuth.size)
     sine = np.arange(s.size)[:, None, None]
     transmit, receive = index.reshape(2, *sent.shape)
@@ -504,7 +519,8 @@ def lattice_of(body: Body, permittivity: complex, cell: float) -> Lattice:
     media = body.permittivity(half_width[..., None], _midpoints(drops), permittivity)
     media = np.pad(media, [(0, 1)] * 3, constant_values=permittivity)
     shares = [_shares(edges, cell) for edges in (lengths, widths, drops)]
-    return Lattice(cell, np.stack([_average(media, shares, axis) for axis in range(3)], axis=-1))
+    by_axis = [_average(media, shares, axis) for axis in range(3)]
+    return Lattice(cell, np.stack(by_axis, axis=-1))
 
 
 def _midpoints(edges: list[float]) -> FloatArray:

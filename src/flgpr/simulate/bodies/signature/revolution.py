@@ -102,17 +102,26 @@ def make_grid(
         In the denser of soil and body.
     cover : float, optional
         Soil between body and air, m; None is soil without end.
+
+    Returns
+    -------
+    Grid
+        The grid, with its absorbing layers.
     """
     radii = body.radii()
     drops = body.drops()
     slowest = max(soil.real, body.densest())
     wavelength = 2 * math.pi / (wavenumber * math.sqrt(slowest))
     cell = min(wavelength / cells_per_wavelength, radii[-1] / 6)
+
+    # Nodes on the body, and on the surface where there is one.
     levels = [-drop for drop in reversed(drops)]
     if cover is not None:
         levels.append(cover)
     rho = _nodes_between([0.0, *radii], cell)
     z = _nodes_between(levels, cell)
+
+    # Nodes of the absorbing layers outside, above and below.
     in_soil = wavenumber * math.sqrt(soil.real)
     in_cover = in_soil if cover is None else wavenumber
     out = _absorber(cell, rho[-1] - rho[-2], in_soil)
@@ -120,6 +129,7 @@ def make_grid(
     down = _absorber(cell, z[1] - z[0], in_soil)
     rho = np.concatenate([rho, rho[-1] + out])
     z = np.concatenate([(z[0] - down)[::-1], z, z[-1] + up])
+
     centre_rho = (rho[1:] + rho[:-1]).real / 2
     centre_z = (z[1:] + z[:-1]).real / 2
     surface = math.inf if cover is None else cover
@@ -153,8 +163,10 @@ class ModalSolver:
         self.mode = mode
         self.ks = wavenumber * np.sqrt(complex(soil))
         edges = _Edges(grid, mode)
-        self._places = edges.places
+        self._positions = edges.positions
         self._volume = edges.volume
+
+        # ∇×∇× - k0²ε of the ground alone, whose rows on the body give the source P.
         curl = _curl_curl(grid, mode, edges)
         ground = edges.average(np.broadcast_to(grid.ground, grid.permittivity.shape))
         contrast = edges.average(grid.permittivity) - ground
@@ -164,6 +176,8 @@ class ModalSolver:
         self._metal = metal[self._body]
         self._contrast = np.where(metal, 0, contrast)[self._body]
         self._outside = outside[self._body]
+
+        # The system is that of all edges off metal, where the field is known.
         solved = np.flatnonzero(edges.used & ~metal)
         self._solved = solved
         self._count = edges.count
@@ -178,8 +192,21 @@ class ModalSolver:
         )
 
     def waves(self, transverse: ComplexArray, mode: int) -> ComplexArray:
-        """Return the fields of downgoing waves on the body's edges, H before V (edge, 2·wave)."""
-        rho, z, kind = self._places
+        """Return the fields of downgoing waves on the body's edges.
+
+        Parameters
+        ----------
+        transverse : ndarray (wave,) of complex
+            Horizontal wavenumbers, rad/m.
+        mode : int
+            Azimuthal mode; it may be negative.
+
+        Returns
+        -------
+        ndarray (edge, 2·wave) of complex
+            Fields, H before V.
+        """
+        rho, z, kind = self._positions
         horizontal, vertical = wave_modes(
             transverse, self.ks, rho[self._body], z[self._body], kind[self._body], mode
         )
@@ -192,7 +219,13 @@ class ModalSolver:
         ----------
         transverse : ndarray (wave,) of complex
             Horizontal wavenumbers, rad/m.
+
+        Returns
+        -------
+        ndarray (2·wave, 2·wave) of complex
+            T, m.
         """
+        # Solved for the few independent fields that the waves have on the body.
         incident = self.waves(transverse, self.mode)
         scale = np.linalg.norm(incident, axis=0)
         scale[scale == 0] = 1.0
@@ -201,9 +234,11 @@ class ModalSolver:
         if weight[0] > 0:
             strong = weight > _RANK * weight[0]
         source = self._source(basis[:, strong])
+
         ring = 2 * np.pi * self._volume[self._body]
         test = self.waves(transverse, -self.mode) * ring[:, None]
-        return (test.T @ source) @ (weight[strong, None] * mixing[strong] * scale)
+        coefficients = weight[strong, None] * mixing[strong] * scale
+        return (test.T @ source) @ coefficients
 
     def _source(self, incident: ComplexArray) -> ComplexArray:
         """Return the source P on the body's edges for incident fields there."""
@@ -236,7 +271,7 @@ def wave_modes(
     wavenumber : complex
         Wavenumber k in the soil, rad/m.
     rho, z : ndarray (edge,)
-        Places of the edges, m.
+        Positions of the edges, m.
     kind : ndarray (edge,) of int
         0, 1, 2 for components along ρ, φ, z.
     mode : int
@@ -271,7 +306,7 @@ def wave_modes(
 
 
 class _Edges:
-    """Numbers, places and volumes of the electric field's edges: along ρ, then φ, then z."""
+    """Numbers, positions and volumes of the electric field's edges: along ρ, then φ, then z."""
 
     def __init__(self, grid: Grid, mode: int) -> None:
         rho = grid.rho
@@ -291,7 +326,7 @@ class _Edges:
         )
         edge_z = np.concatenate([np.tile(z, nr - 1), np.tile(z, nr), np.tile(half_z, nr)])
         kind = np.repeat(np.arange(3), self.sizes)
-        self.places = (edge_rho.real, edge_z.real, kind)
+        self.positions = (edge_rho.real, edge_z.real, kind)
         self._width_rho = np.pad(np.diff(rho.real), 1, mode="edge")[:, None]
         self._width_z = np.pad(np.diff(z.real), 1, mode="edge")
         volumes = [
@@ -432,9 +467,11 @@ def solve_round(
     path = spectral_path(k0 * np.sqrt(complex(permittivity)), body.radius)
     waves = np.concatenate([path.transverse, k0 * np.asarray(sines, dtype=complex)])
     grid = make_grid(body, permittivity, k0, cells_per_wavelength)
+
     nodes = path.transverse.size
     count = len(sines)
-    outer = np.concatenate([nodes + np.arange(count), waves.size + nodes + np.arange(count)])
+    of_sines = nodes + np.arange(count)
+    outer = np.concatenate([of_sines, waves.size + of_sines])  # H and V
     out = np.zeros((len(depths), count, len(separations), 4), complex)
     reach = k0 * body.radius * float(np.max(sines))
     # Beyond this order the Bessel functions are negligible over the body.
@@ -481,7 +518,13 @@ def spectral_path(wavenumber: complex, radius: float) -> Path:
         In the soil, rad/m.
     radius : float
         Of the body, m: the wider, the more nodes.
+
+    Returns
+    -------
+    Path
+        Nodes of Gauss and Legendre, and their weights.
     """
+    # Half a sine above the axis up to _TURN.
     size = wavenumber.real
     height = min(_DETOUR * size, 1.5 / radius)
     t, w = np.polynomial.legendre.leggauss(12 + math.ceil(0.75 * size * radius))
@@ -489,6 +532,8 @@ def spectral_path(wavenumber: complex, radius: float) -> Path:
     w = w / 2
     arc = _TURN * size * t + 1j * height * np.sin(np.pi * t)
     slope = _TURN * size + 1j * height * np.pi * np.cos(np.pi * t)
+
+    # Along the axis from there to _END.
     u, v = np.polynomial.legendre.leggauss(6 + math.ceil(0.15 * size * radius))
     span = (_END - _TURN) * size
     tail = _TURN * size + span * (u + 1) / 2 + 1e-9j * size  # on the side where square roots decay
@@ -529,11 +574,15 @@ def with_surface(
     count = answer.shape[0] // 2
     inner = np.concatenate([np.arange(nodes), count + np.arange(nodes)])
     outer = np.setdiff1d(np.arange(2 * count), inner)
+
+    # K by Weyl's integral, a factor for every node.
     down = np.sqrt(wavenumber**2 * soil - path.transverse**2)
     r_h, r_v = reflection(path.transverse / wavenumber, soil, 1.0)
     measure = -0.25j / np.pi * path.transverse * path.weight / down
     share = measure * (-1) ** mode * np.exp(-2j * down * depth)
     bounce = np.concatenate([-share * r_h, share * r_v])
+
+    # S = T + T_n·K·(1 - T_nn·K)^-1·T_n
     system = np.identity(2 * nodes) - answer[np.ix_(inner, inner)] * bounce
     repeated = np.linalg.solve(system, answer[np.ix_(inner, outer)])
     direct = answer[np.ix_(outer, outer)]

@@ -77,6 +77,7 @@ class SignatureTable:
         ndarray (aspect, sine, separation, 4, frequency) of complex64
             HH, VV, (HV + VH)/2 and (HV - VH)/2, m.
         """
+        # First over the soils, at the table's tones.
         share = self._permittivity_weights(frequency, permittivity)
         k = 2 * np.pi * FREQUENCY[:, None] / SPEED_OF_LIGHT
         down = k * np.sqrt(PERMITTIVITY[:, None, None] - SINE**2)  # (permittivity, f, sine)
@@ -84,7 +85,10 @@ class SignatureTable:
         for term, path in self._terms(depth, down):
             # Without the phase of its path a term is smooth over the soils.
             smooth = term * _along(np.exp(1j * down * path))
-            terms.append((np.einsum("fe,ef...->...f", share, smooth), path))
+            in_soil = np.einsum("fe,ef...->...f", share, smooth)
+            terms.append((in_soil, path))
+
+        # Then over the tones, with the phase of the path in this soil.
         tones = np.clip(frequency, FREQUENCY[0], FREQUENCY[-1])
         real = np.clip(permittivity.real, PERMITTIVITY[0], PERMITTIVITY[-1])
         soil = real * (1 - 1j * _excess_loss(permittivity))
@@ -92,7 +96,8 @@ class SignatureTable:
         total: Any = 0
         for term, path in terms:
             phase = np.exp(-1j * down * path)[:, None, None]
-            total = total + CubicSpline(FREQUENCY, term, axis=-1)(tones) * phase
+            at_tones = CubicSpline(FREQUENCY, term, axis=-1)(tones)
+            total = total + at_tones * phase
         fade = np.minimum(frequency / FREQUENCY[0], 1.0) ** 2
         return np.asarray(total * fade, dtype=np.complex64)
 
@@ -102,11 +107,16 @@ class SignatureTable:
         """Return the weights (table frequency, table permittivity) of the table's soils."""
         at_nodes = np.interp(FREQUENCY, frequency, permittivity.real)
         real = np.clip(at_nodes, PERMITTIVITY[0], PERMITTIVITY[-1])
+        index = np.sqrt(real)
+        # Splines through one in one soil and zero in all others are that soil's weight.
         between = CubicSpline(np.sqrt(PERMITTIVITY), np.identity(PERMITTIVITY.size), axis=0)
+        weight = between(index)
+        slope = between(index, 1)
+
+        # sqrt(ε(1 - j·tan δ)) ≈ sqrt(ε)·(1 - j·tan δ/2)
         excess = np.interp(FREQUENCY, frequency, _excess_loss(permittivity))
-        imaginary_step = -0.5j * np.sqrt(real) * excess
-        slope = between(np.sqrt(real), 1)
-        return np.asarray(between(np.sqrt(real)) + imaginary_step[:, None] * slope)
+        imaginary_step = -0.5j * index * excess
+        return np.asarray(weight + imaginary_step[:, None] * slope)
 
     def _terms(self, depth: float, down: FloatArray) -> list[tuple[Any, float]]:
         """Return the body's own echo and what the surface adds to it at a depth.
@@ -149,9 +159,21 @@ def _excess_loss(permittivity: ComplexArray) -> FloatArray:
 
 
 def save_table(table: SignatureTable, path: Path) -> str:
-    """Write a table as one file and return its SHA-256.
+    """Write a table as one file.
 
-    Values are right to 1e-3 of the largest of a soil and tone.
+    Values are stored as 16-bit numbers, right to 1e-3 of the largest of a soil and tone.
+
+    Parameters
+    ----------
+    table : SignatureTable
+        The table.
+    path : Path
+        File to write.
+
+    Returns
+    -------
+    str
+        SHA-256 of the file.
     """
     scale = np.abs(table.values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
     halves = (table.values / scale).view(np.float32).astype(np.float16)
@@ -177,7 +199,17 @@ def table_nodes() -> dict[str, list[float]]:
 
 
 def load_table(path: Any) -> SignatureTable:
-    """Read what :func:`save_table` wrote.
+    """Read a table that :func:`save_table` wrote.
+
+    Parameters
+    ----------
+    path : Path or importlib.resources.abc.Traversable
+        File to read.
+
+    Returns
+    -------
+    SignatureTable
+        The table.
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""Lanes, experiments and tables of `why_full_wave.py`."""

@@ -1,0 +1,1 @@
+"""Lanes, looks, maps and experiments of `fused_variants.py`."""

@@ -1,0 +1,113 @@
+"""Events of alarms as a live run reports them: with a forecast, advice to wait, and places on Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.geo import Anchor
+from flgpr.live.detector import LiveDetector
+from flgpr.live.event_types import AlarmEvent
+from flgpr.live.events import add_places_on_earth, alarm_event, as_line
+from flgpr.live.forecast import Forecast, forecast_event
+from flgpr.live.options import LiveOptions
+from flgpr.live.updates import LiveAlarm, LiveUpdate
+
+
+class AlarmReporter:
+    """Makes the events of alarms that changed, and sends their lines to a callback.
+
+    Parameters
+    ----------
+    options : LiveOptions
+        Vehicle, threshold and worth of waiting.
+    send_line : callable
+        Called with the line of every event.
+    """
+
+    def __init__(self, options: LiveOptions, send_line: Callable[[str], None]) -> None:
+        self._options = options
+        self._send_line = send_line
+        self.forecast: Forecast | None = None  #: what the model has learnt of further looks
+        self.anchor: Anchor | None = None  #: what ties the lane to the Earth
+        # Alarms whose last event advised to wait.
+        self._waiting: set[str] = set()
+
+    def resume(self, alarm_ids: Iterable[str]) -> None:
+        """Take these open alarms as advised to wait: what an earlier process wrote is not known."""
+        self._waiting = set(alarm_ids)
+
+    def keep_open(self, alarm_ids: Iterable[str]) -> None:
+        """Forget the advice on all alarms but these, which are still open."""
+        self._waiting &= set(alarm_ids)
+
+    def events(
+        self,
+        update: LiveUpdate,
+        scan: int,
+        pose: NDArray[np.float64],
+        latency: float,
+        detector: LiveDetector,
+    ) -> list[AlarmEvent]:
+        """Return the events of alarms that a scan changed, and send their lines.
+
+        Parameters
+        ----------
+        update : LiveUpdate
+            What the scan changed.
+        scan : int
+            Number of the scan.
+        pose : (6,) ndarray of float
+            Pose of the newest scan, m and rad.
+        latency : float
+            Time from the arrival of the scan, s.
+        detector : LiveDetector
+            Has the alarms.
+
+        Returns
+        -------
+        list of dict
+            The events. Some are of alarms that did not change: their last event advised to wait
+            for a look that did not come, and waiting is no longer worth it.
+        """
+        events = []
+        for alarm in update.alarms:
+            events.append(self._event(alarm, scan, pose, latency, detector))
+        changed = {alarm.alarm_id for alarm in update.alarms}
+        unchanged = detector.alarms.open.keys() - changed
+        for alarm_id in self._waiting & unchanged:
+            alarm = replace(detector.alarms.open[alarm_id], state="update")
+            event = self._event(alarm, scan, pose, latency, detector)
+            if event.get("wait") is False:
+                events.append(event)
+        if self.anchor is not None:
+            add_places_on_earth(events, self.anchor)
+        for event in events:
+            if event.get("wait"):
+                self._waiting.add(event["alarm_id"])
+            else:
+                self._waiting.discard(event["alarm_id"])
+            self._send_line(as_line(event))
+        return events
+
+    def _event(
+        self,
+        alarm: LiveAlarm,
+        scan: int,
+        pose: NDArray[np.float64],
+        latency: float,
+        detector: LiveDetector,
+    ) -> AlarmEvent:
+        """Return an alarm's event, with a forecast where the model has one."""
+        options = self._options
+        event = alarm_event(alarm, scan, pose, options.vehicle, latency)
+        if self.forecast is None:
+            return event
+        threshold = 0.0 if options.threshold is None else options.threshold
+        entries = forecast_event(
+            self.forecast, detector, alarm, event.get("margin_m"), threshold, options.worth
+        )
+        return {**event, **entries}
