@@ -170,7 +170,7 @@ class LiveDetector:
         """Judge a scan's pose, and take the scan in, hold it back or leave it out.
 
         Scans held back that it releases are taken in, too. The judge is
-        :class:`flgpr.model.plausible.PoseGate`.
+        ``flgpr.model.plausible.PoseGate``.
 
         Parameters
         ----------
