@@ -1,7 +1,7 @@
 """Why `fused` misses the mines of the packaged full-wave lane: four experiments, each of which could refute its cause.
 
 ``python evidence/why_full_wave.py OUT [--twins 40] [--figure docs/images/fused-full-wave.png]`` writes CSV files into
-OUT, prints Markdown tables and draws the figure; four minutes of one core. The lane has three mines, which by
+OUT, prints Markdown tables and draws the figure; ten minutes of one core. The lane has three mines, which by
 themselves decide nothing (0 of 3 against 2 of 3: p = 0.5). So twins of the lane, simulated over other surfaces, tell
 what to expect of either detector, and the full-wave lane is held against their spread.
 

@@ -1,6 +1,7 @@
 import type { App } from "./app";
 import { el, fixed } from "./dom";
-import { LABELLED, chances, type Live, type LiveAlarm } from "./live";
+import type { LiveAlarm } from "./history";
+import { LABELLED, chances, type Live } from "./live";
 import { Sound } from "./sound";
 
 /** How often the page looks at its own clock, and after what silence something is lost, ms; a slower radar has its rhythm. */

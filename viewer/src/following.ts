@@ -1,8 +1,8 @@
 import type { App } from "./app";
 import { UNSEEN } from "./data";
 import { el } from "./dom";
-import type { Moment } from "./history";
-import type { Live, LiveAlarm, LiveRows } from "./live";
+import type { LiveAlarm, LiveRows, Moment } from "./history";
+import type { Live } from "./live";
 import { thresholdsOf } from "./roc";
 
 /** Length of lane in sight when the picture follows the vehicle, and how much of it lies behind the vehicle, m. */

@@ -1,8 +1,25 @@
-import type { LiveAlarm, LiveRows } from "./live";
-
 /** Scans that a live run can be gone back to, and how many more are held, whose rows of the run-view those scans still need. */
 const REACH = 5000;
 const RESERVE = 500;
+
+/** What is known of an alarm of a live run. */
+export interface LiveAlarm {
+  id: string;
+  x: number;
+  y: number;
+  confidence: number;
+  magnitude: number | null;
+  scans: number | null;
+  final: boolean;
+  inTime: boolean | null;
+  /** Probability that it is a target, now and, with 80 %, after the next look; whether that is worth waiting for. */
+  p: number | null;
+  next: [number, number] | null;
+  wait: boolean;
+}
+
+/** Rows of the run-view that a live run sends, as half-precision numbers. */
+export interface LiveRows { row: number; rows: number; median: number; halves: Uint16Array }
 
 /** What came with a scan of a live run: its pose, what became of alarms (null: withdrawn), and rows of the run-view. */
 export interface Moment {

@@ -1,6 +1,6 @@
 import { getJson } from "./data";
 import { el, fixed, make } from "./dom";
-import { History, type Moment } from "./history";
+import { History, type LiveAlarm, type LiveRows, type Moment } from "./history";
 import type { Detection, Georeference, Grid, Lane } from "./types";
 
 interface Event {
@@ -39,21 +39,6 @@ interface Event {
   [count: string]: unknown;
 }
 interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean; age?: number | null; now?: number }
-export interface LiveAlarm {
-  id: string;
-  x: number;
-  y: number;
-  confidence: number;
-  magnitude: number | null;
-  scans: number | null;
-  final: boolean;
-  inTime: boolean | null;
-  /** Probability that it is a target, now and, with 80 %, after the next look; whether that is worth waiting for. */
-  p: number | null;
-  next: [number, number] | null;
-  wait: boolean;
-}
-export interface LiveRows { row: number; rows: number; median: number; halves: Uint16Array }
 
 const percent = (value: number): string => fixed(100 * value, 0);
 /** What is known of an alarm's probability, in few words; empty where it has none. */

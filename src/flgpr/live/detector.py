@@ -169,8 +169,8 @@ class LiveDetector:
     def add(self, scan: Scan) -> LiveUpdate:
         """Judge a scan's pose, and take the scan in, hold it back or leave it out.
 
-        Scans held back that it releases are taken in, too. The judge is
-        :class:`flgpr.model.plausible.PoseGate`.
+        Scans held back that it releases are taken in, too. The gate that judges poses stands in
+        ``model/plausible.py``.
 
         Parameters
         ----------

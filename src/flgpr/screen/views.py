@@ -225,7 +225,7 @@ class MeanViewSums(LaneSums):
     Parameters
     ----------
     grid, y_max, rows
-        As for :class:`LaneSums`.
+        As for ``LaneSums``.
     falloff : float
         Power of the distance by which weights fall.
     """
