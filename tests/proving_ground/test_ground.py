@@ -1,11 +1,14 @@
 """The proving ground's description: lanes, splits, entries."""
 
+import tomllib
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from flgpr.proving_ground import listing, load_ground
+from flgpr.chain.recipe import parse_recipe
+from flgpr.proving_ground import listing, load_ground, packaged_entries
 from flgpr.simulate import draw_world
 from flgpr.store import open_run
 
@@ -220,3 +223,50 @@ def test_a_stored_lane_needs_its_truth_and_borders(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.zarr"):
         ground.lanes["arid-lane-1"].make(tmp_path / "lane.zarr")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ground.toml"]
+
+
+def test_the_declared_track_of_solved_lanes_is_what_its_lanes_are():
+    """The lanes that a solver computes are declared in one file, the ground that tries on them in another."""
+    evidence = Path(__file__).parents[2] / "evidence"
+    ground = load_ground(source=evidence / "full_wave_2_track.toml")
+    declared = tomllib.loads((evidence / "full_wave_2.toml").read_text("utf-8"))
+    tested = ground.tested("full-wave")
+    assert [lane.stored[0].parent.name for lane in tested] == [
+        row["name"] for row in declared["lanes"]
+    ]
+    assert {(lane.lane.x_max, lane.length) for lane in tested} == {
+        (declared["half_width"], declared["length"])
+    }
+    trained_on = ground.matching(ground.table.splits["full-wave"].folds[0].train)
+    assert len(trained_on) == 36
+    conditions = {
+        (lane.scene.soil.permittivity, lane.scene.surface.rms_height) for lane in trained_on
+    }
+    assert conditions == {(row["permittivity"], row["rms_height"]) for row in declared["lanes"]}
+    for row in declared["lanes"]:
+        sorts = sorted((sort, cover) for sort, _, _, cover in row["targets"])
+        assert sorts == sorted(
+            (sort, cover) for sort in ground.table.sorts for cover in (0.03, 0.075)
+        )
+    assert declared["stops"] == list(trained_on[0].scene.track.positions)
+
+
+def test_a_ground_may_choose_polarizations_entries_and_soils():
+    evidence = Path(__file__).parents[2] / "evidence"
+    text = (evidence / "full_wave_2_track.toml").read_text("utf-8")
+    ground = load_ground(source=text)
+    assert {lane.sensor.polarization for lane in ground.lanes.values()} == {("HH", "HV")}
+    assert ground.lanes["arid-moist-1"].scene.soil.loss_tangent == 0.032
+    assert ground.lanes["arid-moist-1"].scene.soil.model == "fixed"
+    entries = packaged_entries(ground)
+    assert tuple(entries) == ground.table.entries
+    assert parse_recipe(entries["wang2007"].text).features is None
+    assert parse_recipe(entries["fused"].text).map is not None
+    with pytest.raises(
+        ValueError, match="entry wang2007 must replace what stands once in miniature"
+    ):
+        packaged_entries(load_ground(source=text.replace("inner = [5, 3]", "inner = [5, 4]")))
+    with pytest.raises(ValueError, match="entries of a ground must be packaged ones.*got fused9"):
+        packaged_entries(load_ground(source=text.replace('"fused3"', '"fused9"')))
+    with pytest.raises(ValueError, match="polarization"):
+        load_ground(source=text.replace('["HH", "HV"]', '["HH", "HX"]')).lanes

@@ -49,16 +49,23 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     Raises
     ------
     ValueError
-        If what is to be replaced does not stand exactly once in a recipe.
+        If what is to be replaced does not stand exactly once in a recipe, or the ground names
+        entries that are not packaged.
     """
     packaged = resources.files("flgpr.proving_ground") / "entries.toml"
     rows = tomllib.loads(packaged.read_text("utf-8"))
     entries = {}
     own_recipe = ground.table.recipe
     chosen = ground.table.entries or tuple(rows)
+    unknown = sorted(set(chosen) - set(rows))
+    if unknown:
+        raise ValueError(
+            f"entries of a ground must be packaged ones, {', '.join(rows)}, got {', '.join(unknown)}"
+        )
     for name, row in rows.items():
         if name not in chosen:
             continue
+        source = row["recipe"]
         if own_recipe and row.get("fitted"):
             model = load_model(row["recipe"])
             figures = figures_of(_array_of(ground), model.recipe)
@@ -66,7 +73,8 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
             continue  # made for another array
         else:
-            text = recipe_text(own_recipe or row["recipe"])
+            source = own_recipe or row["recipe"]
+            text = recipe_text(source)
         replacements = list(row.get("replace", []))
         if own_recipe and not row.get("fitted"):
             replacements += ground.table.replace
@@ -75,7 +83,7 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         for old, new in replacements:
             if text.count(old) != 1:
                 raise ValueError(
-                    f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}"
+                    f"entry {name} must replace what stands once in {source}, got {old!r}"
                 )
             text = text.replace(old, new)
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""

@@ -25,14 +25,12 @@ from flgpr.store import lane_text, merge_tables, open_run, read_table, sample_la
 from flgpr.store.files import existing, faults_of
 from flgpr.store.tables import lane_file_of
 
-GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
+GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
 """The packaged descriptions, the first by default."""
 ALL_TIERS = "all"
 """The name that chooses every tier."""
 MINES = "mines"
 """Name of the group of all mines in the scores."""
-SAMPLE = "sample"
-"""What a lane names in place of a run store to take a packaged one."""
 BODY = "body "
 """Prefix of the groups of targets with one packaged body."""
 
@@ -43,8 +41,7 @@ class LaneRow(Table):
     ``targets`` are sort, depth of the top (m) and number. ``soil``, ``surface``, ``errors`` and
     ``sensor`` change entries of the scene's soil and surface, of the sensor's errors and of the
     sensor. A lane that is there already has a ``run`` store, its ``truth`` and its borders x_min,
-    x_max, y_min, y_max (m) instead; "sample" is the first packaged full-wave lane, "sample/NAME"
-    another one.
+    x_max, y_min, y_max (m) instead; "sample" is the packaged full-wave lane.
     """
 
     part: Literal["train", "validate", "test"]
@@ -353,10 +350,7 @@ def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) 
     """Return a lane of a run store and a truth that are there."""
     if row.borders is None:
         raise ValueError(f"lane {name} must have borders, for it is one that is there already")
-    if row.run == SAMPLE or row.run.startswith(f"{SAMPLE}/"):
-        files = sample_files(row.run.removeprefix(SAMPLE).removeprefix("/"))
-    else:
-        files = (Path(row.run), Path(row.truth))
+    files = sample_files() if row.run == "sample" else (Path(row.run), Path(row.truth))
     return GroundLane(name, site, row.part, Lane(*row.borders), 0, Scene(), preset, files, tier)
 
 
@@ -368,10 +362,9 @@ def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
     )
 
 
-def sample_files(name: str = "") -> tuple[Path, Path]:
-    """Return the run store and the truth of a packaged full-wave lane, by default the first."""
-    folder = sample_lane(name) if name else sample_lane()
-    return folder / "run.zarr", folder / "truth.csv"
+def sample_files() -> tuple[Path, Path]:
+    """Return the run store and the truth of the packaged full-wave lane."""
+    return sample_lane() / "run.zarr", sample_lane() / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:

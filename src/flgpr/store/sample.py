@@ -7,31 +7,15 @@ from pathlib import Path
 _SAMPLES = Path(__file__).parent / "samples"
 
 
-SAMPLE_LANES = ("lane-a", *(f"full-wave-2-{number}" for number in range(1, 7)))
-"""The packaged full-wave lanes."""
-
-
-def sample_lane(name: str = "lane-a") -> Path:
-    """Return the folder of a packaged full-wave lane, whose fields no code of this project made.
-
-    Parameters
-    ----------
-    name : str
-        One of :data:`SAMPLE_LANES`.
+def sample_lane() -> Path:
+    """Return the folder of the packaged full-wave lane, which no code of this project made.
 
     Returns
     -------
     Path
-        Folder with ``run.zarr``, ``truth.csv``, ``objects.csv`` (rocks and posts) and a README.
-
-    Raises
-    ------
-    ValueError
-        If no lane of that name is packaged.
+        Folder with ``run.zarr``, ``truth.csv``, ``objects.csv`` (a rock and a post) and a README.
     """
-    if name not in SAMPLE_LANES:
-        raise ValueError(f"lane must be one of {', '.join(SAMPLE_LANES)}, got {name!r}")
-    return _SAMPLES / name
+    return _SAMPLES / "lane-a"
 
 
 def sample_drive() -> Path:
