@@ -266,7 +266,7 @@ def test_a_ground_may_choose_polarizations_entries_and_soils():
         ValueError, match="entry wang2007 must replace what stands once in miniature"
     ):
         packaged_entries(load_ground(source=text.replace("inner = [5, 3]", "inner = [5, 4]")))
-    with pytest.raises(ValueError, match="entries of a ground must be packaged ones.*got fused9"):
+    with pytest.raises(ValueError, match=r"entries of a ground must be packaged ones.*got fused9"):
         packaged_entries(load_ground(source=text.replace('"fused3"', '"fused9"')))
     with pytest.raises(ValueError, match="polarization"):
         load_ground(source=text.replace('["HH", "HV"]', '["HH", "HX"]')).lanes
