@@ -77,3 +77,20 @@ def test_lines_of_a_page_are_short(page):
     longest = LONGEST_LINE.get(page.relative_to(DOCS).parts[0], 120)
     prose = FENCE.sub("", read(page)).splitlines()
     assert not [line for line in prose if len(line) > longest and not line.startswith("|")]
+
+
+def header_rows(page):
+    """Yield the first row of every table of a page."""
+    lines = FENCE.sub("", read(page)).splitlines()
+    for row, rule in zip(lines[:-1], lines[1:], strict=True):
+        is_rule = re.fullmatch(r"\s*\|[\s:|-]*-[\s:|-]*\|\s*", rule)
+        if is_rule and row.lstrip().startswith("|"):
+            yield row
+
+
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_every_column_of_a_table_has_a_header(page):
+    """Who hears a page read aloud is told a cell's column by its header."""
+    for row in header_rows(page):
+        cells = row.strip().strip("|").split("|")
+        assert all(cell.strip() for cell in cells), row
