@@ -1,5 +1,6 @@
 """The guide is short and by task: no page is long, none is a wall of numbers, and the first page leads to each."""
 
+import itertools
 import re
 
 import pytest
@@ -82,7 +83,7 @@ def test_lines_of_a_page_are_short(page):
 def header_rows(page):
     """Yield the first row of every table of a page."""
     lines = FENCE.sub("", read(page)).splitlines()
-    for row, rule in zip(lines[:-1], lines[1:], strict=True):
+    for row, rule in itertools.pairwise(lines):
         is_rule = re.fullmatch(r"\s*\|[\s:|-]*-[\s:|-]*\|\s*", rule)
         if is_rule and row.lstrip().startswith("|"):
             yield row
