@@ -83,6 +83,14 @@ def test_a_leaning_body_leans_with_all_its_layers():
         )
 
 
+def test_a_leaning_layer_that_is_thinner_than_a_cell_ends_on_two_nodes():
+    decks = decks_of(kind="plastic", body="vs-1.6", tilt=1.0)
+    cell = decks.manifest["grid"]["cell"]
+    ends = np.array([words[:6] for words in solids(decks, "cylinder")], float).reshape(-1, 2, 3)
+    assert ((ends[:, 0] - ends[:, 1])[:, 2] >= cell * (1 - 1e-6)).all()
+    assert "the thickness of 1 layers of the vs-1.6" in " ".join(decks.omissions)
+
+
 def test_a_box_has_its_size_and_heading():
     decks = decks_of(kind="plastic", body="m19", heading=0.5)
     body = load_body("m19")

@@ -59,35 +59,39 @@ def body_lines(
     name = f"the {body.name} at ({target.x:g}, {target.y:g}) m"
     if body.shape == "box" and target.tilt:
         omissions.append(f"the tilt of {name}: {math.degrees(target.tilt):.1f}°")
-    thin = [layer.thickness for layer in body.layers if layer.thickness < grid.cell]
+    thinnest = thinnest_disc(target, grid) if body.shape == "round" else grid.cell
+    thin = [layer.thickness for layer in body.layers if layer.thickness < thinnest]
     if thin:
         omissions.append(
             f"the thickness of {len(thin)} layers of {name}: {1000 * min(thin):.0f} mm and more "
-            f"became a cell, {1000 * grid.cell:.0f} mm"
+            f"became a cell, {1000 * thinnest:.0f} mm"
         )
+    centre, axis = top_and_axis(target)
     lines: list[str] = []
     edges = itertools.pairwise(body.drops())
     # From the bottom up, so that a thin layer that became a cell is not overwritten.
     for layer, (top, bottom) in reversed(list(zip(body.layers, edges, strict=True))):
-        # gprMax wants the ends of a solid on different nodes.
-        lower = max(bottom, top + grid.cell)
+        lower = max(bottom, top + thinnest)
         for width, medium in reversed(layer.zones):
             material = materials.name_of(medium)
             if body.shape == "box":
                 lines += _box_lines(target, grid, width, body.elongation, top, lower, material)
             else:
-                lines.append(_cylinder_line(target, grid, width, top, lower, material))
+                ends = centre - top * axis, centre - lower * axis
+                lines.append(rod(*ends, width, grid, material))
     return lines
 
 
-def _cylinder_line(
-    target: Target, grid: Grid, radius: float, top: float, bottom: float, material: str
-) -> str:
-    """Return the line of a cylinder about the target's axis, between two drops below its top."""
+def top_and_axis(target: Target) -> tuple[FloatArray, FloatArray]:
+    """Return the middle of a target's top in the lane frame, m, and its axis, a unit vector up."""
     lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     axis = np.array([*lean, math.cos(target.tilt)])
-    centre = np.array([target.x, target.y, -target.depth])
-    return rod(centre - top * axis, centre - bottom * axis, radius, grid, material)
+    return np.array([target.x, target.y, -target.depth]), axis
+
+
+def thinnest_disc(target: Target, grid: Grid) -> float:
+    """Return the thinnest disc about a target's axis, m: gprMax wants its ends on two nodes."""
+    return grid.cell / math.cos(target.tilt)
 
 
 def rod(top: FloatArray, bottom: FloatArray, radius: float, grid: Grid, material: str) -> str:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.bodies.rims import Profile
 from flgpr.simulate.bodies.signature.table import find_body
-from flgpr.simulate.full_wave.gprmax_bodies import Materials, Medium, body_lines, rod
+from flgpr.simulate.full_wave.gprmax_bodies import (
+    Materials,
+    Medium,
+    body_lines,
+    rod,
+    thinnest_disc,
+    top_and_axis,
+)
 from flgpr.simulate.full_wave.gprmax_grid import Grid, RelaxingMedium, rectangles
 from flgpr.simulate.ground.roughness import surface_heights
 from flgpr.simulate.scene.scene import Scene, SceneObject, Target
@@ -182,13 +189,10 @@ def _generic_mine(
 
     These are discs of its profile, the air gap under its top last.
     """
-    lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
-    axis = np.array([*lean, math.cos(target.tilt)])
-    top = np.array([target.x, target.y, -target.depth])
+    top, axis = top_and_axis(target)
     medium: Medium = "metal" if target.dielectric is None else target.dielectric
     material = materials.name_of(medium)
-    # gprMax wants the ends of a disc on different nodes.
-    thinnest = grid.cell / math.cos(target.tilt)
+    thinnest = thinnest_disc(target, grid)
     name = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
     height = target.extent[1]
     if height < thinnest:
