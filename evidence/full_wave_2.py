@@ -159,7 +159,8 @@ def _write_tables(common: dict[str, Any], lane: dict[str, Any], folder: Path) ->
     """Write the targets, with the body of each, and the objects, with the buried stones."""
     world = draw_world(scene_of(common, lane), lane["seed"])
     bodies = [common["sorts"][sort]["body"] for sort, *_ in lane["targets"]]
-    write_table(world.truth().assign(body=bodies), folder / "truth.csv")
+    truth = world.truth().assign(body=bodies).round(6)  # to a micrometre: sums leave 0.1500…2
+    write_table(truth, folder / "truth.csv")
     stones = []
     for number, (x, y, cover, radius) in enumerate(lane["stones"], start=1):
         stone = {"object_id": f"S{number:04d}", "x": x, "y": y, "kind": "stone", "radius": radius}

@@ -228,7 +228,7 @@ def test_a_stored_lane_needs_its_truth_and_borders(tmp_path):
 def test_the_declared_track_of_solved_lanes_is_what_its_lanes_are():
     """The lanes that a solver computes are declared in one file, the ground that tries on them in another."""
     evidence = Path(__file__).parents[2] / "evidence"
-    ground = load_ground(source=evidence / "full_wave_2_track.toml")
+    ground = load_ground(source="full-wave-2")
     declared = tomllib.loads((evidence / "full_wave_2.toml").read_text("utf-8"))
     tested = ground.tested("full-wave")
     assert [lane.stored[0].parent.name for lane in tested] == [
@@ -243,6 +243,18 @@ def test_the_declared_track_of_solved_lanes_is_what_its_lanes_are():
         (lane.scene.soil.permittivity, lane.scene.surface.rms_height) for lane in trained_on
     }
     assert conditions == {(row["permittivity"], row["rms_height"]) for row in declared["lanes"]}
+    for lane, row in zip(tested, declared["lanes"], strict=True):
+        truth = lane.truth_with_bodies()
+        body_of = {sort: entry["body"] for sort, entry in declared["sorts"].items()}
+        there = list(zip(truth["body"], truth["x"], truth["y"], truth["depth"], strict=True))
+        assert there == [(body_of[sort], *place) for sort, *place in row["targets"]]
+        run = open_run(lane.stored[0])
+        assert tuple(run["polarization"].values) == lane.sensor.polarization
+        tx, rx = lane.sensor.pairs()
+        np.testing.assert_allclose(run["tx_position"].values[:, :2], tx[:, :2], atol=0.008)
+        np.testing.assert_allclose(run["rx_position"].values[:, :2], rx[:, :2], atol=0.008)
+        np.testing.assert_allclose(run["frequency"].values, lane.sensor.tones.axis())
+        np.testing.assert_allclose(run["pose"].values[:, 1], declared["stops"], atol=0.008)
     for row in declared["lanes"]:
         sorts = sorted((sort, cover) for sort, _, _, cover in row["targets"])
         assert sorts == sorted(
@@ -252,9 +264,8 @@ def test_the_declared_track_of_solved_lanes_is_what_its_lanes_are():
 
 
 def test_a_ground_may_choose_polarizations_entries_and_soils():
-    evidence = Path(__file__).parents[2] / "evidence"
-    text = (evidence / "full_wave_2_track.toml").read_text("utf-8")
-    ground = load_ground(source=text)
+    ground = load_ground(source="full-wave-2")
+    text = ground.text
     assert {lane.sensor.polarization for lane in ground.lanes.values()} == {("HH", "HV")}
     assert ground.lanes["arid-moist-1"].scene.soil.loss_tangent == 0.032
     assert ground.lanes["arid-moist-1"].scene.soil.model == "fixed"

@@ -18,8 +18,8 @@ from flgpr.commands.shell import Arguments, command
 Chosen = Annotated[
     str | None,
     Option(
-        help="proving-ground-2 (the default), proving-ground-1, full-wave-1, or the TOML of "
-        "another ground."
+        help="proving-ground-2 (the default), proving-ground-1, full-wave-2, full-wave-1, or the "
+        "TOML of another ground."
     ),
 ]
 Tier = Annotated[

@@ -13,6 +13,7 @@ CREATOR = "The flgpr developers"
 PUBLISHED = {
     "proving-ground-2": "2026-11-23",
     "proving-ground-1": "2026-11-23",
+    "full-wave-2": "2026-11-26",
     "full-wave-1": "2026-11-23",
 }
 """Days on which the packaged descriptions were committed, before a detector ran on their lanes."""
@@ -37,7 +38,7 @@ DATA_LICENCE = Licence(
 SOFTWARE_LICENCE = Licence(
     "BSD-3-Clause",
     "https://spdx.org/licenses/BSD-3-Clause.html",
-    "the software, the descriptions and the full-wave lane, which are files of the package",
+    "the software, the descriptions and the full-wave lanes, which are files of the package",
 )
 
 

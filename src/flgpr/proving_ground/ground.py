@@ -21,11 +21,19 @@ from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
-from flgpr.store import lane_text, merge_tables, open_run, read_table, sample_lane, write_whole
+from flgpr.store import (
+    SAMPLE_LANES,
+    lane_text,
+    merge_tables,
+    open_run,
+    read_table,
+    sample_lane,
+    write_whole,
+)
 from flgpr.store.files import existing, faults_of
 from flgpr.store.tables import lane_file_of
 
-GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
+GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
 """The packaged descriptions, the first by default."""
 ALL_TIERS = "all"
 """The name that chooses every tier."""
@@ -33,6 +41,8 @@ MINES = "mines"
 """Name of the group of all mines in the scores."""
 BODY = "body "
 """Prefix of the groups of targets with one packaged body."""
+SAMPLE = "sample/"
+"""What the name of a packaged full-wave lane stands after in place of a run store's path."""
 
 
 class LaneRow(Table):
@@ -41,7 +51,7 @@ class LaneRow(Table):
     ``targets`` are sort, depth of the top (m) and number. ``soil``, ``surface``, ``errors`` and
     ``sensor`` change entries of the scene's soil and surface, of the sensor's errors and of the
     sensor. A lane that is there already has a ``run`` store, its ``truth`` and its borders x_min,
-    x_max, y_min, y_max (m) instead; "sample" is the packaged full-wave lane.
+    x_max, y_min, y_max (m) instead; "sample/NAME" is a packaged full-wave lane, "sample" the first.
     """
 
     part: Literal["train", "validate", "test"]
@@ -191,7 +201,7 @@ class GroundLane:
         """
         truth = self.truth()
         if self.stored is not None:
-            return truth.assign(body="")
+            return truth if "body" in truth else truth.assign(body="")
         # Targets are named by their number in the world, from T001 on; those outside the lane are
         # not in the table.
         numbers = truth["target_id"].str.removeprefix("T").astype(int) - 1
@@ -350,7 +360,12 @@ def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) 
     """Return a lane of a run store and a truth that are there."""
     if row.borders is None:
         raise ValueError(f"lane {name} must have borders, for it is one that is there already")
-    files = sample_files() if row.run == "sample" else (Path(row.run), Path(row.truth))
+    if row.run == "sample":
+        files = sample_files()
+    elif row.run.startswith(SAMPLE):
+        files = sample_files(row.run.removeprefix(SAMPLE))
+    else:
+        files = (Path(row.run), Path(row.truth))
     return GroundLane(name, site, row.part, Lane(*row.borders), 0, Scene(), preset, files, tier)
 
 
@@ -362,9 +377,10 @@ def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
     )
 
 
-def sample_files() -> tuple[Path, Path]:
-    """Return the run store and the truth of the packaged full-wave lane."""
-    return sample_lane() / "run.zarr", sample_lane() / "truth.csv"
+def sample_files(name: str = SAMPLE_LANES[0]) -> tuple[Path, Path]:
+    """Return the run store and the truth of a packaged full-wave lane, by default the first."""
+    folder = sample_lane(name)
+    return folder / "run.zarr", folder / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:

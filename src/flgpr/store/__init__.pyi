@@ -15,6 +15,7 @@ from flgpr.store.run_store import open_run as open_run
 from flgpr.store.run_store import read_manifest as read_manifest
 from flgpr.store.run_writer import RunWriter as RunWriter
 from flgpr.store.run_writer import save_run as save_run
+from flgpr.store.sample import SAMPLE_LANES as SAMPLE_LANES
 from flgpr.store.sample import sample_drive as sample_drive
 from flgpr.store.sample import sample_lane as sample_lane
 from flgpr.store.scan_file import RunDescription as RunDescription
