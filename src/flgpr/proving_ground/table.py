@@ -30,7 +30,16 @@ from flgpr.proving_ground.running import (
     read_ground,
 )
 from flgpr.report import render
-from flgpr.scoring import chance, clopper_pearson, compare, match, operating_row, pd_mean, roc_of
+from flgpr.scoring import (
+    chance,
+    clopper_pearson,
+    compare,
+    match,
+    operating_row,
+    pd_mean,
+    random_pd,
+    roc_of,
+)
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
@@ -59,8 +68,10 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         A row per entry, split, group of targets (``mines``, a site, a kind) and allowed FAR per m²:
         ``pd`` with ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the
         FAR of comparison also mines that the entry alone finds (``only``), the reference alone
-        (``reference_only``), and ``p`` of the paired test. On a ground with tiers also a ``tier``,
-        and groups of the targets with one packaged body, ``body BODY``.
+        (``reference_only``), and ``p`` of the paired test. Where targets lie too close to be moved
+        clear of all halos, ``chance`` is that of alarms strewn at random at the same FAR. On a
+        ground with tiers there is also a ``tier``; where the truth names bodies, there are groups of
+        the targets with one packaged body, ``body BODY``.
     costs : DataFrame
         A row per entry, and per ``tier`` where there are tiers: processor seconds per km in
         detection and of all trainings, the largest process in bytes.
@@ -300,6 +311,9 @@ def _points(
         row: dict[str, Any] = {"group": group, "far_allowed": allowed}
         for name in ("pd", "pd_low", "pd_high", "chance", "far"):
             row[name] = float(point[name])
+        if math.isnan(row["chance"]):
+            # The targets lie too close to be moved clear of all halos.
+            row["chance"] = float(random_pd(row["far"], matched.halo))
         for name in _COUNTS:
             row[name] = int(point[name])
         row["area"] = float(curve.attrs["area"])
