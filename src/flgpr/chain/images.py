@@ -17,7 +17,7 @@ from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Model
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_tables import ImageTable
-from flgpr.chain.stages import ClutterStage, ComplexArray, Setup, make_stage
+from flgpr.chain.stages import ComplexArray, Setup, make_clutter_stages
 from flgpr.imaging import ScanImager
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
 
@@ -44,10 +44,11 @@ def imager_of(
     ScanImager
         It makes images of single scans.
     """
+    grid = table.grid()
+    weights = table.weights(run["frequency"].values)
     bands = {name: table.subbands[name] for name in subbands or table.subbands}
     chosen = run.sel(polarization=list(polarizations)) if polarizations else run
-    weights = table.weights(run["frequency"].values)
-    return ScanImager(chosen, table.grid(), bands, weights, table.tolerance, table.device)
+    return ScanImager(chosen, grid, bands, weights, table.tolerance, table.device)
 
 
 class RunImages:
@@ -95,9 +96,10 @@ class RunImages:
         labels = [str(label) for label in run["polarization"].values]
         imaged = list(table.polarizations) or labels
         self.frames = table.summed
-        self.grid = recipe.near_grid()
         source = imager_of(run, table)
         self.imager = source if imaged == labels else imager_of(run, table, polarizations=imaged)
+        self.grid = recipe.near_grid()
+        entries = recipe.named()
         # The image of an aperture takes long to make, and is the only one of its run.
         pixels = self.imager.grid.nx * self.imager.grid.ny
         image_bytes = 8 * len(imaged) * len(table.subbands) * pixels
@@ -114,23 +116,12 @@ class RunImages:
             summed=self.frames,
             results=results,
         )
-        self.stages: dict[str, ClutterStage] = {}
+        self.stages = make_clutter_stages(entries, self.setup, model.stages, self._raw)
         self._data = self._raw
-        self._add_clutter_stages(recipe, model)
+        if self.stages:
+            last_stage = list(self.stages.values())[-1]
+            self._data = last_stage.data
         self.plain = not self.stages and self.frames == 1
-
-    def _add_clutter_stages(self, recipe: Recipe, model: Model) -> None:
-        """Make the recipe's clutter stages, each of which reads what the one before it leaves."""
-        for name, entry in recipe.named().items():
-            if not issubclass(entry.stage_class, ClutterStage):
-                continue
-            stage = make_stage(name, entry, self.setup, model.stages.get(name))
-            stage.before = self._data
-            self.stages[name] = stage
-            self._data = stage.data
-            if entry.stage_class.learns and name not in model.stages:
-                # In training the stages after it work on what it will leave once it has learnt.
-                break
 
     def passes(self) -> list[PlannedPass]:
         """List the passes that the clutter stages need before the first image."""

@@ -23,8 +23,7 @@ from flgpr.chain.stages import (
     FloatArray,
     MapStage,
     ScreenStage,
-    Stage,
-    make_stage,
+    make_stages,
 )
 from flgpr.chain.steps import Steps, check_confidence
 from flgpr.model import Lane
@@ -91,12 +90,14 @@ class LaneSetup:
         self.truth = pd.DataFrame({"x": [], "y": []}) if truth is None else truth
         self.explains = explains
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
+        entries = recipe.named()
         imaged = as_imaged(run, recipe)
         self.images = RunImages(imaged, recipe, lane, self.model, self.results, others or {})
         self.imager = self.images.imager
         self.setup = self.images.setup
+        # The clutter stages belong to the images.
+        self.stages = make_stages(entries, self.setup, self.model.stages)
         self.background_rows = self._background_rows(whole_background)
-        self.stages = self._stages()
         self.mapper = self._first_stage(MapStage)
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
@@ -104,7 +105,8 @@ class LaneSetup:
         self.grid = self.setup.view
         self._check_column_count()
         if not self.untrained:
-            check_confidence(recipe, self._column_names())
+            names = self._column_names()
+            check_confidence(recipe, names)
         self.section = Section(0, self.grid.ny) if section is None else section
         self.view_rows = kept_rows(recipe, lane, self.section)
 
@@ -125,15 +127,6 @@ class LaneSetup:
         # The filters of the gain background read so many rows beyond the last that counts.
         (median, _), (mean, _), _ = self.recipe.smoothing
         return min(self.images.grid.ny + median // 2 + mean // 2, rows)
-
-    def _stages(self) -> dict[str, Stage]:
-        """Make the recipe's stages, but for the clutter stages, which belong to the images."""
-        stages = {}
-        for name, entry in self.recipe.named().items():
-            if not name.startswith("clutter."):
-                learnt = self.model.stages.get(name)
-                stages[name] = make_stage(name, entry, self.setup, learnt)
-        return stages
 
     def _first_stage(self, kind: type[Any]) -> Any:
         """Return the first stage of a kind, or None."""

@@ -10,7 +10,7 @@ import numpy as np
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Model
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
-from flgpr.chain.stages import FeatureStage, Setup, Stage, make_stage
+from flgpr.chain.stages import FeatureStage, Setup, Stage, make_stages
 from flgpr.chain.steps import Steps, check_confidence
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.model import Lane
@@ -168,11 +168,9 @@ def build_stages(
         1,
         {},
     )
-    stages = {}
+    stages = make_stages(recipe.named(), setup, model.stages)
     columns: list[str] = []
-    for name, entry in recipe.named().items():
-        stage = make_stage(name, entry, setup, model.stages.get(name))
-        stages[name] = stage
+    for stage in stages.values():
         if isinstance(stage, FeatureStage):
             columns.extend(stage.columns)
     check_confidence(recipe, columns)

@@ -476,6 +476,71 @@ def make_stage(name: str, entry: Named, setup: Setup, learnt: Arrays | None) -> 
     return entry.stage_class(entry.settings, setup, learnt)
 
 
+def make_stages(
+    entries: Mapping[str, Named], setup: Setup, learnt: Mapping[str, Arrays]
+) -> dict[str, Stage]:
+    """Return the stages that a recipe names, but for the clutter stages, by their names.
+
+    Parameters
+    ----------
+    entries : mapping of str to Named
+        Class and settings of all stages of the recipe, by name.
+    setup : Setup
+        The chain they belong to.
+    learnt : mapping of str to dict of ndarray
+        What a model holds for stages that have learnt.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`make_stage`.
+    """
+    stages: dict[str, Stage] = {}
+    for name, entry in entries.items():
+        if not issubclass(entry.stage_class, ClutterStage):
+            stages[name] = make_stage(name, entry, setup, learnt.get(name))
+    return stages
+
+
+def make_clutter_stages(
+    entries: Mapping[str, Named],
+    setup: Setup,
+    learnt: Mapping[str, Arrays],
+    measured: Callable[[int, int], ComplexArray],
+) -> dict[str, ClutterStage]:
+    """Return the clutter stages that a recipe names, each reading what the one before it leaves.
+
+    Parameters
+    ----------
+    entries : mapping of str to Named
+        Class and settings of all stages of the recipe, by name.
+    setup : Setup
+        The chain they belong to.
+    learnt : mapping of str to dict of ndarray
+        What a model holds for stages that have learnt.
+    measured : callable
+        Returns the measured data of the last scans up to an index: ``measured(index, count)``.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`make_stage`.
+    """
+    stages: dict[str, ClutterStage] = {}
+    before = measured
+    for name, entry in entries.items():
+        if not issubclass(entry.stage_class, ClutterStage):
+            continue
+        stage = make_stage(name, entry, setup, learnt.get(name))
+        stage.before = before
+        stages[name] = stage
+        before = stage.data
+        if entry.stage_class.learns and name not in learnt:
+            # In training the stages after it work on what it will leave once it has learnt.
+            break
+    return stages
+
+
 ClutterNamed = Annotated[Named, BeforeValidator(_reader_of("clutter"))]
 MapNamed = Annotated[Named, BeforeValidator(_reader_of("map"))]
 ScreenNamed = Annotated[Named, BeforeValidator(_reader_of("screen"))]
