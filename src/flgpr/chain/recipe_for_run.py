@@ -8,7 +8,7 @@ from pathlib import Path
 import xarray as xr
 
 from flgpr.chain.radar_setup import goes_across, radar_setup
-from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.chain.recipe_choice import figures_of
 from flgpr.chain.recipe_like import ModelRecipe, like_text, load_model
 from flgpr.chain.recipe_writing import fitted_text
@@ -68,6 +68,38 @@ def recipe_for(
     return text
 
 
+def recipe_or_fitted(
+    recipe: str | Path | None,
+    run: str | Path,
+    model: str | Path | None = None,
+    max_memory: int = MAX_MEMORY,
+) -> str:
+    """Return the text of a recipe, or that of the one that is made for a stored run.
+
+    Parameters
+    ----------
+    recipe : str or path, optional
+        Packaged recipe, or a file; None makes one.
+    run : str or path
+        Run store.
+    model : str or path, optional
+        Folder of a trained model, which works with its own recipe alone.
+    max_memory : int
+        Bytes that reading the run may take.
+
+    Raises
+    ------
+    ValueError
+        If there is no such recipe, none for the model, or as of :func:`fit_recipe`.
+    """
+    if recipe is not None:
+        return recipe_text(recipe)
+    # A model holds what the stages of its own recipe have learnt.
+    if model is not None:
+        raise ValueError("recipe must be given with a model: the one it was trained with, got none")
+    return recipe_for(run, max_memory=max_memory)
+
+
 def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = None) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
@@ -108,7 +140,7 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = 
     --------
     >>> from flgpr.store import open_run, sample_lane
     >>> from flgpr.chain.recipe_for_run import fit_recipe
-    >>> from flgpr.chain.recipe import parse_recipe
+    >>> from flgpr.chain.recipe import parse_recipe, recipe_text
     >>> recipe = parse_recipe(fit_recipe(open_run(sample_lane() / "run.zarr")))
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.8, 8.45), 'HH', ['F1'])

@@ -6,9 +6,7 @@ them.
 
 from __future__ import annotations
 
-import tempfile
-import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,6 +27,7 @@ from flgpr.commands.options import (
     output_option,
     runs_by_name,
 )
+from flgpr.commands.run_locations import RunLocations, is_in_memory
 from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
@@ -176,6 +175,7 @@ def detect(
     FileExistsError
         If another result is there, and it is not to be overwritten, or something that is no result.
     """
+    from flgpr.chain.recipe_for_run import recipe_or_fitted
     from flgpr.execution.survey import detect_survey, lane_names
     from flgpr.results.survey import Survey
 
@@ -191,17 +191,17 @@ def detect(
         if lanes is not None and len(lanes) > 1:
             raise ValueError(f"lane must be given once per run, got {len(lanes)} for 1 run")
         given_lane = None if lanes is None else lanes[0]
-        with _Locations(run_list[0], output, other_runs[0]) as locations:
+        with RunLocations(run_list[0], output, other_runs[0]) as locations:
             _detect_lane(locations, recipe, given_lane, model, section, report, options, overwrite)
             return locations.result()
 
     if output is None:
         raise ValueError(f"output must be given for several runs, got none for {len(run_list)}")
-    if any(_is_in_memory(run) for run in run_list):
+    if any(is_in_memory(run) for run in run_list):
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
 
     lane_names(run_list)  # refuses runs of one name before a recipe is made
-    text = _recipe_text(recipe, run_list[0], model, options)
+    text = recipe_or_fitted(recipe, run_list[0], model, options.max_memory)
     folders = detect_survey(
         run_list,
         text,
@@ -219,7 +219,7 @@ def detect(
 
 
 def _detect_lane(
-    locations: _Locations,
+    locations: RunLocations,
     recipe: PathLike | None,
     given_lane: PathLike | Lane | None,
     model: PathLike | None,
@@ -230,10 +230,11 @@ def _detect_lane(
 ) -> None:
     """Detect on one stored run, in one piece or in sections."""
     from flgpr.chain.recipe import parse_recipe
+    from flgpr.chain.recipe_for_run import recipe_or_fitted
     from flgpr.execution.driver import detect_lane
     from flgpr.execution.job import job_of_run
 
-    text = _recipe_text(recipe, locations.run, model, options)
+    text = recipe_or_fitted(recipe, locations.run, model, options.max_memory)
     job = job_of_run(
         locations.run,
         parse_recipe(text, str(recipe)),
@@ -248,72 +249,3 @@ def _detect_lane(
     )
     with options.executor() as executor:
         detect_lane(job, executor, options.track, options.note, section, overwrite)
-
-
-def _recipe_text(
-    recipe: PathLike | None, run: PathLike, model: PathLike | None, options: RunOptions
-) -> str:
-    """Return the text of a recipe, or of the one that is made for a run."""
-    from flgpr.chain.recipe import recipe_text
-    from flgpr.chain.recipe_for_run import recipe_for
-
-    if recipe is not None:
-        return recipe_text(recipe)
-    # A model holds what the stages of its own recipe have learnt.
-    if model is not None:
-        raise ValueError("recipe must be given with a model: the one it was trained with, got none")
-    return recipe_for(run, max_memory=options.max_memory)
-
-
-def _is_in_memory(run: Any) -> bool:
-    """Return whether a run is no path of a store."""
-    return not isinstance(run, str | Path)
-
-
-class _Locations:
-    """Paths of a run and its result; what is in memory is stored in a temporary folder.
-
-    The folder lives as long as the result that :meth:`result` returns.
-    """
-
-    def __init__(self, run: Any, output: PathLike | None, other_runs: Mapping[str, Any]) -> None:
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
-        self.run: Path = self._store_of(run, "run")
-        self.other_runs: dict[str, Path] = {}
-        for name, other_run in other_runs.items():
-            self.other_runs[name] = self._store_of(other_run, name)
-        self.output = self._folder() / "result" if output is None else Path(output)
-        self._result_is_temporary = output is None
-
-    def __enter__(self) -> _Locations:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._temporary is not None and not self._result_is_temporary:
-            self._temporary.cleanup()
-
-    def result(self) -> Result:
-        """Read the result that was made."""
-        from flgpr.results.result import read_lane_result
-
-        result = read_lane_result(self.output)
-        # The result reads its files when it is asked: the folder must live as long.
-        if self._temporary is not None:
-            weakref.finalize(result, self._temporary.cleanup)
-        return result
-
-    def _folder(self) -> Path:
-        """Return the temporary folder, made on first use."""
-        if self._temporary is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix="flgpr-")
-        return Path(self._temporary.name)
-
-    def _store_of(self, run: Any, name: str) -> Path:
-        """Return the store of a run; a run in memory is saved first."""
-        if not _is_in_memory(run):
-            return Path(run)
-        from flgpr.store import save_run
-
-        store = self._folder() / f"{name}.zarr"
-        save_run(run, store)
-        return store

@@ -1,4 +1,4 @@
-"""The description of a run in a manifest."""
+"""The description of a run in a manifest, and the checks of a manifest from anywhere."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.model import complete_scans
+from flgpr.model import POSE_COMPONENTS, complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.store import read_manifest
 
 _COPIED_ATTRIBUTES = ("soil", "georeference")
+_TEXTS = ("title", "source", "path", "store_sha256")
+_COUNTS = ("scans", "missing_sweeps", "pairs", "tones")
+_ROWS = {"pose": len(POSE_COMPONENTS), "tx_m": 3, "rx_m": 3, "frequency_hz": 2}
+"""How many numbers a row of an entry has."""
 
 
 def describe_run(
@@ -65,6 +69,74 @@ def describe_run(
         description["path"] = str(Path(path).resolve())
         description["store_sha256"] = read_manifest(path)["sha256"]
     return description
+
+
+def check_origin(manifest: Mapping[str, Any]) -> None:
+    """Check the types of what a manifest says of program and recipe; another type is a ValueError."""
+    for name in ("flgpr", "python", "recipe_sha256", "identity"):
+        value = manifest.get(name, "")
+        if not isinstance(value, str):
+            raise ValueError(f"{name} must be text, got {str(value)[:60]!r}")
+    libraries = manifest.get("libraries", {})
+    if not isinstance(libraries, dict):
+        raise ValueError(f"libraries must be a table, got {str(libraries)[:60]!r}")
+
+
+def check_description(description: Any) -> None:
+    """Check the types of what a manifest that may come from anywhere says of a run.
+
+    Entries may be missing: results of older versions have fewer.
+
+    Raises
+    ------
+    ValueError
+        Naming the entry whose value is of another type than ``describe_run`` writes.
+    """
+    if not isinstance(description, dict):
+        raise _other_type("run", "a table", description)
+    for name in _TEXTS:
+        if not isinstance(description.get(name, ""), str):
+            raise _other_type(f"run.{name}", "text", description[name])
+    for name in _COUNTS:
+        count = description.get(name, 0)
+        if type(count) is not int or count < 0:
+            raise _other_type(f"run.{name}", "a count", count)
+    motion = description.get("motion", {})
+    if not isinstance(motion, dict):
+        raise _other_type("run.motion", "a table", motion)
+    _check_scan_numbers("run.masked_scans", description.get("masked_scans", []))
+    _check_scan_numbers("run.motion.scans", motion.get("scans", []))
+    _check_texts("run.motion.notes", motion.get("notes", []))
+    _check_texts("run.polarizations", description.get("polarizations", []))
+    for name, length in _ROWS.items():
+        rows = description.get(name, [])
+        try:
+            np.asarray(rows, dtype=np.float64).reshape(-1, length)
+        except (TypeError, ValueError):
+            raise _other_type(f"run.{name}", f"rows of {length} numbers", rows) from None
+    others = description.get("others", {})
+    if not isinstance(others, dict):
+        raise _other_type("run.others", "a table", others)
+    for other in others.values():
+        described_store(other)
+
+
+def _check_scan_numbers(entry: str, numbers: Any) -> None:
+    """Check that an entry is a list of scan numbers."""
+    is_list = isinstance(numbers, list)
+    if not is_list or not all(type(number) is int and number >= 0 for number in numbers):
+        raise _other_type(entry, "a list of scan numbers", numbers)
+
+
+def _check_texts(entry: str, texts: Any) -> None:
+    """Check that an entry is a list of texts."""
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise _other_type(entry, "a list of texts", texts)
+
+
+def _other_type(entry: str, rule: str, value: Any) -> ValueError:
+    """Return the error of an entry that breaks its rule."""
+    return ValueError(f"{entry} must be {rule}, got {str(value)[:60]!r}")
 
 
 def described_store(description: Any) -> tuple[str, str]:

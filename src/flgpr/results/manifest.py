@@ -1,4 +1,4 @@
-"""The manifest of a result folder: its seal, and the checks of one that may come from anywhere."""
+"""The manifest of a result folder and its seal; one that is read may come from anywhere."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from flgpr.model import POSE_COMPONENTS
-from flgpr.results.description import described_store
+from flgpr.results.description import check_description, check_origin
 from flgpr.results.errors import ResultError
 from flgpr.store import canonical_json, json_with_digest, sha256
 from flgpr.store.files import read_with_digest
@@ -17,10 +14,6 @@ from flgpr.store.files import read_with_digest
 FORMAT = "flgpr-result"
 VERSION = 2
 MANIFEST = "manifest.json"
-_TEXTS = ("title", "source", "path", "store_sha256")
-_COUNTS = ("scans", "missing_sweeps", "pairs", "tones")
-_ROWS = {"pose": len(POSE_COMPONENTS), "tx_m": 3, "rx_m": 3, "frequency_hz": 2}
-"""How many numbers a row of an entry has."""
 
 # Digest and size of a file; None for no file, and a size of None where it is not known.
 Version = tuple[str | None, int | None]
@@ -69,8 +62,8 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
         manifest = read_with_digest(folder, MANIFEST)
         if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        _check_origin(manifest)
-        _check_description(manifest["run"])
+        check_origin(manifest)
+        check_description(manifest["run"])
         return manifest
     except OSError as error:
         raise ResultError(
@@ -78,71 +71,3 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
         ) from None
     except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise ResultError(f"{folder}: manifest.json is altered: {error}") from None
-
-
-def _check_origin(manifest: Mapping[str, Any]) -> None:
-    """Check the types of what a manifest says of program and recipe; another type is a ValueError."""
-    for name in ("flgpr", "python", "recipe_sha256", "identity"):
-        value = manifest.get(name, "")
-        if not isinstance(value, str):
-            raise ValueError(f"{name} must be text, got {str(value)[:60]!r}")
-    libraries = manifest.get("libraries", {})
-    if not isinstance(libraries, dict):
-        raise ValueError(f"libraries must be a table, got {str(libraries)[:60]!r}")
-
-
-def _check_description(description: Any) -> None:
-    """Check the types of what a manifest that may come from anywhere says of a run.
-
-    Entries may be missing: results of older versions have fewer.
-
-    Raises
-    ------
-    ValueError
-        Naming the entry whose value is of another type than ``describe_run`` writes.
-    """
-    if not isinstance(description, dict):
-        raise _other_type("run", "a table", description)
-    for name in _TEXTS:
-        if not isinstance(description.get(name, ""), str):
-            raise _other_type(f"run.{name}", "text", description[name])
-    for name in _COUNTS:
-        count = description.get(name, 0)
-        if type(count) is not int or count < 0:
-            raise _other_type(f"run.{name}", "a count", count)
-    motion = description.get("motion", {})
-    if not isinstance(motion, dict):
-        raise _other_type("run.motion", "a table", motion)
-    _check_scan_numbers("run.masked_scans", description.get("masked_scans", []))
-    _check_scan_numbers("run.motion.scans", motion.get("scans", []))
-    _check_texts("run.motion.notes", motion.get("notes", []))
-    _check_texts("run.polarizations", description.get("polarizations", []))
-    for name, length in _ROWS.items():
-        rows = description.get(name, [])
-        try:
-            np.asarray(rows, dtype=np.float64).reshape(-1, length)
-        except (TypeError, ValueError):
-            raise _other_type(f"run.{name}", f"rows of {length} numbers", rows) from None
-    others = description.get("others", {})
-    if not isinstance(others, dict):
-        raise _other_type("run.others", "a table", others)
-    for other in others.values():
-        described_store(other)
-
-
-def _check_scan_numbers(entry: str, numbers: Any) -> None:
-    """Check that an entry is a list of scan numbers."""
-    is_list = isinstance(numbers, list)
-    if not is_list or not all(type(number) is int and number >= 0 for number in numbers):
-        raise _other_type(entry, "a list of scan numbers", numbers)
-
-
-def _check_texts(entry: str, texts: Any) -> None:
-    """Check that an entry is a list of texts."""
-    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-        raise _other_type(entry, "a list of texts", texts)
-
-
-def _other_type(entry: str, rule: str, value: Any) -> ValueError:
-    """Return the error of an entry that breaks its rule."""
-    return ValueError(f"{entry} must be {rule}, got {str(value)[:60]!r}")

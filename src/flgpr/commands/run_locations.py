@@ -1,0 +1,77 @@
+"""Where a run and its result lie, also for a run in memory and a result that nobody keeps."""
+
+from __future__ import annotations
+
+import tempfile
+import weakref
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flgpr.commands.options import PathLike
+
+if TYPE_CHECKING:
+    from flgpr.results.result import Result
+
+
+def is_in_memory(run: Any) -> bool:
+    """Return whether a run is no path of a store."""
+    return not isinstance(run, str | Path)
+
+
+class RunLocations:
+    """Paths of a run and its result; what is in memory is stored in a temporary folder.
+
+    The folder lives as long as the result that :meth:`result` returns.
+
+    Parameters
+    ----------
+    run : str, path or xarray.Dataset
+        The run, or its store.
+    output : str or path, optional
+        Result folder to make; by default a temporary one.
+    other_runs : mapping of str to run or path
+        Runs taken together with it, by the names that the recipe gives them.
+    """
+
+    def __init__(self, run: Any, output: PathLike | None, other_runs: Mapping[str, Any]) -> None:
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self.run: Path = self._store_of(run, "run")
+        self.other_runs: dict[str, Path] = {}
+        for name, other_run in other_runs.items():
+            self.other_runs[name] = self._store_of(other_run, name)
+        self.output = self._folder() / "result" if output is None else Path(output)
+        self._result_is_temporary = output is None
+
+    def __enter__(self) -> RunLocations:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._temporary is not None and not self._result_is_temporary:
+            self._temporary.cleanup()
+
+    def result(self) -> Result:
+        """Read the result that was made."""
+        from flgpr.results.result import read_lane_result
+
+        result = read_lane_result(self.output)
+        # The result reads its files when it is asked: the folder must live as long.
+        if self._temporary is not None:
+            weakref.finalize(result, self._temporary.cleanup)
+        return result
+
+    def _folder(self) -> Path:
+        """Return the temporary folder, made on first use."""
+        if self._temporary is None:
+            self._temporary = tempfile.TemporaryDirectory(prefix="flgpr-")
+        return Path(self._temporary.name)
+
+    def _store_of(self, run: Any, name: str) -> Path:
+        """Return the store of a run; a run in memory is saved first."""
+        if not is_in_memory(run):
+            return Path(run)
+        from flgpr.store import save_run
+
+        store = self._folder() / f"{name}.zarr"
+        save_run(run, store)
+        return store
