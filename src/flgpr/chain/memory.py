@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import xarray as xr
 
@@ -91,14 +92,80 @@ def check_scan_memory(shape: tuple[int, int, int], recipe: Recipe, limit: int = 
         )
 
 
-def memory_needed(
-    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None
-) -> float:
-    """Estimate from above the bytes of a process that works on a lane.
+@dataclass(frozen=True)
+class LaneMemory:
+    """Estimate from above of the bytes of a process that works on a lane.
 
     They do not grow with the number of scans, but for a self-signature by the median, which holds
     all images. What grows with the length of the lane are its run-views and alarms. The factors
     were measured, see docs/evidence/robustness.md.
+    """
+
+    scan: float  #: a scan at work and the sums of its block, once for every thread
+    background: float  #: the images that a self-signature by the median holds
+    stages: float  #: what the recipe's stages take
+    view: Grid  #: pixels of the run-view of the lane
+    per_pixel: float  #: run-views, for each of their pixels
+    per_alarm: float  #: features, for each alarm
+    density: float  #: alarms in the area of one
+    alarm_area: float  #: area of an alarm, m²
+
+    def needed(self, rows: int | None = None) -> float:
+        """Return the bytes for so many rows of the run-view at a time; by default for all."""
+        pixels = self.view.nx * (self.view.ny if rows is None else rows)
+        alarms = self.density * pixels * self.view.dx * self.view.dy / self.alarm_area
+        run_views = self.per_pixel * pixels + self.per_alarm * alarms
+        return _PROGRAM + self.scan + self.background + run_views + self.stages
+
+
+def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMemory:
+    """Estimate what a process that works on a lane takes.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    """
+    scan = thread_memory(sizes, recipe)
+    image = recipe.image.grid()
+    view = recipe.run_view.grid(lane)
+    bands = len(recipe.image.subbands)
+    polarizations = len(recipe.image.polarizations) or sizes["polarization"]
+    channels = polarizations * bands
+
+    background = 0.0
+    if recipe.background.self_signature == "median":
+        images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
+        background = _MEDIAN * images
+
+    # Beside the recipe's look there is one of the images before their background is removed.
+    view_channels = 1
+    if recipe.map is None:
+        view_channels = len(recipe.run_view.channels(list(recipe.image.subbands))) * polarizations
+    columns = column_count(polarizations, recipe, view)
+    stages = 0.0
+    for stage in recipe.named().values():
+        stages += stage.stage_class.memory(stage.settings, sizes, image)
+    return LaneMemory(
+        scan=scan,
+        background=background,
+        stages=stages,
+        view=view,
+        per_pixel=_PER_VIEW_PIXEL * (channels + view_channels) / 2,
+        per_alarm=_PER_ALARM * bands + _PER_VALUE * columns,
+        density=recipe.prescreen.density,
+        alarm_area=3.14 * recipe.prescreen.radius**2,
+    )
+
+
+def memory_needed(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None
+) -> float:
+    """Estimate from above the bytes of a process that works on a lane, see :class:`LaneMemory`.
 
     Parameters
     ----------
@@ -116,50 +183,7 @@ def memory_needed(
     float
         Bytes.
     """
-    image = recipe.image.grid()
-    stages = 0.0
-    for stage in recipe.named().values():
-        stages += stage.stage_class.memory(stage.settings, sizes, image)
-    background = _background_bytes(sizes, recipe)
-    run_views = _run_view_bytes(sizes, recipe, lane, rows)
-    return _PROGRAM + thread_memory(sizes, recipe) + background + run_views + stages
-
-
-def _imaged_channels(sizes: Mapping[str, int], recipe: Recipe) -> int:
-    """Return the number of channels of an image."""
-    polarizations = len(recipe.image.polarizations) or sizes["polarization"]
-    return polarizations * len(recipe.image.subbands)
-
-
-def _background_bytes(sizes: Mapping[str, int], recipe: Recipe) -> float:
-    """Estimate the bytes of the images that a self-signature by the median holds."""
-    if recipe.background.self_signature != "median":
-        return 0
-    image = recipe.image.grid()
-    channels = _imaged_channels(sizes, recipe)
-    images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
-    return _MEDIAN * images
-
-
-def _run_view_bytes(
-    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None
-) -> float:
-    """Estimate the bytes of run-views, on some of their rows, and of the features of alarms."""
-    view = recipe.run_view.grid(lane)
-    bands = len(recipe.image.subbands)
-    channels = _imaged_channels(sizes, recipe)
-    pixels = view.nx * (view.ny if rows is None else rows)
-    screen = recipe.prescreen
-    alarms = screen.density * pixels * view.dx * view.dy / (3.14 * screen.radius**2)
-    per_alarm = _PER_ALARM * bands + _PER_VALUE * column_count(channels // bands, recipe, view)
-
-    # Beside the recipe's look there is one of the images before their background is removed.
-    view_channels = 1
-    if recipe.map is None:
-        names = len(recipe.run_view.channels(list(recipe.image.subbands)))
-        view_channels = names * channels // bands
-    views = _PER_VIEW_PIXEL * (channels + view_channels) / 2 * pixels
-    return views + per_alarm * alarms
+    return lane_memory(sizes, recipe, lane).needed(rows)
 
 
 def column_count(polarizations: int, recipe: Recipe, view: Grid) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.chain.memory import memory_needed, thread_memory
+from flgpr.chain.memory import LaneMemory, lane_memory
 from flgpr.chain.recipe import Recipe
 from flgpr.model import Lane
 from flgpr.screen import view_threshold
@@ -125,8 +125,9 @@ def plan_sections(
     """
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")
-    grid = recipe.run_view.grid(lane)
-    needed = memory_needed(sizes, recipe, lane)
+    memory = lane_memory(sizes, recipe, lane)
+    needed = memory.needed()
+    grid = memory.view
     wanted_rows = grid.ny
     if longest is not None and longest != math.inf:
         wanted_rows = max(1, math.floor(longest / grid.dy + 1e-9))
@@ -139,21 +140,21 @@ def plan_sections(
             "give more or take it in sections"
         )
 
-    rows = _rows_within(sizes, recipe, lane, limit, wanted_rows)
+    rows = _rows_within(memory, margin(recipe), limit, wanted_rows)
     sections = divide(grid.ny, rows)
     for section in sections:
         section_lane(recipe, lane, section)  # refuses a section without any of the lane
     return sections
 
 
-def _rows_within(
-    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int, most: int
-) -> int:
-    """Return the rows of a section, at most ``most``, that ``limit`` bytes suffice for."""
-    grid = recipe.run_view.grid(lane)
-    beyond = 2 * margin(recipe)
+def _rows_within(memory: LaneMemory, beyond: int, limit: int, most: int) -> int:
+    """Return the rows of a section, at most ``most``, that ``limit`` bytes suffice for.
+
+    It must know ``beyond`` rows more at either end.
+    """
+    grid = memory.view
     shortest = min(math.ceil(SHORTEST / grid.dy), most, grid.ny)
-    least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
+    least = memory.needed(min(shortest + 2 * beyond, grid.ny))
     if least > limit:
         raise ValueError(
             f"max-memory must be at least {least / 1e9:.3g} GB for this run, "
@@ -161,8 +162,8 @@ def _rows_within(
         )
 
     # What is left beside the shortest section and a second thread makes sections longer.
-    per_row = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
-    room = limit - least - thread_memory(sizes, recipe)
+    per_row = memory.needed(1) - memory.needed(0)
+    room = limit - least - memory.scan
     longer = int(max(room, 0) / per_row)
     return min(most, shortest + longer)
 
@@ -193,8 +194,9 @@ def threads_within(
     if len(sections) > 1:
         longest = max(section.stop - section.start for section in sections)
         rows = longest + 2 * margin(recipe)
-    room = limit - memory_needed(sizes, recipe, lane, rows)
-    return 1 + max(0, int(room / thread_memory(sizes, recipe)))
+    memory = lane_memory(sizes, recipe, lane)
+    room = limit - memory.needed(rows)
+    return 1 + max(0, int(room / memory.scan))
 
 
 def section_note(lane: Lane, section: Section) -> dict[str, Any]:
