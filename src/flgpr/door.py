@@ -18,12 +18,11 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import json
 import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader
@@ -31,6 +30,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from flgpr import system
+from flgpr.json_text import MOST_NESTING, parse_json
 
 MOST_BYTES = 256 * 2**20
 """Largest file that is read as a whole."""
@@ -38,10 +38,6 @@ MOST_CHECKED = 4 * 2**30
 """Largest file of which the digest is taken."""
 MOST_JSON = 64 * 2**20
 """Largest file of JSON that is parsed."""
-MOST_VALUES = 8_000_000
-"""Most values in a file of JSON: each takes up to 100 bytes of memory."""
-MOST_NESTING = 100
-"""Deepest nesting of JSON; Python itself gives up at about ten times that."""
 _MOST_EXPANSION = 200  # bytes decoded to bytes in the file
 _SMALL = 64 * 2**20  # bytes decoded up to which any expansion is allowed
 MOST_TOML = 16 * 2**20
@@ -384,33 +380,6 @@ def _opened_regular(path: str, flags: int) -> int:
     return _regular(handle, path)
 
 
-def count_values(data: bytes | str) -> int:
-    """Return how many values a text of JSON has at most, without parsing it."""
-    # Every value but the first follows one of these marks.
-    marks: tuple[Any, ...] = (",", "[", "{") if isinstance(data, str) else (b",", b"[", b"{")
-    return sum(data.count(mark) for mark in marks)
-
-
-def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) -> Any:
-    """Parse JSON of at most :data:`MOST_VALUES` values, nested :data:`MOST_NESTING` deep.
-
-    Anything else is a ValueError. ``constant`` returns what stands for NaN and infinity, by default
-    these numbers.
-    """
-    if count_values(data) > MOST_VALUES:
-        raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
-    try:
-        value = json.loads(data, parse_constant=constant)
-    except RecursionError:
-        raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
-    containers = [value]
-    for _ in range(MOST_NESTING + 1):
-        containers = _inner_containers(containers)
-        if not containers:
-            return value
-    raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
-
-
 def parse_toml(data: bytes | str) -> dict[str, Any]:
     """Parse TOML in UTF-8 of at most :data:`MOST_TOML` characters; anything else is a ValueError.
 
@@ -427,19 +396,6 @@ def parse_toml(data: bytes | str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-
-
-def _inner_containers(values: Sequence[Any]) -> list[Any]:
-    """Return the objects and lists that lie directly in these values."""
-    containers = []
-    for value in values:
-        entries: Any = ()
-        if isinstance(value, dict):
-            entries = value.values()
-        elif isinstance(value, list):
-            entries = value
-        containers += [entry for entry in entries if isinstance(entry, dict | list)]
-    return containers
 
 
 def check_expansion(name: str, size: int, room: int) -> None:

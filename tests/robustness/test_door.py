@@ -27,9 +27,10 @@ from damage import (
 from flgpr import door
 from flgpr.chain.model import load_model
 from flgpr.commands.registering import find_entrant
-from flgpr.door import DoorError, Folder, Listed, parse_json, read_named
+from flgpr.door import DoorError, Folder, Listed, read_named
 from flgpr.execution.checkpoint import Checkpoint, begin
 from flgpr.formats import gprmax_decks
+from flgpr.json_text import parse_json
 from flgpr.results.result import add_files, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import (
@@ -511,7 +512,7 @@ def test_a_work_folder_takes_nothing_else_up(work, name, damage, tmp_path):
 
 def test_arrays_may_not_share_bytes(tmp_path):
     """Else a small file would hold a thousand large arrays."""
-    from flgpr.store.files import canonical_json
+    from flgpr.json_text import canonical_json
 
     body = bytes(6400)
     entry = {"dtype": "<f8", "shape": [800], "sha256": sha256(body)}

@@ -21,6 +21,7 @@ from flgpr.chain.model import MODEL_FILE, load_model, save_model
 from flgpr.chain.recipe import load_recipe, recipe_text
 from flgpr.commands.scoring import read_lanes
 from flgpr.formats.fullwave import import_fullwave
+from flgpr.json_text import canonical_json
 from flgpr.live.state import read_snapshot, write_snapshot
 from flgpr.model import load_sensor, make_run
 from flgpr.results.result import read_result
@@ -38,7 +39,6 @@ from flgpr.store import (
     sha256,
     write_bundle,
 )
-from flgpr.store.files import canonical_json
 from flgpr.store.journal import JOURNAL, Journal, WrittenScan
 from flgpr.store.run_writer import _digests
 from flgpr.trials.ledger import read_register, register

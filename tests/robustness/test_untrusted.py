@@ -19,6 +19,7 @@ from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import plan_sections
 from flgpr.commands.imports import import_fullwave
 from flgpr.formats.arrays import open_arrays
+from flgpr.json_text import canonical_json
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, read_result
 from flgpr.store import (
@@ -30,7 +31,6 @@ from flgpr.store import (
     save_run,
     sha256,
 )
-from flgpr.store.files import canonical_json
 
 
 def forge(store, change):

@@ -120,7 +120,7 @@ def test_plain_zarr_opens_it_without_a_warning(name):
 
 def test_consolidated_metadata_that_differ_from_the_arrays_are_refused(small_run, tmp_path):
     """A reader that takes the group's word would see another run than one that looks at the arrays."""
-    from flgpr.store.files import canonical_json, sha256
+    from flgpr.json_text import canonical_json, sha256
     from flgpr.store.run_store import manifest_bytes
 
     root = save_run(small_run, tmp_path / "a.zarr")

@@ -7,17 +7,8 @@ import os
 import pytest
 
 from flgpr.door import DoorError, listed_files
-from flgpr.store.files import (
-    canonical_json,
-    check_free_folder,
-    existing,
-    json_with_digest,
-    merge_tables,
-    parse_with_digest,
-    replace_folder,
-    sha256,
-    write_whole,
-)
+from flgpr.json_text import canonical_json, json_with_digest, parse_with_digest, sha256
+from flgpr.store.files import check_free_folder, existing, merge_tables, replace_folder, write_whole
 
 
 def test_canonical_json_does_not_depend_on_the_order_of_keys():

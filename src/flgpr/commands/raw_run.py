@@ -24,10 +24,10 @@ from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.commands.picture import Picture, picture_of
 from flgpr.commands.preparing import Background, Step, Subtract, TimeZero, check_steps
 from flgpr.commands.run_report import geometry_doubts
-from flgpr.door import parse_json
 from flgpr.formats import is_gpr, preview_run
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
+from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run

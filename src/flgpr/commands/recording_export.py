@@ -20,11 +20,12 @@ from flgpr.chain.detection import Detection
 from flgpr.chain.look_samples import decibels
 from flgpr.commands.exporting import alarm_channel, detection_of
 from flgpr.commands.importing import check_parent_folder
-from flgpr.door import Folder, parse_json
+from flgpr.door import Folder
 from flgpr.formats import foxglove
 from flgpr.formats.mcap_writer import McapWriter, mcap_file
 from flgpr.geo import own_anchor, read_anchor
 from flgpr.geo.export import STATEMENT
+from flgpr.json_text import parse_json
 from flgpr.live.events import EVENT_FILE, add_places_on_earth
 from flgpr.results.result import Result, read_result
 from flgpr.store.notes import log_note

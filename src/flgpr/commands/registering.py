@@ -15,7 +15,8 @@ import pandas as pd
 
 from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
-from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, parse_json, read_named
+from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
+from flgpr.json_text import parse_json
 from flgpr.results.manifest import read_result_manifest
 from flgpr.results.result import MODEL
 from flgpr.results.sections import SECTIONS, read_sections, results_at

@@ -35,7 +35,8 @@ from flgpr.commands.score_text import (
     score_summary,
 )
 from flgpr.commands.shell import Arguments, command
-from flgpr.door import MOST_JSON, Folder, parse_json
+from flgpr.door import MOST_JSON, Folder
+from flgpr.json_text import parse_json
 
 if TYPE_CHECKING:
     from flgpr.commands.scoring import Scored

@@ -29,7 +29,8 @@ from flgpr.commands.scoring import (
     write_comparison,
 )
 from flgpr.commands.trial_card import TrialCard, ranking_notes
-from flgpr.door import MOST_JSON, Folder, parse_json, read_named
+from flgpr.door import MOST_JSON, Folder, read_named
+from flgpr.json_text import parse_json
 from flgpr.report import blind_html
 from flgpr.results.score import blind_roc_json
 from flgpr.scoring import Rules, SideBySide, side_by_side

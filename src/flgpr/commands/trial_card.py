@@ -13,7 +13,8 @@ from typing import Any
 import pandas as pd
 
 from flgpr.commands.registering import Entrant
-from flgpr.door import MOST_JSON, Folder, parse_json
+from flgpr.door import MOST_JSON, Folder
+from flgpr.json_text import parse_json
 
 _HEAD_LINES = 50  # of an alarm list in which its comments are looked for
 _HEAD_BYTES = 20_000

@@ -19,9 +19,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.door import parse_json
 from flgpr.formats.cphd_tree import ADDED, TIME, Vectors, metadata_tree
 from flgpr.geo.anchor import Anchor
+from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
 from flgpr.model.phase import lengthen
 from flgpr.store.extras import MissingExtraError, optional

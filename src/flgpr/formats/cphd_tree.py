@@ -13,9 +13,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.geo.anchor import Anchor
+from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
 from flgpr.store.extras import optional
-from flgpr.store.files import canonical_json
 
 FloatArray = NDArray[np.float64]
 Vectors = dict[str, NDArray[Any]]

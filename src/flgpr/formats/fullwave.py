@@ -17,8 +17,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.door import parse_json
 from flgpr.formats.arrays import open_arrays
+from flgpr.json_text import parse_json
 from flgpr.model import (
     OBJECT_COLUMNS,
     TRUTH_COLUMNS,

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import open_named, parse_json
+from flgpr.door import open_named
 from flgpr.formats.gpr_parts import exact_floats, first_bytes, measured_distance
+from flgpr.json_text import parse_json
 
 FloatArray = NDArray[np.float64]
 _Shape = tuple[int, int, int]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, parse_json
+from flgpr.door import MOST_CHECKED, MOST_JSON, Folder
 from flgpr.formats.gprmax import GprmaxOutput, read_gprmax
-from flgpr.store.files import canonical_json
+from flgpr.json_text import canonical_json, parse_json
 
 FORMAT = "flgpr-gprmax-1"
 MANIFEST = "manifest.json"

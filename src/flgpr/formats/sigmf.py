@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import MOST_JSON, MOST_VALUES, Folder, parse_json, read_named
+from flgpr.door import MOST_JSON, Folder, read_named
+from flgpr.json_text import MOST_VALUES, parse_json
 
 VERSION = "1.2.5"
 """Version of the specification that is written."""

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from flgpr.door import MOST_JSON, MOST_VALUES, count_values
+from flgpr.door import MOST_JSON
 from flgpr.formats.sigmf import DATA, META, NAMESPACE, VERSION
+from flgpr.json_text import MOST_VALUES, count_values
 from flgpr.model import check_run
 from flgpr.model.printable import printable
 from flgpr.store.notes import log_note

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flgpr.door import check_expansion, parse_json, read_named
+from flgpr.door import check_expansion, read_named
+from flgpr.json_text import parse_json
 from flgpr.live.event_types import Event
 from flgpr.live.events import EVENT_FILE, EventFile
 

@@ -17,7 +17,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
-from flgpr.door import MOST_JSON, Folder, listed_files, parse_json
+from flgpr.door import MOST_JSON, Folder, listed_files
+from flgpr.json_text import parse_json
 from flgpr.results.description import plausible_poses
 from flgpr.results.manifest import read_result_manifest
 from flgpr.results.result import Result

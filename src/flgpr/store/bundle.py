@@ -20,8 +20,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import Folder, parse_json
-from flgpr.store.files import canonical_json, own_temporary, sha256, writing
+from flgpr.door import Folder
+from flgpr.json_text import canonical_json, parse_json, sha256
+from flgpr.store.files import own_temporary, writing
 
 _KINDS = "biufcU"
 _TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")

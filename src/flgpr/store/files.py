@@ -1,12 +1,10 @@
-"""Atomic writing of files and folders, SHA-256 digests, and JSON files with a digest of their own.
+"""Atomic writing of files and folders, and reading of those whose digest is in them.
 
 A file that is written here holds either its old or its new content, whenever the process is killed.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 import shutil
@@ -18,51 +16,13 @@ from typing import Any, BinaryIO
 
 from flgpr import system
 from flgpr.append_log import sync_directory
-from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own, parse_json
+from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own
+from flgpr.json_text import parse_with_digest
 
 PARTIAL = ".partial"
 """Ending of the name of a file that is being written."""
 _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
-
-
-def sha256(data: bytes | memoryview) -> str:
-    """Return the SHA-256 of bytes.
-
-    Parameters
-    ----------
-    data : bytes or memoryview
-        The bytes.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
-    return hashlib.sha256(data).hexdigest()
-
-
-def canonical_json(value: Any) -> bytes:
-    """Return a JSON value in canonical form: sorted keys, no spaces, ASCII.
-
-    Parameters
-    ----------
-    value : JSON value
-        Nested dicts, lists, text, finite numbers, booleans and None.
-
-    Returns
-    -------
-    bytes
-        The same bytes for equal values, so that their digests are equal, too.
-
-    Raises
-    ------
-    ValueError
-        If a number is NaN or infinite.
-    TypeError
-        If an entry is no JSON value.
-    """
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
@@ -341,59 +301,6 @@ def merge_tables(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str
         is_nested = isinstance(entry, dict) and isinstance(tables.get(name), dict)
         merged[name] = merge_tables(tables[name], entry) if is_nested else entry
     return merged
-
-
-def json_with_digest(content: Mapping[str, Any]) -> bytes:
-    """Return a JSON object as text with its own SHA-256 as last entry.
-
-    Parameters
-    ----------
-    content : mapping of str to JSON value
-        The object.
-
-    Returns
-    -------
-    bytes
-        Indented JSON whose last entry ``sha256`` is the digest of the rest in canonical form.
-
-    Raises
-    ------
-    ValueError
-        If a number is NaN or infinite, or there is an entry ``sha256`` already.
-    """
-    if "sha256" in content:
-        raise ValueError("content must not hold the entry sha256, which is added")
-    with_digest = {**content, "sha256": sha256(canonical_json(content))}
-    return json.dumps(with_digest, indent=1, allow_nan=False).encode() + b"\n"
-
-
-def parse_with_digest(data: bytes) -> dict[str, Any]:
-    """Read the JSON object that :func:`json_with_digest` wrote, and check it.
-
-    Parameters
-    ----------
-    data : bytes
-        Text of :func:`json_with_digest`.
-
-    Returns
-    -------
-    dict
-        The object, with its entry ``sha256``.
-
-    Raises
-    ------
-    ValueError
-        If it is no such text, or a byte differs from what was written.
-    """
-    try:
-        with_digest = parse_json(data)
-        content = {name: value for name, value in with_digest.items() if name != "sha256"}
-        is_unaltered = json_with_digest(content) == data
-    except (ValueError, AttributeError) as error:
-        raise ValueError(f"it cannot be read ({error})") from None
-    if not is_unaltered:
-        raise ValueError("it differs from what was written")
-    return dict(with_digest)
 
 
 def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.append_log import AppendLog, LogHeldError
-from flgpr.door import parse_json
-from flgpr.store.files import canonical_json, sha256
+from flgpr.json_text import canonical_json, parse_json, sha256
 
 JOURNAL = "journal.jsonl"
 _FORMAT = "flgpr-journal-1"

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed, parse_json
+from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed
+from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import AXES, POSE_COMPONENTS, check_run
-from flgpr.store.files import canonical_json, sha256
 from flgpr.store.store_layout import DIMS, MAX_MEMORY, Layout, check_declared
 
 FORMAT = "flgpr-run"

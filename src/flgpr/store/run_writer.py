@@ -17,18 +17,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.door import MOST_JSON, DoorError, Folder, parse_json
+from flgpr.door import MOST_JSON, DoorError, Folder
+from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
 from flgpr.model.run import check_poses
-from flgpr.store.files import (
-    canonical_json,
-    replace_folder,
-    replaced_by,
-    sha256,
-    sync_file,
-    write_whole,
-    writing,
-)
+from flgpr.store.files import replace_folder, replaced_by, sync_file, write_whole, writing
 from flgpr.store.journal import (
     JOURNAL,
     Journal,

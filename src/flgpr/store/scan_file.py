@@ -25,9 +25,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.door import DoorError, Folder, parse_json
+from flgpr.door import DoorError, Folder
+from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
-from flgpr.store.files import canonical_json, sha256, write_whole
+from flgpr.store.files import write_whole
 
 MAGIC = b"FLGPRSC1"
 RUN_FORMAT = "flgpr-live-run"

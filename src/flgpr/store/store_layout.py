@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any, NamedTuple
 
-from flgpr.door import parse_json
+from flgpr.json_text import parse_json
 
 MAX_MEMORY = 2 * 10**9
 """Memory that reading may take by default, bytes."""

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flgpr.door import parse_json, read_named
+from flgpr.door import read_named
+from flgpr.json_text import parse_json
 from flgpr.store.files import existing
 
 VERDICTS = ("mine", "unsure", "clutter")

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.door import parse_json, read_named
+from flgpr.door import read_named
+from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.chance_level import Chance, chance
 from flgpr.scoring.curve import operating_row

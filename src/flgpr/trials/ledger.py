@@ -17,7 +17,8 @@ from typing import Any
 import pandas as pd
 
 from flgpr.append_log import AppendLog, read_log
-from flgpr.door import MOST_CHECKED, parse_json, read_named
+from flgpr.door import MOST_CHECKED, read_named
+from flgpr.json_text import parse_json
 
 OPENED = "truth opened"
 """Event of a register: a truth was looked at. What is registered after it is too late."""

@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flgpr.door import MOST_JSON, Folder, parse_json
+from flgpr.door import MOST_JSON, Folder
+from flgpr.json_text import parse_json
 from flgpr.store import canonical_json
 
 _FILES = {"roc.json": "flgpr-score", "comparison.json": "flgpr-comparison"}

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, parse_json, read_named
+from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
 from flgpr.formats import is_gpr, preview_run
+from flgpr.json_text import parse_json
 from flgpr.store import (
     MOST_VERDICT_BYTES,
     canonical_json,

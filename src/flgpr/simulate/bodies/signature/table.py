@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from flgpr.archive import Archive
-from flgpr.door import parse_json, read_named
+from flgpr.door import read_named
+from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import no_preset

@@ -1,0 +1,145 @@
+"""JSON text: parsed within limits, in canonical form, and with a digest of its own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+MOST_VALUES = 8_000_000
+"""Most values in a file of JSON: each takes up to 100 bytes of memory."""
+MOST_NESTING = 100
+"""Deepest nesting of JSON; Python itself gives up at about ten times that."""
+
+
+def count_values(data: bytes | str) -> int:
+    """Return how many values a text of JSON has at most, without parsing it."""
+    # Every value but the first follows one of these marks.
+    marks: tuple[Any, ...] = (",", "[", "{") if isinstance(data, str) else (b",", b"[", b"{")
+    return sum(data.count(mark) for mark in marks)
+
+
+def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) -> Any:
+    """Parse JSON of at most :data:`MOST_VALUES` values, nested :data:`MOST_NESTING` deep.
+
+    Anything else is a ValueError. ``constant`` returns what stands for NaN and infinity, by default
+    these numbers.
+    """
+    if count_values(data) > MOST_VALUES:
+        raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
+    try:
+        value = json.loads(data, parse_constant=constant)
+    except RecursionError:
+        raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
+    containers = [value]
+    for _ in range(MOST_NESTING + 1):
+        containers = _inner_containers(containers)
+        if not containers:
+            return value
+    raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
+
+
+def _inner_containers(values: Sequence[Any]) -> list[Any]:
+    """Return the objects and lists that lie directly in these values."""
+    containers = []
+    for value in values:
+        entries: Any = ()
+        if isinstance(value, dict):
+            entries = value.values()
+        elif isinstance(value, list):
+            entries = value
+        containers += [entry for entry in entries if isinstance(entry, dict | list)]
+    return containers
+
+
+def sha256(data: bytes | memoryview) -> str:
+    """Return the SHA-256 of bytes.
+
+    Parameters
+    ----------
+    data : bytes or memoryview
+        The bytes.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
+    return hashlib.sha256(data).hexdigest()
+
+
+def canonical_json(value: Any) -> bytes:
+    """Return a JSON value in canonical form: sorted keys, no spaces, ASCII.
+
+    Parameters
+    ----------
+    value : JSON value
+        Nested dicts, lists, text, finite numbers, booleans and None.
+
+    Returns
+    -------
+    bytes
+        The same bytes for equal values, so that their digests are equal, too.
+
+    Raises
+    ------
+    ValueError
+        If a number is NaN or infinite.
+    TypeError
+        If an entry is no JSON value.
+    """
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def json_with_digest(content: Mapping[str, Any]) -> bytes:
+    """Return a JSON object as text with its own SHA-256 as last entry.
+
+    Parameters
+    ----------
+    content : mapping of str to JSON value
+        The object.
+
+    Returns
+    -------
+    bytes
+        Indented JSON whose last entry ``sha256`` is the digest of the rest in canonical form.
+
+    Raises
+    ------
+    ValueError
+        If a number is NaN or infinite, or there is an entry ``sha256`` already.
+    """
+    if "sha256" in content:
+        raise ValueError("content must not hold the entry sha256, which is added")
+    with_digest = {**content, "sha256": sha256(canonical_json(content))}
+    return json.dumps(with_digest, indent=1, allow_nan=False).encode() + b"\n"
+
+
+def parse_with_digest(data: bytes) -> dict[str, Any]:
+    """Read the JSON object that :func:`json_with_digest` wrote, and check it.
+
+    Parameters
+    ----------
+    data : bytes
+        Text of :func:`json_with_digest`.
+
+    Returns
+    -------
+    dict
+        The object, with its entry ``sha256``.
+
+    Raises
+    ------
+    ValueError
+        If it is no such text, or a byte differs from what was written.
+    """
+    try:
+        with_digest = parse_json(data)
+        content = {name: value for name, value in with_digest.items() if name != "sha256"}
+        is_unaltered = json_with_digest(content) == data
+    except (ValueError, AttributeError) as error:
+        raise ValueError(f"it cannot be read ({error})") from None
+    if not is_unaltered:
+        raise ValueError("it differs from what was written")
+    return dict(with_digest)
