@@ -13,10 +13,10 @@ from flgpr.chain.recipe_choice import figures_of
 from flgpr.chain.recipe_like import ModelRecipe, like_text, load_model
 from flgpr.chain.recipe_writing import fitted_text
 from flgpr.model import Sensor, aperture_run, load_sensor
+from flgpr.model.faults import faults_of
 from flgpr.model.motion import plausible_run
 from flgpr.model.run_sensor import preset_of, sensor_of_run
 from flgpr.store import MAX_MEMORY, open_run
-from flgpr.store.files import faults_of
 from flgpr.store.outputs import write_new
 
 ASSUMED_ANTENNAS = "sri-array"

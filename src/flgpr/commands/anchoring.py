@@ -12,8 +12,9 @@ import numpy as np
 
 from flgpr.geo.anchor import Anchor, read_anchor
 from flgpr.model import Lane
+from flgpr.model.faults import faults_of
 from flgpr.store import open_run, read_lane, save_run, write_whole
-from flgpr.store.files import existing, faults_of
+from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output, write_new
 from flgpr.store.text_tables import read_text_table
 

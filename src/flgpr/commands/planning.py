@@ -18,11 +18,12 @@ from flgpr.commands.scoring import borders, read_lanes
 from flgpr.door import read_named
 from flgpr.geo import read_anchor
 from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.model.faults import faults_of
 from flgpr.report import sheet_html
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.extras import optional
-from flgpr.store.files import check_new, existing, faults_of
+from flgpr.store.files import check_new, existing
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
 from flgpr.store.tables import parse_table, read_columns, table_text
 from flgpr.trials import content_hash, emplacement_plan, read_register

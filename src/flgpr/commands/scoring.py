@@ -22,6 +22,7 @@ from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.trial_card import TrialCard, ranking_notes
 from flgpr.door import Folder, parse_toml, read_named
 from flgpr.model import Lane
+from flgpr.model.faults import faults_of
 from flgpr.report import comparison_html, score_files
 from flgpr.results.notebook_html import curve_html, outcomes_html
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
@@ -38,7 +39,7 @@ from flgpr.scoring import score as score_list
 from flgpr.scoring.matching import LaneLike
 from flgpr.store import read_table
 from flgpr.store.dialects import TableReading
-from flgpr.store.files import existing, faults_of
+from flgpr.store.files import existing
 from flgpr.store.tables import read_columns
 from flgpr.trials.ledger import RegisterLike
 

@@ -156,8 +156,8 @@ def _array(sensor: str) -> Sensor:
     if not Path(sensor).is_dir():
         return load_sensor(sensor)
     from flgpr.chain.recipe_for_run import sensor_for
+    from flgpr.model.faults import faults_of
     from flgpr.store import open_run
-    from flgpr.store.files import faults_of
 
     run = open_run(sensor)
     with faults_of(sensor):

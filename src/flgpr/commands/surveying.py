@@ -13,7 +13,8 @@ from flgpr.commands.planning import CREW_COLUMNS, Line, require_unopened
 from flgpr.commands.registering import default_register
 from flgpr.door import read_named
 from flgpr.model import check_truth
-from flgpr.store.files import existing, faults_of
+from flgpr.model.faults import faults_of
+from flgpr.store.files import existing
 from flgpr.store.outputs import write_new
 from flgpr.store.tables import parse_table, read_columns, table_text
 from flgpr.trials import content_hash, read_register

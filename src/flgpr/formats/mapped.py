@@ -29,9 +29,9 @@ from flgpr.formats.mapping import (
 from flgpr.formats.poses import read_poses, read_track_table
 from flgpr.formats.sources import FloatArray, Sources, plausible
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
+from flgpr.model.faults import faults_of
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
-from flgpr.store.files import faults_of
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor

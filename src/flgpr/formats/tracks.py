@@ -18,9 +18,10 @@ from flgpr.formats.axes import attitude_of, axes_matrix
 from flgpr.formats.mapping import factor
 from flgpr.formats.motive import is_motive
 from flgpr.geo.anchor import Anchor
+from flgpr.model.faults import faults_of
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.extras import optional
-from flgpr.store.files import existing, faults_of
+from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table

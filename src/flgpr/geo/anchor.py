@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from flgpr.door import parse_toml, read_named
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
-from flgpr.store.files import existing, faults_of
+from flgpr.store.files import existing
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer

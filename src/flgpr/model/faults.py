@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -47,6 +48,17 @@ def parse_entries(
         return schema.model_validate(tables)
     except ValidationError as error:
         raise ValueError(f"{what}: {first_fault(error, schema, file_name)}") from None
+
+
+@contextmanager
+def faults_of(path: str | Path) -> Iterator[None]:
+    """Turn an error about the content of a file into a ValueError that names the file."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{path}: its entries are nested too deeply to be read") from None
 
 
 def describe_fault(fault: Any, schema: type[BaseModel], file_name: str) -> str:

@@ -19,7 +19,7 @@ from flgpr.chain.stages import Positive, Table
 from flgpr.door import parse_toml, read_named
 from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
-from flgpr.model.faults import describe_fault
+from flgpr.model.faults import describe_fault, faults_of
 from flgpr.simulate import Scene, draw_world
 from flgpr.store import (
     SAMPLE_LANES,
@@ -30,7 +30,7 @@ from flgpr.store import (
     sample_lane,
     write_whole,
 )
-from flgpr.store.files import existing, faults_of
+from flgpr.store.files import existing
 from flgpr.store.tables import lane_file_of
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")

@@ -102,17 +102,6 @@ def naming_output(output: Path) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def faults_of(path: str | Path) -> Iterator[None]:
-    """Turn an error about the content of a file into a ValueError that names the file."""
-    try:
-        yield
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {error}") from None
-    except RecursionError:
-        raise ValueError(f"{path}: its entries are nested too deeply to be read") from None
-
-
 def sync_file(path: Path) -> None:
     """Flush a file's content to disk."""
     with path.open("rb") as file:

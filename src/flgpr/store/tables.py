@@ -16,6 +16,7 @@ from pandas.api.types import is_numeric_dtype
 
 from flgpr.door import Folder, parse_toml, read_named
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
+from flgpr.model.faults import faults_of
 from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 from flgpr.store.dialects import (
     TableReading,
@@ -24,7 +25,7 @@ from flgpr.store.dialects import (
     separator_of,
     without_comments,
 )
-from flgpr.store.files import existing, faults_of, write_whole
+from flgpr.store.files import existing, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.text import decode_text
 
