@@ -19,9 +19,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-import re
 import stat
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,7 +28,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from flgpr import system
-from flgpr.json_text import MOST_NESTING, parse_json
+from flgpr.json_text import parse_json
 
 MOST_BYTES = 256 * 2**20
 """Largest file that is read as a whole."""
@@ -40,21 +38,6 @@ MOST_JSON = 64 * 2**20
 """Largest file of JSON that is parsed."""
 _MOST_EXPANSION = 200  # bytes decoded to bytes in the file
 _SMALL = 64 * 2**20  # bytes decoded up to which any expansion is allowed
-MOST_TOML = 16 * 2**20
-"""Longest file of TOML that is parsed, characters."""
-_TOML_TEXT = re.compile(
-    r"""
-    "{3}(?:[^"\\]|\\.|"(?!""))*+(?:"{3})?  # where the end is missing it takes all that is left,
-    | '{3}(?:[^']|'(?!''))*+(?:'{3})?      # so that no character is read twice
-    | "(?:[^"\\\n]|\\[^\n])*+"?
-    | '[^'\n]*+'?
-    | \#[^\n]*+
-    """,
-    re.VERBOSE | re.DOTALL,
-)
-"""Strings and comments of TOML."""
-_TOML_MARKS = re.compile(r"[=,{}\[\]\n]")
-"""Characters that a key of TOML does not have outside its strings."""
 _BLOCK = 2**15
 _FILE = os.O_RDONLY | system.NO_LINK | system.AT_ONCE | system.PLAIN
 _FOLDER = os.O_RDONLY | system.DIRECTORY
@@ -378,24 +361,6 @@ def _opened_regular(path: str, flags: int) -> int:
             raise
         raise DoorError(f"{path} must be a regular file, got {_kind(os.stat(path))}") from None
     return _regular(handle, path)
-
-
-def parse_toml(data: bytes | str) -> dict[str, Any]:
-    """Parse TOML in UTF-8 of at most :data:`MOST_TOML` characters; anything else is a ValueError.
-
-    So are keys of more than :data:`MOST_NESTING` parts, for which the parser takes time that grows
-    with their square, and values nested so deep that it gives up.
-    """
-    text = data if isinstance(data, str) else data.decode("utf-8")
-    if len(text) > MOST_TOML:
-        raise ValueError(f"it must have at most {MOST_TOML} characters, got {len(text)}")
-    without_text = _TOML_TEXT.sub("", text)
-    if any(key.count(".") >= MOST_NESTING for key in _TOML_MARKS.split(without_text)):
-        raise ValueError(f"its keys must have at most {MOST_NESTING} parts, got more")
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
 
 
 def check_expansion(name: str, size: int, room: int) -> None:

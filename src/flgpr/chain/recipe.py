@@ -32,11 +32,12 @@ from flgpr.chain.stages import (
     ScreenNamed,
     Table,
 )
-from flgpr.door import parse_toml, read_named
+from flgpr.door import read_named
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.faults import describe_fault, no_preset
 from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
+from flgpr.toml_text import parse_toml
 
 if TYPE_CHECKING:
     import xarray as xr

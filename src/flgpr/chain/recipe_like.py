@@ -16,8 +16,8 @@ from typing import Any
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_names, recipe_text
 from flgpr.chain.recipe_choice import MEDIAN_STEP, Figures, pixels_of, toml_frequency
 from flgpr.chain.recipe_fit import FITTED_MAP
-from flgpr.door import parse_toml
 from flgpr.model.printable import printable
+from flgpr.toml_text import parse_toml
 
 Tables = dict[str, Any]
 _CUTS = "the length of its cuts is counted in pixels of its own array's range cells"

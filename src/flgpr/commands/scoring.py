@@ -20,7 +20,7 @@ from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.trial_card import TrialCard, ranking_notes
-from flgpr.door import Folder, parse_toml, read_named
+from flgpr.door import Folder, read_named
 from flgpr.model import Lane
 from flgpr.model.faults import faults_of
 from flgpr.report import comparison_html, score_files
@@ -41,6 +41,7 @@ from flgpr.store import read_table
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing
 from flgpr.store.tables import read_columns
+from flgpr.toml_text import parse_toml
 from flgpr.trials.ledger import RegisterLike
 
 PathLike = str | Path

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from flgpr.door import parse_toml, read_named
+from flgpr.door import read_named
 from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
+from flgpr.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer

@@ -11,8 +11,9 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from flgpr.door import parse_toml, read_named
+from flgpr.door import read_named
 from flgpr.model.bounds import shown_number
+from flgpr.toml_text import parse_toml
 
 # Names that pydantic inserts into a location where an entry may be of several types.
 _TYPE_NAMES = ("float", "str", "Variable")

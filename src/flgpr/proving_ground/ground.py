@@ -16,7 +16,7 @@ import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
-from flgpr.door import parse_toml, read_named
+from flgpr.door import read_named
 from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault, faults_of
@@ -32,6 +32,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import existing
 from flgpr.store.tables import lane_file_of
+from flgpr.toml_text import parse_toml
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
 """The packaged descriptions, the first by default."""

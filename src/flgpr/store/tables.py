@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
-from flgpr.door import Folder, parse_toml, read_named
+from flgpr.door import Folder, read_named
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 from flgpr.model.faults import faults_of
 from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
@@ -28,6 +28,7 @@ from flgpr.store.dialects import (
 from flgpr.store.files import existing, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.text import decode_text
+from flgpr.toml_text import parse_toml
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}

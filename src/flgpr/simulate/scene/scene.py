@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
-from flgpr.door import parse_toml, read_named
+from flgpr.door import read_named
 from flgpr.model import Lane
 from flgpr.model.bounds import Angle, Decibels, NotNegative, Positive
 from flgpr.model.faults import parse_entries, preset_names
@@ -30,6 +30,7 @@ from flgpr.simulate.scene.scene_tables import (
     Stones,
     Terrain,
 )
+from flgpr.toml_text import parse_toml
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Percent = Annotated[float, Field(ge=0, le=100)]
