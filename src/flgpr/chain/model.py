@@ -191,12 +191,22 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
         If the folder holds no model of this version, or one that was altered, or the file has
         another digest.
     """
-    path = Path(folder) / MODEL_FILE
     data = read_model(folder)
     if digest not in (None, sha256(data)):
         raise ValueError(f"model {folder}: {MODEL_FILE} differs from what was written")
+    return parse_model(data, folder)
+
+
+def parse_model(data: bytes, folder: str | Path) -> Model:
+    """Return the model of the bytes that :func:`read_model` read from a folder.
+
+    Raises
+    ------
+    ValueError
+        If they are no model of this version, or one that was altered.
+    """
     try:
-        return _restored(Bundle(path, data))
+        return _restored(Bundle(Path(folder) / MODEL_FILE, data))
     except ValueError as error:
         raise ValueError(f"model {folder}: {error}") from None
     except Exception as error:  # parsers raise whatever they stumble over

@@ -17,7 +17,7 @@ import llvmlite.binding
 
 import flgpr
 from flgpr.chain.engine import BLOCK
-from flgpr.chain.model import load_model, read_model
+from flgpr.chain.model import parse_model, read_model
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
@@ -325,9 +325,9 @@ def _absolute(path: str | Path) -> str:
 
 def model_digest(model: str | Path) -> str:
     """Return the SHA-256 of a model's file; a ValueError if the model is not valid."""
-    digest = sha256(read_model(model))
-    load_model(model, digest)
-    return digest
+    data = read_model(model)
+    parse_model(data, model)
+    return sha256(data)
 
 
 @lru_cache

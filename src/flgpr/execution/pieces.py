@@ -19,7 +19,7 @@ from flgpr import system
 from flgpr.chain.engine import Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import load_model, read_model, trained_on
+from flgpr.chain.model import parse_model, read_model, trained_on
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.searched import searched_ground
 from flgpr.chain.sections import section_lane, section_note
@@ -199,8 +199,8 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
     ValueError
         If this process sees others, or the recipe does not fit.
     """
-    truth_data = _read_as_seen(job)
-    model = None if job.model is None else load_model(job.model, job.model_sha256)
+    model_data, truth_data = _read_as_seen(job)
+    model = None if model_data is None else parse_model(model_data, str(job.model))
     truth = None if truth_data is None else parse_table(truth_data, "truth", job.truth[0])
     recipe = parse_recipe(job.recipe)
     run = open_run(job.run, job.max_memory)
@@ -221,13 +221,15 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
     return lane, work
 
 
-def _read_as_seen(job: LaneJob) -> bytes | None:
-    """Refuse files that are not those that the driver saw; return those of the truth, if any."""
+def _read_as_seen(job: LaneJob) -> tuple[bytes | None, bytes | None]:
+    """Refuse files that are not those that the driver saw; return those of model and truth, if any."""
     seen = [("run", job.run, read_manifest(job.run)["sha256"], job.store_sha256)]
     for name, path, digest in job.others:
         seen.append((name, path, read_manifest(path)["sha256"], digest))
+    model_data = None
     if job.model is not None:
-        seen.append(("model", job.model, sha256(read_model(job.model)), job.model_sha256))
+        model_data = read_model(job.model)
+        seen.append(("model", job.model, sha256(model_data), job.model_sha256))
     truth_path, truth_digest = job.truth
     truth_data = None
     if truth_path:
@@ -240,7 +242,7 @@ def _read_as_seen(job: LaneJob) -> bytes | None:
                 f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
                 f"{path}"
             )
-    return truth_data
+    return model_data, truth_data
 
 
 # Reports

@@ -19,7 +19,7 @@ import numpy as np
 
 import flgpr
 from flgpr.chain.memory import check_scan_memory
-from flgpr.chain.model import Model, load_model, read_model, unlearnt
+from flgpr.chain.model import Model, parse_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
@@ -112,8 +112,12 @@ class LiveRun:
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
         self._alarms = AlarmReporter(options, tell)
-        digest = "" if options.model is None else sha256(read_model(options.model))
-        self._model = Model() if options.model is None else load_model(options.model, digest)
+        digest = ""
+        self._model = Model()
+        if options.model is not None:
+            model_data = read_model(options.model)
+            digest = sha256(model_data)
+            self._model = parse_model(model_data, options.model)
         self._recipe: Recipe | None = None
         self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
         if options.anchor is not None:
