@@ -5,9 +5,11 @@ import pytest
 
 from flgpr.chain.memory import (
     check_scan_memory,
+    lane_memory,
     memory_needed,
     parse_size,
     sizes_of,
+    thread_memory,
 )
 from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_text
 from flgpr.model import Lane
@@ -50,6 +52,15 @@ def test_memory_grows_with_rows_and_not_with_scans(recipe):
     assert rows[2] - rows[1] == pytest.approx(rows[1] - rows[0])
     whole = recipe.run_view.grid(LANE).ny
     assert memory_needed(SIZES, recipe, LANE, whole) == memory_needed(SIZES, recipe, LANE)
+
+
+def test_one_estimate_holds_for_any_rows(recipe):
+    memory = lane_memory(SIZES, recipe, LANE)
+    for rows in (None, 0, 1, 500):
+        assert memory.needed(rows) == memory_needed(SIZES, recipe, LANE, rows)
+    assert memory.scan == thread_memory(SIZES, recipe)
+    assert memory.view == recipe.run_view.grid(LANE)
+    assert memory.background == 0
 
 
 def test_a_self_signature_by_the_median_holds_all_images(recipe):

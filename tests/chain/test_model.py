@@ -12,6 +12,7 @@ from flgpr.chain.model import (
     check_free_model,
     describe_model,
     load_model,
+    parse_model,
     read_model,
     save_model,
     unlearnt,
@@ -39,6 +40,13 @@ def test_what_is_written_is_read(folder):
         assert model.stages[name].keys() == arrays.keys()
         for key, array in arrays.items():
             np.testing.assert_array_equal(model.stages[name][key], array)
+
+
+def test_bytes_that_were_read_are_parsed_without_the_file(folder, tmp_path):
+    data = read_model(folder)
+    assert list(parse_model(data, tmp_path / "gone").stages) == list(STAGES)
+    with pytest.raises(ValueError, match=r"model .*gone: "):
+        parse_model(data[:-1], tmp_path / "gone")
 
 
 def test_a_description_reads_the_head_alone(folder):

@@ -6,9 +6,9 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.chain.method import detect
-from flgpr.chain.recipe import lane_of, load_recipe, parse_recipe
+from flgpr.chain.recipe import lane_of, load_recipe, parse_recipe, recipe_text
 from flgpr.chain.recipe_fit import check_fit
-from flgpr.chain.recipe_for_run import fit_recipe, recipe_for
+from flgpr.chain.recipe_for_run import fit_recipe, recipe_for, recipe_or_fitted
 from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.simulate import Scene, simulate
@@ -250,6 +250,14 @@ def test_the_command_line_writes_a_recipe_once_and_detects_with_it(stored, tmp_p
 def test_a_model_needs_the_recipe_it_was_trained_with(stored, tmp_path):
     told = call("detect", stored / "a.zarr", "-o", tmp_path / "result", "--model", tmp_path)
     assert (told.exit_code, "recipe must be given with a model" in told.stderr) == (2, True)
+
+
+def test_a_recipe_is_made_where_none_is_named(stored):
+    run = stored / "a.zarr"
+    assert recipe_or_fitted("demo", run, "model") == recipe_text("demo")
+    assert recipe_or_fitted(None, run) == recipe_for(run)
+    with pytest.raises(ValueError, match="recipe must be given with a model"):
+        recipe_or_fitted(None, run, "model")
 
 
 @pytest.mark.filterwarnings("default")
