@@ -103,7 +103,7 @@ def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(mon
 
 
 def test_batches_go_through_in_passes(monkeypatch):
-    monkeypatch.setattr(backend, "PASS_BYTES", 1)
+    monkeypatch.setattr(backend, "BATCH_BYTES", 1)
     operator = ImagingOperator(TONES, TX, RX, scene(count=5), device="cuda")
     data = noise((4, 1, 3, 20))
     images = operator.adjoint(data)

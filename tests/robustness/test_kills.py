@@ -178,7 +178,7 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
-        checkpoint.FOLD_BYTES = 1
+        checkpoint.MERGE_BYTES = 1
         flgpr.detect(run, recipe, output, area, report=False, section=self.section)
 
 

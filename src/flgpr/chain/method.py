@@ -22,7 +22,7 @@ from flgpr.chain.passes.features import Features
 from flgpr.chain.passes.frames import FrameAlarms
 from flgpr.chain.passes.gain import GAIN_BACKGROUND
 from flgpr.chain.passes.run_view import PlainRunView, RunView
-from flgpr.chain.passes.signature import SelfSignature
+from flgpr.chain.passes.signature import SelfSignaturePass
 from flgpr.chain.passes.training import until_examples
 from flgpr.chain.passes.traversal import plan
 from flgpr.chain.progress import Track, silent
@@ -42,7 +42,7 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
 
     # The background: the self-signature with the gain of every scan (Eq. 2), and the gain
     # background (Eq. 3 and 4), in units of which images are cleaned (clutter/streaming.py).
-    passes.append(plan(lane, SelfSignature))
+    passes.append(plan(lane, SelfSignaturePass))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
 
     # What a map needs to know of the whole lane, such as its clutter.

@@ -85,7 +85,7 @@ class ProfileBackend(Backend):
         blocks = -(-pixels // BLOCK)
         size = self._spectrum.size
         geometry = self._located()._replace(pixel_count=pixels)
-        for rows, bands, channels in passes(*out.shape[:2]):
+        for rows, bands, channels in channel_groups(*out.shape[:2]):
             # Tones to range profiles, pairs shared between threads.
             table = self._table(channels)
             form = self._form(channels)
@@ -110,7 +110,7 @@ class ProfileBackend(Backend):
         size = self._spectrum.size
         two_tasks_each = -(-pairs // (2 * get_num_threads()))
         together = min(SPREAD_PAIRS, two_tasks_each)
-        for rows, bands, channels in passes(*image.shape[:2]):
+        for rows, bands, channels in channel_groups(*image.shape[:2]):
             # Images to range profiles, and these to tones.
             table = self._table(channels)
             form = self._form(channels)
@@ -203,11 +203,11 @@ class PreciseBackend(Backend):
                 rows *= self._phase.conj()
 
 
-def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
-    """Split the images into passes of at most as many channels as a lane row holds.
+def channel_groups(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
+    """Split the images into groups of at most as many channels as a lane row holds.
 
-    A pass takes all sub-bands of some polarizations, or some sub-bands of one, so that its images
-    are neighbours in memory.
+    Each group is one call of the kernels. It takes all sub-bands of some polarizations, or some
+    sub-bands of one, so that its images are neighbours in memory.
 
     Parameters
     ----------
@@ -217,17 +217,17 @@ def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
     Returns
     -------
     list of (slice, slice, int)
-        Polarizations and sub-bands of each pass, and the channels of its rows.
+        Polarizations and sub-bands of each group, and the channels of its rows.
     """
     most = max(CHANNELS)
     bands_at_once = min(subbands, most)
     rows_at_once = most // bands_at_once if subbands <= most else 1
-    split = []
+    groups = []
     for row in range(0, polarizations, rows_at_once):
         rows = slice(row, min(row + rows_at_once, polarizations))
         for band in range(0, subbands, bands_at_once):
             bands = slice(band, min(band + bands_at_once, subbands))
             needed = (rows.stop - rows.start) * (bands.stop - bands.start)
             channels = min(count for count in CHANNELS if count >= needed)
-            split.append((rows, bands, channels))
-    return split
+            groups.append((rows, bands, channels))
+    return groups
