@@ -36,7 +36,8 @@ _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precisio
 """Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
 _MOST_HEAD = 100_000  # bytes of a header
 _MOST_ROWS = 2_000_000
-_MOST_COLUMNS = 4096
+MOST_COLUMNS = 4096
+"""Columns of the widest table that is read."""
 _MOST_CELLS = 10_000_000
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """Beginning of what a spreadsheet may run as a formula, or of such text that was quoted.
@@ -383,7 +384,7 @@ def _check_table_size(data: bytes) -> None:
     rows = max(data.count(b"\n"), data.count(b"\r"))  # lines end with \n, \r\n or \r alone
     counts = {
         "rows": (rows, _MOST_ROWS),
-        "columns": (columns, _MOST_COLUMNS),
+        "columns": (columns, MOST_COLUMNS),
         "cells": (rows + marks, _MOST_CELLS),
     }
     for noun, (count, most) in counts.items():
