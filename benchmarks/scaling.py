@@ -1,9 +1,9 @@
 """What 8 to 256 workers would take, calculated from what ``workers.py`` measured: see there for the usage.
 
-Pieces are handed out as flgpr does it: all blocks of a lane's pass, then its merge, then the next pass, then the result,
-some lanes at once. Four things are simulated, each with its measured cost: workers that take the next piece in order,
-the scheduler that hands out one piece after the other, the way there and back that a lane waits for between two steps,
-and the driver, which opens one lane after the other. Longer lanes have longer merges, in proportion.
+Pieces are handed out as flgpr does it: all blocks of a lane's pass, then its merge, then the next pass, then the
+result, some lanes at once. Four things are simulated, each with its measured cost: workers that take the next piece in
+order, the scheduler that hands out one piece after the other, the way there and back that a lane waits for between two
+steps, and the driver, which opens one lane after the other. Longer lanes have longer merges, in proportion.
 Not simulated: a file system that gives less than the bytes told, processors of different speed, lost workers.
 """
 
@@ -45,7 +45,10 @@ class Costs:
         """List the steps of a lane, each the pieces that may be done side by side."""
         steps = []
         for some, merge in zip(self.blocks, self.merges, strict=True):
-            steps += [[some[k % len(some)] for k in range(blocks)] if some else [], [merge * blocks]]
+            steps += [
+                [some[k % len(some)] for k in range(blocks)] if some else [],
+                [merge * blocks],
+            ]
         return [step for step in [*steps, [self.finish * blocks]] if step]
 
 

@@ -24,7 +24,7 @@ from flgpr.scoring.matching import LaneLike
 from flgpr.store.extras import optional
 from flgpr.store.files import check_new, existing, faults_of
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
-from flgpr.store.tables import parse_table, read_columns, table_text
+from flgpr.store.tables import csv_text, parse_table, read_columns
 from flgpr.trials import content_hash, emplacement_plan, read_register
 from flgpr.trials.ledger import before_opening, enter
 
@@ -124,7 +124,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
         for file in files.values():
             check_new(file)
         require_unopened(lines, too_late)
-        write_new(files["plan"], table_text(plan))
+        write_new(files["plan"], csv_text(plan))
         entry["plan"] = content_hash(files["plan"])
 
     _write_crew_papers(plan, lanes, files, entry["plan"], anchor)
@@ -181,7 +181,7 @@ def _write_crew_papers(
 ) -> None:
     """Write the crew's sheet and page."""
     sheet = _crew_sheet(plan, anchor)
-    write_new(files["sheet"], table_text(sheet))
+    write_new(files["sheet"], csv_text(sheet))
     page = sheet_html(sheet, as_lanes(lanes), files["plan"].name, digest, anchor)
     write_new(files["page"], page)
 
@@ -193,7 +193,7 @@ def _existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.Data
     """
     content = read_named(path)
     if seed is not None:
-        if content.decode("utf-8", "replace") == table_text(drawn):
+        if content.decode("utf-8", "replace") == csv_text(drawn):
             return drawn
     else:
         plan = parse_table(content, "truth", path)

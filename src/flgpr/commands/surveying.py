@@ -15,7 +15,7 @@ from flgpr.door import read_named
 from flgpr.model import check_truth
 from flgpr.store.files import existing, faults_of
 from flgpr.store.outputs import write_new
-from flgpr.store.tables import parse_table, read_columns, table_text
+from flgpr.store.tables import csv_text, parse_table, read_columns
 from flgpr.trials import content_hash, read_register
 from flgpr.trials.ledger import enter
 
@@ -81,7 +81,7 @@ def register_survey(
     )
 
     truth, offset = _read_sheet(sheet, planned, within)
-    text = table_text(truth)
+    text = csv_text(truth)
     entry = _survey_entry(plan_line, offset, len(planned) - len(truth), text)
 
     # The same survey may have been entered, and its truth be missing: it is written again.

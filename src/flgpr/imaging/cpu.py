@@ -12,7 +12,7 @@ from scipy import fft
 from scipy.sparse import csr_array
 
 from flgpr.imaging.backend import Backend
-from flgpr.imaging.plan import Layout, Plan
+from flgpr.imaging.plan import ImagingLayout, Plan
 from flgpr.jit.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
@@ -33,7 +33,7 @@ class DirectBackend(Backend):
     width = 0
 
     def __init__(
-        self, layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray
+        self, layout: ImagingLayout, frequency: FloatArray, weight: FloatArray, offset: FloatArray
     ) -> None:
         path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
         antenna_paths(layout.pixels, layout.antenna, layout.medium, path)

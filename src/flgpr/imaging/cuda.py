@@ -1,7 +1,7 @@
 """The imaging sums on a CUDA device, from range profiles: a few scans a batch, in several streams.
 
-A batch is copied to the device, summed there and copied back in one stream, so that the transfers of
-one batch overlap with the sums of another.
+A batch is copied to the device, summed there and copied back in one stream, so that the transfers
+of one batch overlap with the sums of another.
 """
 
 from __future__ import annotations

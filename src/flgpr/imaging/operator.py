@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from flgpr.imaging.backend import Backend
 from flgpr.imaging.cpu import DirectBackend, PreciseBackend, ProfileBackend
-from flgpr.imaging.plan import Layout, Pattern, Plan, lay_out, make_plan
+from flgpr.imaging.plan import ImagingLayout, Pattern, Plan, lay_out, make_plan
 from flgpr.kernels.layout import CHANNELS
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency
@@ -330,7 +330,7 @@ class ImagingOperator:
 
 
 def _make_backend(
-    layout: Layout,
+    layout: ImagingLayout,
     frequency: FloatArray,
     weight: FloatArray,
     offset: FloatArray,

@@ -295,7 +295,7 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     """Read CSV of any columns.
 
     Cells are separated by commas, or by semicolons or tabs with decimal points or decimal commas.
-    Apostrophes that :func:`table_text` put in front of text are removed.
+    Apostrophes that :func:`csv_text` put in front of text are removed.
 
     Parameters
     ----------
@@ -410,10 +410,10 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
     OSError
         If the file cannot be written.
     """
-    write_whole(Path(path), table_text(table))
+    write_whole(Path(path), csv_text(table))
 
 
-def table_text(table: pd.DataFrame) -> str:
+def csv_text(table: pd.DataFrame) -> str:
     """Return the text of a CSV file in which no cell is a formula.
 
     Spreadsheets run a cell that begins with ``=``, ``+``, ``-`` or ``@``, some also after a tab or
@@ -443,7 +443,7 @@ def table_text(table: pd.DataFrame) -> str:
 
 
 def unquoted(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table that was read without the apostrophes that :func:`table_text` put there."""
+    """Return a table that was read without the apostrophes that :func:`csv_text` put there."""
     bare = table.rename(columns=plain_text)
     for number in _text_columns(bare):
         bare.isetitem(number, bare.iloc[:, number].map(plain_text).array)

@@ -68,7 +68,7 @@ class Echoes:
         self.weight.append(weight)
 
 
-class Ground:
+class LayeredGround:
     """The ground as the rays of one scan meet it.
 
     Parameters
@@ -234,7 +234,7 @@ def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
     return np.stack([hh, vv, cross])
 
 
-def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
+def add_standing(echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState) -> None:
     """Add a target on the ground.
 
     Its echoes are that of the corner which its wall makes with the ground, and those of the rims of
@@ -263,7 +263,7 @@ def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArraySta
 
 
 def _standing_reflections(
-    target: Target, ground: Ground, sine: float
+    target: Target, ground: LayeredGround, sine: float
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return what a standing target's wall and top reflect of what metal does, H and V."""
     if target.dielectric is None:
@@ -309,7 +309,7 @@ def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
 
 
 def add_object(
-    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState, seed: int
+    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
 ) -> None:
     """Add an object's echoes.
 
@@ -319,7 +319,7 @@ def add_object(
         Where they are added.
     scene_object : SceneObject
         The object.
-    ground : Ground
+    ground : LayeredGround
         The ground that it stands on.
     array : ArrayState
         The antennas, their heights counted from that ground.
@@ -344,7 +344,7 @@ def _object_stream(seed: int, scene_object: SceneObject) -> np.random.Generator:
 
 
 def _add_rock(
-    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState, seed: int
+    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
 ) -> None:
     """Add a half-buried stone of permittivity 6 and its image in the ground.
 
@@ -373,7 +373,9 @@ def _add_rock(
     echoes.add(_air_path(point, array), point[0], spectrum)
 
 
-def _add_post(echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState) -> None:
+def _add_post(
+    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState
+) -> None:
     """Add an upright cylinder: direct, image and corner echoes, integrated over its height."""
     sine = incidence(scene_object.x, scene_object.y, scene_object.height / 2, array)
     k = ground.wavenumber
@@ -425,7 +427,7 @@ def bush_scatterers(
 
 
 def _add_bush(
-    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState, seed: int
+    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
 ) -> None:
     """Add twigs whose cross section grows by 5 dB per decade of frequency."""
     positions, amplitude = bush_scatterers(scene_object, seed)
@@ -435,7 +437,7 @@ def _add_bush(
 
 
 def _add_fiducial(
-    echoes: Echoes, scene_object: SceneObject, ground: Ground, array: ArrayState
+    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState
 ) -> None:
     """Add a corner reflector.
 
