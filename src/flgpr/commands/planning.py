@@ -29,7 +29,7 @@ from flgpr.trials import content_hash, emplacement_plan, read_register
 from flgpr.trials.ledger import before_opening, enter
 
 PathLike = str | Path
-Line = dict[str, Any]
+RegisterLine = dict[str, Any]
 """A line of a register."""
 CREW_COLUMNS = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
 """Columns of the sheet that the crew fills in."""
@@ -76,7 +76,7 @@ class PlanOrder:
         return Path(self.register)
 
 
-def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
+def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, RegisterLine]:
     """Draw a plan, write it with the crew's papers, and register it.
 
     A plan that was drawn of the same inputs stays; one that was not registered is completed.
@@ -132,7 +132,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
         for kind in ("gpkg", "gpx"):
             export_table(files["plan"], files[kind], kind, order.anchor)
 
-    def entry_unless_opened(lines_now: list[Line]) -> Line:
+    def entry_unless_opened(lines_now: list[RegisterLine]) -> RegisterLine:
         require_unopened(lines_now, too_late)
         if _line_of_plan(lines_now, entry, files["plan"]) is not None:
             raise output_exists_error(
@@ -154,13 +154,13 @@ def _drawn_plan(order: PlanOrder, lanes: LaneLike) -> pd.DataFrame:
     return plan
 
 
-def _plan_entry(order: PlanOrder, lanes: LaneLike) -> Line:
+def _plan_entry(order: PlanOrder, lanes: LaneLike) -> RegisterLine:
     """Return the register entry of a plan, without the plan's hash.
 
     The seed is not in it: whoever knows it, lane and sorts can draw the plan again, and a register
     is for all to read.
     """
-    entry: Line = {
+    entry: RegisterLine = {
         "event": "plan",
         "lanes": borders(lanes),
         "rules": dict(order.rules),
@@ -211,7 +211,9 @@ def _sorts_of(plan: pd.DataFrame) -> list[list[str]]:
     return sorted(sorts.to_numpy().tolist())
 
 
-def _line_of_plan(lines: Sequence[Line], entry: Line, path: Path) -> Line | None:
+def _line_of_plan(
+    lines: Sequence[RegisterLine], entry: RegisterLine, path: Path
+) -> RegisterLine | None:
     """Return the line of a plan in its register; one with other rules is a FileExistsError."""
     for line in lines:
         if line.get("event") != entry["event"] or line.get("plan") != entry["plan"]:
@@ -241,7 +243,7 @@ def _crew_sheet(plan: pd.DataFrame, anchor: Anchor | None) -> pd.DataFrame:
     return sheet.assign(**dict.fromkeys(CREW_COLUMNS, ""))
 
 
-def require_unopened(lines: Sequence[Line], too_late: str) -> None:
+def require_unopened(lines: Sequence[RegisterLine], too_late: str) -> None:
     """Raise a ValueError with a message if a truth was opened under a register."""
     if len(before_opening(lines)) < len(lines):
         raise ValueError(too_late)

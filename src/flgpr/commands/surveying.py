@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.commands.planning import CREW_COLUMNS, Line, require_unopened
+from flgpr.commands.planning import CREW_COLUMNS, RegisterLine, require_unopened
 from flgpr.commands.registering import default_register
 from flgpr.door import read_named
 from flgpr.model import check_truth
@@ -30,7 +30,7 @@ def register_survey(
     output: PathLike,
     register: PathLike | None = None,
     within: float = 1.0,
-) -> tuple[pd.DataFrame, Line]:
+) -> tuple[pd.DataFrame, RegisterLine]:
     """Read the sheet of a plan, write what was emplaced as truth, and register it.
 
     Every row says in ``emplaced`` yes or no. A target that was not emplaced is left out; where
@@ -92,19 +92,21 @@ def register_survey(
     if earlier:
         return truth, earlier[-1]
 
-    def entry_unless_opened(lines_now: list[Line]) -> Line:
+    def entry_unless_opened(lines_now: list[RegisterLine]) -> RegisterLine:
         require_unopened(lines_now, too_late)
         return entry
 
     return truth, enter(path, entry_unless_opened)[-1]
 
 
-def _survey_entry(plan_line: Line, offset: NDArray[np.float64], left_out: int, text: str) -> Line:
+def _survey_entry(
+    plan_line: RegisterLine, offset: NDArray[np.float64], left_out: int, text: str
+) -> RegisterLine:
     """Return the register entry of a survey: its plan, how far targets lie off it, and the truth.
 
     ``offset`` are the distances of the targets from the plan, m; ``text`` is the truth as written.
     """
-    entry: Line = {"event": "survey"}
+    entry: RegisterLine = {"event": "survey"}
     for name in ("plan", "lanes", "rules"):
         if name in plan_line:
             entry[name] = plan_line[name]
@@ -115,7 +117,7 @@ def _survey_entry(plan_line: Line, offset: NDArray[np.float64], left_out: int, t
     return entry
 
 
-def _entered_plan(lines: Sequence[Line], digest: str) -> Line | None:
+def _entered_plan(lines: Sequence[RegisterLine], digest: str) -> RegisterLine | None:
     """Return the last line that enters a plan of a digest."""
     for line in reversed(lines):
         if line.get("event") == "plan" and line.get("plan") == digest:

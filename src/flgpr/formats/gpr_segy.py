@@ -28,7 +28,7 @@ from flgpr.formats.gpr_segy_layout import (
     revision_of,
     word_at,
 )
-from flgpr.formats.gpr_segy_places import Geometry, geometry_of
+from flgpr.formats.gpr_segy_places import HeaderGeometry, geometry_of
 
 _IBM = 1
 _IEEE = 5
@@ -84,7 +84,7 @@ def _entries(
     traces: NDArray[np.floating[Any]],
     samples: int,
     interval: float,
-    geometry: Geometry,
+    geometry: HeaderGeometry,
     notes: list[str],
 ) -> dict[str, Any]:
     """Return the entries of a section of traces (trace, sample) at an interval, s."""

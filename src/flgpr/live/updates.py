@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.model.plausible import Step
+from flgpr.model.plausible import MotionStep
 from flgpr.store import Scan
 
 State = Literal["new", "update", "withdrawn", "final"]
@@ -55,8 +55,8 @@ class LiveUpdate:
     alarms: list[LiveAlarm]
     row: int = 0
     view: NDArray[np.float32] | None = None
-    step: Step | None = None  #: why the pose is not plausible
-    clock: Step | None = None  #: why the time is not plausible, which is no fault of the pose
+    step: MotionStep | None = None  #: why the pose is not plausible
+    clock: MotionStep | None = None  #: why the time is not plausible, which is no fault of the pose
     anew: bool = False  #: whether detection started anew, at the first of ``released``
     #: whether all scans before were forgotten then, because too few poses agreed on them
     forgotten: bool = False
