@@ -20,7 +20,8 @@ from flgpr.formats.cphd import write_cphd
 from flgpr.formats.sigmf_writer import write_sigmf
 from flgpr.geo import export as georeferenced
 from flgpr.geo import qgis
-from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.imsma import imsma_table
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth

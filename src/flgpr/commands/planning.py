@@ -17,7 +17,8 @@ from flgpr.commands.registering import REGISTER_COLUMN, recipe_hash
 from flgpr.commands.scoring import borders, read_lanes
 from flgpr.door import read_named
 from flgpr.geo import read_anchor
-from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.report import sheet_html
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike

@@ -21,7 +21,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
