@@ -25,7 +25,8 @@ from flgpr.model import (
     vehicle_to_lane,
 )
 from flgpr.model.arrays import FloatArray
-from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, add_object, incidence, sum_echoes
+from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, incidence, sum_echoes
+from flgpr.simulate.bodies.standing import add_object
 from flgpr.simulate.bodies.targets import add_target
 from flgpr.simulate.ground.field import SurfaceField
 from flgpr.simulate.ground.holes import hole_factor

@@ -14,13 +14,13 @@ from flgpr.simulate.bodies import rims as bodies
 from flgpr.simulate.bodies.echoes import (
     Echoes,
     LayeredGround,
-    add_standing,
     antenna_gains,
     bisectors,
     incidence,
     rotated,
 )
 from flgpr.simulate.bodies.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
+from flgpr.simulate.bodies.standing import add_standing
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Target
 
