@@ -31,7 +31,7 @@ from flgpr.imaging.view_axes import View
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
-from flgpr.store.run_writer import read_limits
+from flgpr.store.made_of import read_limits
 
 MOST_SCANS = 1200
 MOST_BINS = 800
