@@ -4,6 +4,10 @@ The steps are those of Wang et al. 2007; where other recipes differ, their stage
 memory, worker processes, sections of a long lane and training all run this list of passes. Live
 detection takes the same steps (:mod:`flgpr.chain.steps`) with the background and the run-view of
 the scans so far.
+
+The image of a scan is made when a pass asks for it (``chain/images.py``): A^H of its data
+(``imaging/operator.py``). The sum itself is compiled: ``kernels/direct.py`` has it term by term,
+``kernels/profiles.py`` by way of range profiles.
 """
 
 from __future__ import annotations
@@ -58,7 +62,9 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
             )
         )
 
-    # Cleaned images, or the recipe's map of them, laid over one another on the lane (Sec. II-B).
+    # Cleaned images, or the recipe's map of them, laid over one another on the lane: the second
+    # largest value of all looks at a place (Sec. II-B), or what else of screen/views.py the recipe
+    # names.
     passes.append(plan(lane, RunView, PlainRunView))
     if lane.recipe.score.area == "frames":
         passes.append(plan(lane, FrameAlarms))
