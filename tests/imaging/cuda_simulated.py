@@ -188,7 +188,9 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     monkeypatch.setattr(
         backend, "_block", lambda size: 1
     )  # waiting for each other takes simulated threads longest
-    scan = bench_cases.ImagedScan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
+    scan = bench_cases.ImagedScan(
+        tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3))
+    )
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)
     monkeypatch.setattr(bench_cases, "CHECKED_PIXELS", 3)
     monkeypatch.setattr(bench_cases, "CHECKED_TONES", 11)

@@ -401,7 +401,7 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
         detect_lane(small_job(lane, tmp_path / "merged"), executor, note=note)
     assert content(tmp_path / "merged") == content(tmp_path / "plain")
     assert max(held["signature"] + held["gain"]) <= 4 + threads < max(held["view"])
-    assert len(merges) > (threads == 1)  # threads that finish together leave the merge to one of them
+    assert len(merges) > (threads == 1)  # threads that end together leave it to one
     assert held["signature"][-1] == held["gain"][-1] == held["view"][-1] == 0
 
 
