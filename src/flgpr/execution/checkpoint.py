@@ -1,7 +1,8 @@
 """The work folder: what an interrupted detection has done so far.
 
 A file is whole and proven by its digest, or it is made again. Nothing is flushed to the disk on
-purpose: what a crash of the machine damages is found and made again.
+purpose: what a crash of the machine damages is found and made again. Why a resumed run gives the
+same bits: ``chain/engine.py``.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 A caller makes a job. :func:`plan_detection` opens its lane and refuses what does not fit;
 :func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
 nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks
-(``execution/workers.py``). An interrupted detection resumes.
+(``execution/workers.py``). An interrupted detection resumes with what its work folder holds
+(``execution/checkpoint.py``), to the same bits: why, ``chain/engine.py`` tells.
 """
 
 from __future__ import annotations
@@ -202,7 +203,7 @@ class PassToRun:
     title: str  #: what it is called where progress is shown
     all_scans: bool  #: whether the sections of a lane share it
     numbers: list[int]  #: of its blocks
-    #: what its result depends on beside run, lane and program; None if no other recipe can use it
+    #: what its result depends on beside run, lane and version of the program; None if no other recipe can use it
     cache_key: Callable[[], dict[str, Any] | None] = not_shared
 
 

@@ -1,4 +1,7 @@
-"""The imaging operator: the adjoint A^H images data, the forward model A predicts data."""
+"""The imaging operator: the adjoint A^H images data, the forward model A predicts data.
+
+What computes the sums is chosen in ``_make_backend``: on a CPU it is ``imaging/cpu.py``.
+"""
 
 from __future__ import annotations
 

@@ -45,9 +45,10 @@ class LiveUpdate:
     """What a scan changed.
 
     ``outcome`` is "taken", "warm-up", "still" (the vehicle has not moved) or "late" (the scan's
-    ground is passed). A scan whose pose is not plausible, see ``PoseGate``, is "held" back until
-    others agree with its pose, or is "implausible" and left out when they do not. ``alarms`` are
-    all that changed, those of ``released`` included. ``view`` is the prescreener's run-view (y, x)
+    ground is passed). A scan whose pose is not plausible, see ``PoseGate``, is "held" back. It is
+    among ``released`` once others agree with its pose; if they do not, it is dropped and counted,
+    without an update of its own. One that is left out at once is "implausible". ``alarms`` are all
+    that changed, those of ``released`` included. ``view`` is the prescreener's run-view (y, x)
     where it may have changed, from ``row`` of the lane on; ground that no scan has seen is NaN.
     """
 

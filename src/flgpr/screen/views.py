@@ -193,7 +193,10 @@ class RunViewSums(LaneSums):
 
     The n-th largest takes n arrays in descending order: a new value passes down through them
     (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a
-    pixel the smallest is shown (``_view``).
+    pixel the smallest is shown (``_view``). The roadside's mask and the view before the background
+    is removed take this class, too. So another rank is a class of its own, which
+    ``Steps.view_sums`` (``chain/steps.py``) chooses by a name of ``RunViewTable.look``
+    (``chain/recipe_tables.py``).
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
