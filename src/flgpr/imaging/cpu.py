@@ -15,9 +15,10 @@ from flgpr.imaging.backend import Backend
 from flgpr.imaging.plan import ImagingLayout, Plan
 from flgpr.jit.threads import share
 from flgpr.kernels import profiles, transform
-from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
+from flgpr.kernels.direct import adjoint_direct, forward_direct
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, aligned, row_size
+from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray

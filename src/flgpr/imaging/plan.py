@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.direct import PreciseGeometry
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.kaiser import (
     MAX_WIDTH,
@@ -20,6 +19,7 @@ from flgpr.kernels.kaiser import (
     transform,
 )
 from flgpr.kernels.layout import BLOCK, padded
+from flgpr.kernels.precise import PreciseGeometry
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
