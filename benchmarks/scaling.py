@@ -1,9 +1,9 @@
 """What 8 to 256 workers would take, calculated from what ``workers.py`` measured: see there for the usage.
 
-Pieces are handed out as flgpr does it: all blocks of a lane's pass, then its fold, then the next pass, then the result,
-some lanes at once. Four things are simulated, each with its measured cost: workers that take the next piece in order,
-the scheduler that hands out one piece after the other, the way there and back that a lane waits for between two steps,
-and the driver, which opens one lane after the other. Longer lanes have longer folds, in proportion.
+Pieces are handed out as flgpr does it: all blocks of a lane's pass, then its merge, then the next pass, then the
+result, some lanes at once. Four things are simulated, each with its measured cost: workers that take the next piece in
+order, the scheduler that hands out one piece after the other, the way there and back that a lane waits for between two
+steps, and the driver, which opens one lane after the other. Longer lanes have longer merges, in proportion.
 Not simulated: a file system that gives less than the bytes told, processors of different speed, lost workers.
 """
 
@@ -34,7 +34,7 @@ class Costs:
     """Seconds of the pieces of a lane, pass by pass, and of what they share."""
 
     blocks: list[list[float]]  #: of every pass that has blocks, each measured block
-    folds: list[float]  #: per block of the lane, of every pass
+    merges: list[float]  #: per block of the lane, of every pass
     finish: float  #: per block of the lane
     driver: float  #: per lane
     scheduler: float  #: per piece
@@ -44,8 +44,11 @@ class Costs:
     def lane(self, blocks: int) -> list[list[float]]:
         """List the steps of a lane, each the pieces that may be done side by side."""
         steps = []
-        for some, fold in zip(self.blocks, self.folds, strict=True):
-            steps += [[some[k % len(some)] for k in range(blocks)] if some else [], [fold * blocks]]
+        for some, merge in zip(self.blocks, self.merges, strict=True):
+            steps += [
+                [some[k % len(some)] for k in range(blocks)] if some else [],
+                [merge * blocks],
+            ]
         return [step for step in [*steps, [self.finish * blocks]] if step]
 
 
@@ -60,7 +63,7 @@ def read_costs(measured: dict[str, Any]) -> Costs:
         [full * p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] >= 0]
         for s in stages
     ]
-    folds = [
+    merges = [
         sum(p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] < 0)
         for s in stages
     ]
@@ -70,7 +73,7 @@ def read_costs(measured: dict[str, Any]) -> Costs:
     )
     work = sum(p["processor_seconds"] for p in measured["pieces"])
     return Costs(
-        blocks, [fold / count for fold in folds], finish, measured["driver"], measured["scheduler_seconds"],
+        blocks, [merge / count for merge in merges], finish, measured["driver"], measured["scheduler_seconds"],
         measured["there_and_back"], max(0.0, measured["wall"]["1"] - work - measured["driver"]),
     )  # fmt: skip
 
@@ -137,7 +140,7 @@ def tell(figure: Path | None) -> None:
     print(
         f"a kilometre ({SCANS_PER_KM} scans): {work:.0f} s of a core; {stored:.2f} GB of run, read {passes} times;"
     )
-    print(f"{noted:.2f} GB written, of it {between:.2f} GB parts, which a fold reads again")
+    print(f"{noted:.2f} GB written, of it {between:.2f} GB parts, which a merge reads again")
     print(f"a thousand kilometres: {work / 3.6:.0f} core-hours, {stored:.2f} TB of runs")
     print(
         f"driver {costs.driver:.2f} s a lane, scheduler {1e3 * costs.scheduler:.2f} ms a piece, ",

@@ -73,7 +73,7 @@ def plan(reports: list[dict[str, Any]], scans: int) -> list[str]:
         seconds = [one["processor_seconds"] for one in some]
         size = [one["bytes"] / 1e6 for one in some]
         lines.append(
-            f"{stage:10s} {'block' if is_block else 'fold':6s} {len(some):6d} {median(seconds):8.3f} "
+            f"{stage:10s} {'block' if is_block else 'merge':6s} {len(some):6d} {median(seconds):8.3f} "
             f"{median(size):8.2f} {sum(seconds):8.2f}"
         )
     total = processor(reports)

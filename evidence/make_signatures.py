@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.formats.gprmax import fourier, pulse, read_gprmax
+from flgpr.formats.gprmax import fourier_integral, pulse, read_gprmax
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.full_wave.gprmax_grid import rectangles
 
@@ -159,7 +159,9 @@ def received(path):
     output = read_gprmax(path)
     start = 0.5 * output.time_step  # the current's samples lie at half steps
     time = start + output.time_step * np.arange(output.steps)
-    current = fourier(pulse("gaussiandotnorm", CENTRE, time), output.time_step, FREQUENCY, start)
+    current = fourier_integral(
+        pulse("gaussiandotnorm", CENTRE, time), output.time_step, FREQUENCY, start
+    )
     field = {}
     for axis in (0, 2):
         component = "xyz"[axis]

@@ -7,7 +7,7 @@ from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.passes.alarms import Maxima
 from flgpr.chain.passes.gain import SmoothGain
 from flgpr.chain.passes.run_view import RunView
-from flgpr.chain.passes.signature import SelfSignature
+from flgpr.chain.passes.signature import SelfSignaturePass
 from flgpr.chain.recipe import parse_recipe
 from small_lane import LANE, small_recipe, small_run
 
@@ -42,7 +42,7 @@ def in_blocks(kind, lane, blocks, exact=True):
 def results_of_lane():
     """Return the results of the passes up to the alarms, of scans in one block."""
     lane = setup()
-    for kind in (SelfSignature, SmoothGain, RunView):
+    for kind in (SelfSignaturePass, SmoothGain, RunView):
         lane.results[kind.name] = in_blocks(kind, lane, DIVISIONS[0])
     lane.results["alarms"] = Maxima(lane, None).result()
     return lane.results

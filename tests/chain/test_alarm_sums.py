@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pytest
 import xarray as xr
 
-from divided import SCANS, with_results
-from flgpr.chain.alarm_sums import AlarmSums, StageSums
+from divided import SCANS, setup, with_results
+from flgpr.chain.alarm_sums import AlarmSums, StageSums, own_column_count
 from flgpr.chain.lane_scan import LaneScan
+from small_lane import small_recipe
 
 TWO_ALARMS = pd.DataFrame({"x": [0.0, 1.0], "y": [5.0, 6.0]})
 
@@ -57,3 +59,17 @@ def test_alarms_of_another_block_that_are_not_among_these_are_left_out():
     some.merge(everything.state())
     wanted = everything.table().iloc[last]
     np.testing.assert_array_equal(some.table().iloc[0].to_numpy(), wanted.to_numpy())
+
+
+@pytest.mark.parametrize("features", ["none", "ten", "variants"])
+def test_the_columns_that_belong_to_no_stage_are_counted(features):
+    text = small_recipe()
+    if features == "ten":
+        text = text.replace("variants = true\n", "")
+    if features == "none":
+        before, rest = text.split("[features]\n")
+        text = before + rest[rest.index("\n[") :]
+    lane = setup(text)
+    table = AlarmSums(lane.steps, TWO_ALARMS).table()
+    added_when_ranked = features == "none"  # the magnitude, which the ten features have already
+    assert own_column_count(lane.recipe) == len(table.columns) + added_when_ranked

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flgpr.chain.look_samples import CUT, coherency, decibels, in_sight, patches, range_cuts
+from flgpr.chain.look_samples import (
+    CUT,
+    coherency_at,
+    cuts_along_sight,
+    decibels,
+    in_sight,
+    patches,
+)
 from flgpr.features import PatchShape
 
 X = np.arange(-2.0, 2.01, 0.1)
@@ -45,7 +52,7 @@ def test_patches_lie_about_their_points_and_are_empty_outside():
 
 def test_cuts_follow_the_line_of_sight():
     point = np.array([[1.2, 6.4, 0.0]])
-    values = range_cuts(image(plane()), point)
+    values = cuts_along_sight(image(plane()), point)
     assert values.shape == (1, 3, 1, len(CUT))
     unit = point[0, :2] / np.hypot(*point[0, :2])
     x, y = (point[0, :2] + CUT[:, None] * unit).T
@@ -69,11 +76,11 @@ def test_the_coherency_of_pure_scatterers_has_one_entry(hh, vv, hv, diagonal):
     ones = np.ones((len(Y), len(X)), np.complex64)
     channels = np.stack([hh * ones, vv * ones, hv * ones])
     band = image(ones).isel(subband=0).copy(data=channels)
-    matrix = coherency(band, np.array([[0.0, 6.0, 0.0]]))[0]
+    matrix = coherency_at(band, np.array([[0.0, 6.0, 0.0]]))[0]
     np.testing.assert_allclose(np.diag(matrix).real, diagonal, atol=1e-5)
     np.testing.assert_allclose(matrix - np.diag(np.diag(matrix)), 0, atol=1e-5)
 
 
 def test_without_a_cross_polarized_channel_there_is_no_coherency():
     band = image(plane().astype(np.complex64), ("HH", "VV")).isel(subband=0)
-    assert not coherency(band, np.array([[0.0, 6.0, 0.0]])).any()
+    assert not coherency_at(band, np.array([[0.0, 6.0, 0.0]])).any()

@@ -15,7 +15,7 @@ from flgpr.chain.stages import TrainingView
 from flgpr.chain.stages.network import (
     ChipNetwork,
     NetworkSettings,
-    forward,
+    run_network,
     train_network,
     weights_of,
 )
@@ -63,7 +63,7 @@ def made_up(channels=2, sizes=(3, 4, 5), seed=3):
 def test_the_forward_pass_is_three_convolutions_a_mean_and_a_sum():
     weights = made_up()
     x = np.random.default_rng(0).normal(size=(2, 2, 21, 21)).astype(np.float32)
-    for chip, score in zip(x, forward(x, weights), strict=True):
+    for chip, score in zip(x, run_network(x, weights), strict=True):
         maps = chip
         for k, stride in enumerate((1, 2, 2)):
             kernels = weights[f"kernel{k}"]
@@ -126,4 +126,4 @@ def test_it_learns_what_is_wide_and_its_model_needs_no_pytorch(tmp_path, monkeyp
     chips = np.random.default_rng(6).normal(size=(300, 2, 21, 21)).astype(np.float32)
     by_chance = train_network(chips[rows[:150]], chips[rows[150:]], NetworkSettings(epochs=2), 0)
     fresh = np.random.default_rng(7).normal(size=(400, 2, 21, 21)).astype(np.float32)
-    assert 0.4 < roc_auc_score(np.arange(400) < 200, forward(fresh, by_chance)) < 0.6
+    assert 0.4 < roc_auc_score(np.arange(400) < 200, run_network(fresh, by_chance)) < 0.6

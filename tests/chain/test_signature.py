@@ -5,17 +5,17 @@ import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, setup
 from flgpr.chain.lane_scan import LaneScan
-from flgpr.chain.passes.signature import SelfSignature
+from flgpr.chain.passes.signature import SelfSignaturePass
 
 
 @pytest.fixture(scope="module")
 def one_block():
-    return in_blocks(SelfSignature, setup(), DIVISIONS[0])
+    return in_blocks(SelfSignaturePass, setup(), DIVISIONS[0])
 
 
 @pytest.mark.parametrize("blocks", DIVISIONS[1:])
 def test_the_division_into_blocks_changes_no_bit(blocks, one_block):
-    assert same_bits(in_blocks(SelfSignature, setup(), blocks), one_block)
+    assert same_bits(in_blocks(SelfSignaturePass, setup(), blocks), one_block)
 
 
 def test_every_scan_has_a_gain_and_every_pixel_a_signature(one_block):
@@ -36,7 +36,7 @@ def test_a_scan_that_is_twice_as_strong_has_twice_the_gain(index, monkeypatch):
     image = lane.images.scan_image(index)
     shown = [image, 2 * image]
     monkeypatch.setattr(lane.images, "scan_image", shown.__getitem__)
-    doubled = SelfSignature(lane, range(0, 2))
+    doubled = SelfSignaturePass(lane, range(0, 2))
     for number in range(2):
         doubled.add(LaneScan(lane, number))
     gains = doubled.result()["gains"]

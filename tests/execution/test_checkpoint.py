@@ -121,7 +121,7 @@ class ThreeBlocks:
 
 
 def test_one_process_merges_states_at_a_time(folder, monkeypatch):
-    monkeypatch.setattr(checkpoint, "FOLD_BYTES", 0)
+    monkeypatch.setattr(checkpoint, "MERGE_BYTES", 0)
     with begin(folder, JOB) as work:
         for number in range(3):
             block = summed()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flgpr.geo import fit_anchor, map_backdrop
-from flgpr.geo.anchor import transform_lonlat
+from flgpr.geo.geodesy import transform_lonlat
 
 rasterio = pytest.importorskip("rasterio")
 pytest.importorskip("rasterio.shutil")

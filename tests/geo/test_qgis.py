@@ -146,7 +146,7 @@ def test_few_or_no_confidences_are_drawn_too(values):
 
 def test_words_that_xml_does_not_allow_do_not_break_the_project():
     style = qgis.by_kind(["a\x00b", "<&\"'>"], "#102030")
-    layer = qgis.Layer("truth", "truth.gpkg", "EPSG:4326", "Point", style)
+    layer = qgis.MapLayer("truth", "truth.gpkg", "EPSG:4326", "Point", style)
     root = ElementTree.fromstring(
         qgis.project("lane \x07 \ud800 & <x>", "", "EPSG:32632", (0, 0, 1, 1), [layer])
     )

@@ -102,8 +102,8 @@ def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(mon
         maker.cache_clear()
 
 
-def test_batches_go_through_in_passes(monkeypatch):
-    monkeypatch.setattr(backend, "PASS_BYTES", 1)
+def test_scans_go_through_in_batches(monkeypatch):
+    monkeypatch.setattr(backend, "BATCH_BYTES", 1)
     operator = ImagingOperator(TONES, TX, RX, scene(count=5), device="cuda")
     data = noise((4, 1, 3, 20))
     images = operator.adjoint(data)
@@ -188,7 +188,9 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     monkeypatch.setattr(
         backend, "_block", lambda size: 1
     )  # waiting for each other takes simulated threads longest
-    scan = bench_cases.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
+    scan = bench_cases.ImagedScan(
+        tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3))
+    )
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)
     monkeypatch.setattr(bench_cases, "CHECKED_PIXELS", 3)
     monkeypatch.setattr(bench_cases, "CHECKED_TONES", 11)

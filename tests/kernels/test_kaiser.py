@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from flgpr.kernels.kaiser import best_shape, design, polynomials, tone_errors, transform
+from flgpr.kernels.kaiser import best_shape, design_window, polynomials, tone_errors, transform
 from flgpr.kernels.profiles import polynomial_degree
 
 
@@ -28,7 +28,7 @@ def test_transform_is_the_fourier_integral_of_the_window(width):
 
 @pytest.mark.parametrize("width", [2, 3, 4, 5, 6, 7, 8])
 def test_polynomials_are_the_window_to_single_precision(width):
-    window = design(1000, best_shape(width, 2.048)[1] * 1.001, pixels=1e9)
+    window = design_window(1000, best_shape(width, 2.048)[1] * 1.001, pixels=1e9)
     fraction = np.linspace(0, 1, 51)
     taps = np.arange(window.width)[:, None] + 1 - window.width / 2 - fraction
     powers = (fraction - 0.5) ** np.arange(polynomial_degree(window.width) + 1)[:, None]
@@ -41,7 +41,7 @@ def test_polynomials_are_the_window_to_single_precision(width):
 
 
 def test_interpolating_a_tone_errs_as_predicted():
-    window = design(100, 1e-3)
+    window = design_window(100, 1e-3)
     size = window.size
     width = window.width
     place = 40 / size
@@ -58,11 +58,11 @@ def test_interpolating_a_tone_errs_as_predicted():
 
 
 def test_tighter_tolerances_cost_wider_windows():
-    widths = [design(1000, 10.0**-k).width for k in range(2, 12)]
+    widths = [design_window(1000, 10.0**-k).width for k in range(2, 12)]
     assert widths == sorted(widths)
     assert widths[-1] > widths[0] + 5
 
 
 def test_impossible_tolerance_is_refused():
     with pytest.raises(ValueError, match=r"tolerance must be at least 1e-13, got 1e-15"):
-        design(1000, 1e-15)
+        design_window(1000, 1e-15)

@@ -295,7 +295,7 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
 
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
-    clutter = oracle.Clutter(
+    clutter = oracle.BareGround(
         oracle.cleaned_lane(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
     )
     rng = np.random.default_rng(0)

@@ -9,7 +9,7 @@ import pytest
 from flgpr.results.result import add_files, read_result
 from flgpr.results.score import (
     VIEW_SCORE,
-    depth_classes,
+    depth_class_bounds,
     depth_labels,
     expected_shift,
     read_scored_truth,
@@ -22,15 +22,15 @@ from small_results import small_result
 
 def test_depth_classes_hold_every_target_once():
     few = pd.DataFrame({"depth": [0.0, 0.05, 0.05, 0.1, np.nan]})
-    assert [label for label, _ in depth_classes(few)] == ["0 cm", "5 cm", "10 cm"]
-    assert depth_labels(few, depth_classes(few)) == ["0 cm", "5 cm", "5 cm", "10 cm", None]
+    assert [label for label, _ in depth_class_bounds(few)] == ["0 cm", "5 cm", "10 cm"]
+    assert depth_labels(few, depth_class_bounds(few)) == ["0 cm", "5 cm", "5 cm", "10 cm", None]
     many = pd.DataFrame({"depth": np.linspace(0, 0.2, 41)})
-    classes = depth_classes(many)
+    classes = depth_class_bounds(many)
     labels = depth_labels(many, classes)
     assert len(classes) == 4
     assert None not in labels
     assert sorted(labels.count(label) for label, _ in classes) == [10, 10, 10, 11]
-    assert depth_classes(few.iloc[:0]) == []
+    assert depth_class_bounds(few.iloc[:0]) == []
 
 
 def score_of(folder):

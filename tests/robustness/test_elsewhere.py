@@ -18,7 +18,7 @@ from flgpr.formats.explain import explain_file
 from flgpr.formats.gprmax import read_gprmax
 from flgpr.formats.gprmax_explain import explain_merged
 from flgpr.geo import map_backdrop, read_anchor
-from flgpr.geo.anchor import lonlat_of, transform_lonlat
+from flgpr.geo.geodesy import lonlat_of, transform_lonlat
 from flgpr.store import json_with_digest, parse_with_digest, sample_lane, save_run
 
 SECRET = np.arange(64.0) + 1000

@@ -26,7 +26,7 @@ from flgpr.results.result import ResultError, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run
 from flgpr.store.journal import JOURNAL
-from flgpr.trials import blind
+from flgpr.trials import sealing
 from robust import content, digests
 from scans_mapping import TIME, line_mapping
 
@@ -178,7 +178,7 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
-        checkpoint.FOLD_BYTES = 1
+        checkpoint.MERGE_BYTES = 1
         flgpr.detect(run, recipe, output, area, report=False, section=self.section)
 
 
@@ -279,7 +279,7 @@ class Given:
 
     def __call__(self, output):
         make_cheap(self.command)
-        blind._COST = 2**8  # as in the process that made the inputs
+        sealing._COST = 2**8  # as in the process that made the inputs
         self.command(output)
 
 

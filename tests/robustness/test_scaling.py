@@ -14,7 +14,7 @@ sys.modules[spec.name] = scaling
 spec.loader.exec_module(scaling)
 
 FREE = {"driver": 0.0, "scheduler": 0.0, "latency": 0.0, "start": 0.0}
-COSTS = {"blocks": [[1.0, 3.0], [], [2.0]], "folds": [0.5, 0.25, 0.0], "finish": 0.125}
+COSTS = {"blocks": [[1.0, 3.0], [], [2.0]], "merges": [0.5, 0.25, 0.0], "finish": 0.125}
 
 
 def test_one_worker_takes_all_the_work_and_endless_ones_the_longest_way():
@@ -30,7 +30,7 @@ def test_one_worker_takes_all_the_work_and_endless_ones_the_longest_way():
     [("scheduler", 0.1 * 10 * 12), ("driver", 0.1 * 10), ("start", 0.1), ("latency", 0.1 * 10 * 6)],
 )
 def test_each_cost_alone_takes_what_it_must(cost, seconds):
-    nothing = {"blocks": [[0.0], [], [0.0]], "folds": [0.0] * 3, "finish": 0.0}
+    nothing = {"blocks": [[0.0], [], [0.0]], "merges": [0.0] * 3, "finish": 0.0}
     costs = scaling.Costs(**nothing, **FREE | {cost: 0.1})
     assert scaling.simulate(costs, [4] * 10, 100, 1) == pytest.approx(seconds)
     if cost != "start":

@@ -162,7 +162,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
-    "trials/blind.py seal_truth": ({"open"}, JUST_WRITTEN),
+    "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
     "simulate/bodies/signature/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
     "commands/exporting.py export_qgis": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exporting.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
@@ -192,7 +192,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "commands/score_text.py score_summary": ({"json.loads"}, IN_HAND),
     "formats/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "store/run_writer.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
-    "trials/blind.py _as_json": ({"json.loads"}, IN_HAND),
+    "trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
     "execution/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
 }
 READS = {

@@ -356,21 +356,21 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
     assert [path.name for path in tmp_path.iterdir()] == ["result"]
 
 
-def fold_often(job, stage, number):
-    """Do a part in a process that folds parts as soon as there are any."""
-    checkpoint.FOLD_BYTES = 1
+def merge_often(job, stage, number):
+    """Do a part in a process that merges parts as soon as there are any."""
+    checkpoint.MERGE_BYTES = 1
     return do_block(job, stage, number)
 
 
-class Folding(Processes):
+class Merging(Processes):
     def run(self, work, arguments, threads=1):
-        return super().run(fold_often if work is do_block else work, arguments, threads)
+        return super().run(merge_often if work is do_block else work, arguments, threads)
 
 
 @pytest.mark.slow("detects on a lane of many blocks several times")
-def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path):
+def test_parts_that_are_merged_as_they_come_do_not_change_a_byte(lane, tmp_path):
     """As soon as there are any, beside others at work in other processes."""
-    with Folding(2) as executor:
+    with Merging(2) as executor:
         detect_lane(small_job(lane, tmp_path / "result"), executor)
     assert content(tmp_path / "result") == lane.content
 
@@ -378,40 +378,40 @@ def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path)
 @pytest.mark.slow("detects on a lane of many blocks several times")
 @pytest.mark.parametrize("threads", [1, 4])
 def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path, monkeypatch):
-    """Nine blocks, folded once they are twice as large as what is folded already: more than once, one by one."""
+    """Nine blocks, merged once they are twice as large as what is merged already: more than once, one by one."""
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
     monkeypatch.setattr(engine, "BLOCK", 4)
     held = {"signature": [], "gain": [], "view": []}
-    folds = []
+    merges = []
     put = checkpoint.Checkpoint.__setitem__
 
     def keep(work, name, arrays):
         put(work, name, arrays)
-        folds.extend([name] if name == "signature-so-far" else [])
+        merges.extend([name] if name == "signature-so-far" else [])
 
     def note(report):
         if report["stage"] in held:
-            folder = tmp_path / "folded.work"
+            folder = tmp_path / "merged.work"
             held[report["stage"]].append(len(list(folder.glob(f"{report['stage']}-0*.arrays"))))
 
     with InProcess() as executor:
         detect_lane(small_job(lane, tmp_path / "plain"), executor)
-        monkeypatch.setattr(checkpoint, "FOLD_BYTES", 1)
+        monkeypatch.setattr(checkpoint, "MERGE_BYTES", 1)
         monkeypatch.setattr(checkpoint.Checkpoint, "__setitem__", keep)
-        detect_lane(small_job(lane, tmp_path / "folded"), executor, note=note)
-    assert content(tmp_path / "folded") == content(tmp_path / "plain")
+        detect_lane(small_job(lane, tmp_path / "merged"), executor, note=note)
+    assert content(tmp_path / "merged") == content(tmp_path / "plain")
     assert max(held["signature"] + held["gain"]) <= 4 + threads < max(held["view"])
-    assert len(folds) > (threads == 1)  # threads that finish together leave the fold to one of them
+    assert len(merges) > (threads == 1)  # threads that end together leave it to one
     assert held["signature"][-1] == held["gain"][-1] == held["view"][-1] == 0
 
 
 @pytest.mark.slow("detects on a lane of many blocks several times")
 @pytest.mark.parametrize("damaged", [False, True])
-def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
+def test_what_is_merged_already_is_not_done_again_unless_it_is_damaged(
     lane, damaged, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
-    monkeypatch.setattr(checkpoint, "FOLD_BYTES", 1)
+    monkeypatch.setattr(checkpoint, "MERGE_BYTES", 1)
     done = []
     job = small_job(lane, tmp_path / "result")
     so_far = tmp_path / "result.work" / "signature-so-far.arrays"

@@ -3,9 +3,9 @@
 import numpy as np
 
 from flgpr.simulate import Scene
-from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.buried_spectra import BuriedSpectra, incidence_laws
-from flgpr.simulate.ground.layers import View
+from flgpr.simulate.ground.layers import ScanView
 from flgpr.simulate.ground.subsurface import Buried, SubsurfaceLayer
 from flgpr.simulate.simulator import array_state
 
@@ -38,7 +38,7 @@ def given(xy, depth, size=1.0, axial=0.0, axis=(0.0, 0.0, 1.0), shape=0, reach=0
 
 
 def ground_of(soil, sensor):
-    return Ground(Scene(soil=soil).soil, None, sensor.tones.axis())
+    return LayeredGround(Scene(soil=soil).soil, None, sensor.tones.axis())
 
 
 def flat_layer(points, soil, sensor, scene=None):
@@ -51,7 +51,7 @@ def flat_layer(points, soil, sensor, scene=None):
 
 
 def view_of(sensor):
-    return View(sensor.footprint, POSE, array_state(sensor, POSE))
+    return ScanView(sensor.footprint, POSE, array_state(sensor, POSE))
 
 
 def spectra_of(echoes):

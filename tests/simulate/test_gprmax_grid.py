@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from flgpr.simulate.full_wave.gprmax_grid import Grid, fit_relaxation, rectangles
+from flgpr.simulate.full_wave.gprmax_grid import CellGrid, fit_relaxation, rectangles
 from flgpr.simulate.ground.soil import mironov
 
 
 def test_spreading_keeps_the_place_of_every_component():
-    grid = Grid((0.1, -0.2, 0.3), 0.01, (50, 50, 50), 10)
+    grid = CellGrid((0.1, -0.2, 0.3), 0.01, (50, 50, 50), 10)
     point = np.array([0.3312, 0.0147, 0.4981])
     points = grid.spread(point, [0.6, 0.0, 0.8])
     for axis, part in ((0, 0.6), (2, 0.8)):

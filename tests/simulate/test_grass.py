@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.ground.layers import GrassLayer, View, albedo, optical_depth, through_grass
+from flgpr.simulate.ground.layers import GrassLayer, ScanView, albedo, optical_depth, through_grass
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.simulator import array_state
 from simulate.conftest import BARE, STILL
@@ -17,7 +17,7 @@ TONES = np.array([0.75e9, 1.05e9, 1.4e9, 2.1e9, 2.8e9])
 def view(quiet):
     """A strip of ground at about one angle of incidence."""
     pose = np.array([0.0, 0.0, quiet.height, 0.0, 0.0, 0.0])
-    return View((-3.0, 3.0, 11.5, 12.5), pose, array_state(quiet, pose))
+    return ScanView((-3.0, 3.0, 11.5, 12.5), pose, array_state(quiet, pose))
 
 
 @pytest.fixture

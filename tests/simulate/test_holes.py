@@ -4,7 +4,7 @@ from scipy.special import j1, jv
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Simulator, draw_world, world_description
-from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.holes import Hole, cap_flash, hole_factor, wall_flash
 from simulate.conftest import BARE, STILL
 
@@ -15,7 +15,7 @@ SAME = Hole(0.0, 12.0, 0.25, 0.3, 1.0, 0.0, 0.0)
 
 
 def ground_of(soil):
-    return Ground(Scene(soil=soil).soil, None, TONES)
+    return LayeredGround(Scene(soil=soil).soil, None, TONES)
 
 
 def test_holes_lie_over_the_share_of_targets_and_over_nothing():

@@ -8,7 +8,7 @@ import pytest
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.echoes import Echoes, sum_echoes
-from flgpr.simulate.ground.layers import PointEchoes, Skeleton, View, sum_layers
+from flgpr.simulate.ground.layers import PointEchoes, ScanView, Skeleton, sum_layers
 from flgpr.simulate.radar.spread import Spreader
 from flgpr.simulate.simulator import array_state, sweep_drift
 from reference import slow_simulation
@@ -64,7 +64,7 @@ class Strewn:
 
     def __init__(self, layer, sensor, count=150):
         state = array_state(sensor, POSE)
-        found = layer.echoes(View(sensor.footprint, POSE, state))
+        found = layer.echoes(ScanView(sensor.footprint, POSE, state))
         chosen = np.linspace(0, len(found.points) - 1, count).astype(int)
         self.found = PointEchoes(*(part[chosen] for part in found[:3]), found.basis)
 
@@ -79,14 +79,14 @@ def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
         Scene(site=site, track=STILL, surface={"density": 3.0}), sensor, 1, errors=False
     )
     frequency = sensor.tones.axis()
-    view = View(sensor.footprint, POSE, state)
+    view = ScanView(sensor.footprint, POSE, state)
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
     skeleton = Skeleton(
-        simulator._layers, View(sensor.footprint, POSE, array_state(sensor, POSE)), frequency
+        simulator._layers, ScanView(sensor.footprint, POSE, array_state(sensor, POSE)), frequency
     )
     assert skeleton.nodes.size <= 7
     still = [dataclasses.replace(one, growth=0.0) for one in (state, array_state(sensor, POSE))]
-    plain = Skeleton(simulator._layers, View(sensor.footprint, POSE, still[1]), frequency)
+    plain = Skeleton(simulator._layers, ScanView(sensor.footprint, POSE, still[1]), frequency)
     for layer in simulator._layers[:2]:
         some = Strewn(layer, sensor)
         got = sum_layers([some], view, spreader, skeleton)
@@ -95,7 +95,10 @@ def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
         want = slow(some.found.points, spectra, frequency, state)
         assert apart(got, want) < 0.02
         assert (
-            apart(sum_layers([some], View(sensor.footprint, POSE, still[0]), spreader, plain), want)
+            apart(
+                sum_layers([some], ScanView(sensor.footprint, POSE, still[0]), spreader, plain),
+                want,
+            )
             > 0.2
         )
 

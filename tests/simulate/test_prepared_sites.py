@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from flgpr.simulate import Scene, Simulator, sites
-from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.buried_spectra import BuriedSpectra, spectral_shapes
 from flgpr.simulate.ground.roughness import UNEVEN_LENGTH, surface_heights
 from flgpr.simulate.ground.subsurface import SubsurfaceField
-from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.scene.world import BARE, MARGIN, draw_world
 from flgpr.simulate.simulator import array_state
 from simulate.conftest import STILL
@@ -200,7 +200,7 @@ def test_undulation_and_ruts_are_as_declared(site):
     scene = Scene(site=site)
     level = scene.terrain.model_copy(update={"rut_depth": 0.0})
     place = np.array([[0.3, 20.0]])
-    drawn = [Terrain(level, scene.lane, seed).relief(place)[0, 0] for seed in range(600)]
+    drawn = [TerrainHeights(level, scene.lane, seed).relief(place)[0, 0] for seed in range(600)]
     assert np.std(drawn) == pytest.approx(scene.terrain.undulation, rel=0.09)
     # As much as the uneven ground's class has in waves of 3 to 30 m: G0·0.1²·(30 - 3) under the
     # root.
@@ -210,7 +210,7 @@ def test_undulation_and_ruts_are_as_declared(site):
     if scene.terrain.rut_depth > 0:
         straight = scene.terrain.model_copy(update={"undulation": 0.0, "rut_wander": 0.0})
         middle = scene.terrain.rut_spacing / 2
-        assert Terrain(straight, scene.lane, 1)(middle, 7.0) == pytest.approx(
+        assert TerrainHeights(straight, scene.lane, 1)(middle, 7.0) == pytest.approx(
             -scene.terrain.rut_depth, rel=1e-3
         )
 
@@ -286,7 +286,7 @@ def test_simulated_scatterers_have_the_sigma0_of_small_perturbation(site, quiet)
 @each
 def test_stones_per_square_metre_and_their_sizes(site, quiet):
     scene = Scene(site=site)
-    ground = Ground(scene.soil, None, quiet.tones.axis())
+    ground = LayeredGround(scene.soil, None, quiet.tones.axis())
     spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), scene.stones.depth)
     field = SubsurfaceField(scene, spectra, 20.0, 10.0, seed=1)
     side = 30

@@ -5,9 +5,9 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.ground.layers import Skeleton, View
+from flgpr.simulate.ground.layers import ScanView, Skeleton
 from flgpr.simulate.ground.shadow import Shadows, Strip, shadow_strips
-from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.world import draw_world
 from flgpr.simulate.simulator import array_state
@@ -16,7 +16,7 @@ from simulate.conftest import BARE, STILL
 
 TONES = np.linspace(0.5e9, 3.0e9, 101)
 NODES = np.geomspace(0.5e9, 3.0e9, 5)
-FLAT = Terrain(tables.Terrain(), Lane(-1.5, 1.5, 0.0, 30.0), 1)
+FLAT = TerrainHeights(tables.Terrain(), Lane(-1.5, 1.5, 0.0, 30.0), 1)
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_who_throws_a_shadow():
             {"kind": "fiducial", "x": 0, "y": 11, "height": 0.5},
         ],
     )
-    slope = Terrain(tables.Terrain(slope_along=0.05), lane.lane, 1)
+    slope = TerrainHeights(tables.Terrain(slope_along=0.05), lane.lane, 1)
     world = draw_world(lane, 1)
     strips = shadow_strips(world.targets, world.objects, slope, 1.3)
     assert [strip.y for strip in strips] == [5, 8, 10]
@@ -138,8 +138,10 @@ def test_scatterers_in_the_shade_keep_their_spectrum_times_the_factor(quiet):
     strips = [Strip(0.0, 10.0, 0.0, 1.0, 0.3), Strip(-1.0, 9.0, 0.0, 0.5, 0.1, 6.0)]
     shadows = Shadows(strips, array, frequency)
     layer = simulator._layers[0]
-    skeleton = Skeleton([layer], View(sensor.footprint, pose, array_state(sensor, pose)), frequency)
-    found = layer.echoes(View(sensor.footprint, pose, array))
+    skeleton = Skeleton(
+        [layer], ScanView(sensor.footprint, pose, array_state(sensor, pose)), frequency
+    )
+    found = layer.echoes(ScanView(sensor.footprint, pose, array))
     values = skeleton.values(found)
     points = found.points
     at_nodes = values.copy()

@@ -5,7 +5,7 @@ import pytest
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, simulate, sites
-from flgpr.simulate.bodies.echoes import Echoes, Ground
+from flgpr.simulate.bodies.echoes import Echoes, LayeredGround
 from flgpr.simulate.bodies.rims import cylinder
 from flgpr.simulate.bodies.targets import _cover_factor, add_target
 from flgpr.simulate.ground.roughness import surface_backscatter
@@ -78,7 +78,7 @@ def test_a_mine_s_two_rims_lie_32_cm_apart_in_any_soil(quiet, permittivity):
 
 def test_bounces_under_the_surface_reach_the_far_rim_only(quiet):
     """Every way in and out by n and m bounces that fit on the top, summed one by one."""
-    ground = Ground(scene(soil=DRY).soil, None, np.array([0.8e9, 1.0e9, 1.2e9]))
+    ground = LayeredGround(scene(soil=DRY).soil, None, np.array([0.8e9, 1.0e9, 1.2e9]))
     target = scene(targets=[{"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05}]).targets[0]
     sine = 0.9
     cosine = np.sqrt(3.4 - sine**2) / np.sqrt(3.4)  # in the soil
@@ -106,7 +106,7 @@ def test_the_near_rim_does_not_hear_the_cover(quiet):
             soil=DRY,
             targets=[{"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05, "profile": profile}],
         )
-        ground = Ground(world.soil, None, np.linspace(0.5e9, 1.5e9, 201))
+        ground = LayeredGround(world.soil, None, np.linspace(0.5e9, 1.5e9, 201))
         add_target(
             echoes,
             world.targets[0],

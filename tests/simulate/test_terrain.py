@@ -5,7 +5,7 @@ from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Lane, attitude_matrix, heading_matrix
 from flgpr.simulate import Scene, Simulator, simulate
 from flgpr.simulate.ground.roughness import surface_backscatter
-from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.simulator import array_state
 from simulate.conftest import BARE, STILL
@@ -14,7 +14,7 @@ LANE = Lane(-1.5, 1.5, 0.0, 60.0)
 
 
 def terrain(seed=1, **entries):
-    return Terrain(tables.Terrain(**entries), LANE, seed)
+    return TerrainHeights(tables.Terrain(**entries), LANE, seed)
 
 
 def test_undulation_has_its_height_length_and_slope():

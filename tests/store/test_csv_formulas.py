@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from damage import FUZZ
 from flgpr.geo import write_earth_csv
 from flgpr.store import read_table, write_table
-from flgpr.store.tables import parse_columns, table_text
+from flgpr.store.tables import csv_text, parse_columns
 from flgpr.store.text_tables import read_text_table
 
 RUN_BY_SPREADSHEETS = [
@@ -64,14 +64,14 @@ def table(texts):
 
 @pytest.mark.parametrize("text", RUN_BY_SPREADSHEETS)
 def test_formulas_are_quoted(text):
-    written = cells_of(table_text(table([text])))
+    written = cells_of(csv_text(table([text])))
     assert written.count(f"'{text}") == 2
     assert not [cell for cell in written if is_formula(cell) and not re.fullmatch(r"-inf", cell)]
 
 
 @pytest.mark.parametrize("text", [*NUMBERS, *PLAIN])
 def test_numbers_and_plain_text_are_as_they_are(text):
-    assert text in cells_of(table_text(table([text])))
+    assert text in cells_of(csv_text(table([text])))
 
 
 def test_all_of_it_reads_back(tmp_path):
@@ -105,7 +105,7 @@ def test_all_of_it_reads_back(tmp_path):
     )
 )
 def test_any_text_reads_back_and_is_no_formula(texts):
-    text = table_text(pd.DataFrame({"target_id": texts, "x": 1.0}))
+    text = csv_text(pd.DataFrame({"target_id": texts, "x": 1.0}))
     assert not [cell for cell in cells_of(text) if is_formula(cell)]
     assert list(parse_columns(text.encode(), "target_id")["target_id"]) == texts
 
@@ -130,5 +130,5 @@ def test_what_goes_to_the_earth_is_quoted(tmp_path):
 
 def test_numbers_are_written_as_ever():
     frame = pd.DataFrame({"x": [-0.1, np.nan, -np.inf], "n": [-1, 2, 3], "b": [True, False, True]})
-    assert table_text(frame) == frame.to_csv(index=False, lineterminator="\n")
-    assert table_text(frame.iloc[:0]) == "x,n,b\n"
+    assert csv_text(frame) == frame.to_csv(index=False, lineterminator="\n")
+    assert csv_text(frame.iloc[:0]) == "x,n,b\n"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.store import RunStoreError, RunWriter, open_run, save_run
-from flgpr.store.run_writer import RunExistsError, is_stored, read_limits, read_manifest
+from flgpr.store.run_writer import RunExistsError, is_stored
 
 
 @pytest.fixture
@@ -79,21 +79,3 @@ def test_a_run_needs_a_scan_and_attributes_that_json_can_hold(fixed, tmp_path):
         pass
     with pytest.raises(ValueError, match="attrs must be writable as JSON"):
         RunWriter(tmp_path / "b.zarr", *fixed, {"site": {1, 2}})
-
-
-def test_limits_are_recorded_beside_the_run_and_are_no_part_of_it(small_run, fixed, tmp_path):
-    digests = set()
-    for name, limits in (("a", None), ("b", {"footprint_m": [0, 1, 2, 3]})):
-        path = tmp_path / f"{name}.zarr"
-        with RunWriter(path, *fixed, inputs={"seed": 1}, limits=limits) as writer:
-            append(writer, small_run, 0)
-        digests.add(read_manifest(path)["sha256"])
-        assert read_limits(path) == (limits or {})
-        with pytest.raises(RunExistsError) as told:
-            RunWriter(path, *fixed, inputs={"seed": 1}, limits={"other": 1})
-        assert told.value.same
-    assert len(digests) == 1
-    made_of = tmp_path / "b.zarr" / "made-of.json"
-    made_of.write_text(made_of.read_text().replace(digests.pop(), "0" * 64))
-    assert read_limits(tmp_path / "b.zarr") == {}  # they were of another run
-    assert read_limits(tmp_path / "none.zarr") == {}

@@ -28,8 +28,9 @@ from flgpr.trials import (
     score_blind,
     seal_truth,
 )
-from flgpr.trials.blind import FORMAT, Registration
+from flgpr.trials.blind import Registration
 from flgpr.trials.ledger import enter, read_checked_register
+from flgpr.trials.sealing import FORMAT
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(

@@ -2,7 +2,7 @@ import { AlarmPanel } from "./alarm";
 import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
 import { drawBackdrop, type Backdrop } from "./backdrop";
-import { drawComparison, rasters, type Compare } from "./compare";
+import { drawComparison, rasters } from "./compare";
 import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
 import { checkRadio, colour, digits, el, fitted, fixed, make, options } from "./dom";
 import { Following } from "./following";
@@ -14,14 +14,15 @@ import type { Live } from "./live";
 import type { Notes } from "./notes";
 import { drawOverlay, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
+import type { Page } from "./page";
 import type { RawPanel } from "./raw";
 import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
 import { Scrub } from "./scrub";
-import type { Choice, Detection, Note, Source } from "./types";
+import type { Choice, Compare, Detection, Note, Source } from "./types";
 import { View } from "./view";
 import { alarmFacts, alarmWords } from "./words";
 
-export class App {
+export class App implements Page {
   a: Choice;
   b: Choice;
   compare: Compare = "off";
@@ -41,8 +42,8 @@ export class App {
   raw: RawPanel | null = null;
   backdrop: Backdrop | null = null;
   scan: number | null = null;
-  readonly following = new Following(this);
-  readonly scrub = new Scrub(this);
+  readonly following: Following = new Following(this);
+  readonly scrub: Scrub = new Scrub(this);
   readonly view: View;
   readonly picture: Picture;
   readonly tiles: Tiles;

@@ -1,13 +1,11 @@
-import type { App } from "./app";
 import { setLabel } from "./data";
+import type { Shown } from "./page";
 import type { Pen } from "./pen";
 import type { Choice } from "./types";
 import type { Box } from "./view";
 
-export type Compare = "off" | "swipe" | "blink";
-
 /** Draw the rasters that are in sight; tell whether all of their tiles are there. */
-export function rasters(app: App, context: CanvasRenderingContext2D, density: number): boolean {
+export function rasters(app: Shown, context: CanvasRenderingContext2D, density: number): boolean {
   const { box } = app.view;
   const draw = (choice: Choice, clip: Box): boolean => app.picture.raster(context, choice, clip, app.smooth, density);
   if (app.compare === "swipe") {
@@ -21,7 +19,7 @@ export function rasters(app: App, context: CanvasRenderingContext2D, density: nu
 }
 
 /** Draw the line between A and B and say which is which. */
-export function drawComparison(app: App, pen: Pen): void {
+export function drawComparison(app: Shown, pen: Pen): void {
   const { box, turned } = app.view;
   if (app.compare === "off") return;
   const words = (choice: Choice, name: string): string => {

@@ -1,8 +1,8 @@
-import type { App } from "./app";
 import { UNSEEN } from "./data";
 import { el } from "./dom";
 import type { LiveAlarm, LiveRows, Moment } from "./history";
 import type { Live } from "./live";
+import type { Page } from "./page";
 import { thresholdsOf } from "./roc";
 
 /** Length of lane in sight when the picture follows the vehicle, and how much of it lies behind the vehicle, m. */
@@ -15,7 +15,7 @@ export class Following {
   /** The threshold that was chosen when the page went back in time: alarms of then may not have it. */
   private chosen: { least: number | null; last: boolean } | null = null;
 
-  constructor(private readonly app: App) {}
+  constructor(private readonly app: Page) {}
 
   /** A live run is known: take its lane, lattice and channel as the source's. */
   begin(live: Live): void {

@@ -1,5 +1,4 @@
 import { App } from "./app";
-import type { Compare } from "./compare";
 import { getJson, loadSources } from "./data";
 import { el } from "./dom";
 import { Drive } from "./drive";
@@ -10,7 +9,7 @@ import { Notes } from "./notes";
 import { listenToPointer } from "./pointing";
 import { loadBackdrop, type Backdrop } from "./backdrop";
 import { RawPanel } from "./raw";
-import type { Georeference, Source, Verdict } from "./types";
+import type { Compare, Georeference, Source, Verdict } from "./types";
 
 function input(id: string, act: (field: HTMLInputElement) => void, event = "input"): void {
   el<HTMLInputElement>(id).addEventListener(event, (e) => act(e.target as HTMLInputElement));

@@ -1,10 +1,10 @@
-import type { App } from "./app";
 import { colour, el, fitted } from "./dom";
 import { labelOf } from "./overlay";
+import type { Shown } from "./page";
 import type { Box } from "./view";
 
 /** Draw the whole lane with its alarms and what of it is in sight. */
-export function drawOverview(app: App): void {
+export function drawOverview(app: Shown): void {
   const canvas = el<HTMLCanvasElement>("overview");
   const { context, width, height } = fitted(canvas);
   const box: Box = { left: app.view.box.left, top: 4, width: Math.max(width - app.view.box.left - 52, 10), height: height - 8 };
@@ -29,7 +29,7 @@ export function drawOverview(app: App): void {
 }
 
 /** Bring what a place of the overview shows into sight. */
-export function overviewTo(app: App, px: number): void {
+export function overviewTo(app: Shown, px: number): void {
   const canvas = el<HTMLCanvasElement>("overview");
   const width = Math.max(canvas.clientWidth - app.view.box.left - 52, 10);
   app.view.y = app.view.extent.y_min + ((px - app.view.box.left) / width) * app.view.length;

@@ -1,5 +1,5 @@
-import type { App } from "./app";
 import { el, fixed } from "./dom";
+import type { Page } from "./page";
 
 /**
  * The slider through the scans above the picture.
@@ -8,7 +8,7 @@ import { el, fixed } from "./dom";
  * a run it marks a scan on the track, with the ground that it sees; a run shows that scan's raw data as well.
  */
 export class Scrub {
-  constructor(private readonly app: App) {
+  constructor(private readonly app: Page) {
     el("scan").addEventListener("input", (event) => this.goTo(Number((event.target as HTMLInputElement).value)));
     el("scan-all").addEventListener("click", () => this.goTo(null));
   }

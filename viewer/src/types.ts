@@ -118,5 +118,7 @@ export interface Score {
 export interface Source { id: number; title: string; identity: string; index: Index; score: Score | null }
 /** One channel of one set of run-views: what a picture shows. */
 export interface Choice { source: number; set: string; polarization: string; subband: string }
+/** How the choices A and B share the picture. */
+export type Compare = "off" | "swipe" | "blink";
 export type Verdict = "" | "mine" | "unsure" | "clutter";
 export interface Note { verdict: Verdict; text: string }

@@ -1,8 +1,8 @@
-import type { App } from "./app";
 import { HALF, layerOf } from "./data";
 import { digits, fixed } from "./dom";
 import { geographic } from "./geo";
 import { labelOf } from "./overlay";
+import type { Shown } from "./page";
 import { LABELS } from "./symbols";
 import type { Choice, Detection, Source } from "./types";
 
@@ -27,7 +27,7 @@ export function alarmFacts(source: Source, detection: Detection, row: number): s
 }
 
 /** Why no scan has seen the ground at a place; nothing where one has, or beside the picture. */
-export function unseenWords(app: App, x: number, y: number): string {
+export function unseenWords(app: Shown, x: number, y: number): string {
   const { scans, sight } = app.source.index;
   if (!Number.isNaN(app.picture.value(app.a, x, y, HALF))) return "";
   const head = "seen by no scan";
@@ -55,7 +55,7 @@ function spans(rows: number[]): string {
 }
 
 /** What lies under the pointer. */
-export function readout(app: App, x: number, y: number): string {
+export function readout(app: Shown, x: number, y: number): string {
   const words = [`y ${fixed(y, 2)} m`, `x ${fixed(x, 2)} m`];
   const amplitude = (choice: Choice, name: string): void => {
     const source = app.sources[choice.source]!;

@@ -11,10 +11,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.engine import Arrays, bundle_groups, group_of
+from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_tables import FeaturesTable
 from flgpr.chain.stages import ComplexArray, FeatureStage
 from flgpr.chain.steps import CleanedScan, Steps
-from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
+from flgpr.features import FEATURES, POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.model import ground_points, lane_to_scan
 
 SWAPPED = "swapped."
@@ -27,6 +28,32 @@ OTHER_GAIN = {"shared": "paper.", "own": "shared."}
 OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "linear": "circular"}
 """The other mean of ψ, whose name stands before P_psi in the columns of variants."""
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
+
+
+def own_column_count(recipe: Recipe) -> int:
+    """Return how many columns of a table of features belong to no stage.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    int
+        The number of scans with the contrast and the magnitude, or with the ten features of every
+        sub-band and their variants, see :meth:`AlarmSums.table`.
+    """
+    table = recipe.features
+    if table is None:
+        return 3  # scans, contrast, magnitude
+    per_band = len(FEATURES)
+    if table.variants:
+        swapped = len(FEATURES)
+        with_other_gain = len(POLARIMETRIC)
+        with_other_mean = 2  # P_psi with either gain
+        per_band += swapped + with_other_gain + with_other_mean
+    return 1 + per_band * len(recipe.image.subbands)
 
 
 class StageSums:

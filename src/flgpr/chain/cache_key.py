@@ -1,4 +1,4 @@
-"""What the result of a pass depends on beside run, lane and program.
+"""What the result of a pass depends on beside run, lane and version of the program.
 
 Recipes that agree in it share the result. None stands for a result that no other recipe can use,
 because a stage that has learnt took part in it.

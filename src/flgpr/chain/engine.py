@@ -102,7 +102,8 @@ class PlannedPass:
     #: the states of its blocks are not merged but kept, by the names of :func:`block_name`
     keep_blocks: bool = False
     needs_no_scans: bool = False  #: works on the results of earlier passes alone
-    #: what its result depends on beside run, lane and program; None if no other recipe can use it
+    #: what its result depends on beside run, lane and version of the program; None if no other
+    #: recipe can use it
     cache_key: Callable[[], dict[str, Any] | None] = not_shared
 
 
@@ -210,6 +211,7 @@ class Engine:
                 if worker_state.stop.is_set():
                     raise CancelledError
                 gatherer.add(index)
+            # Rounded, but always at the same edges, whether the run was stopped or not.
             return gatherer.state(False)
 
     def merge_blocks(self, name: str, states: Iterable[Arrays]) -> Gatherer:

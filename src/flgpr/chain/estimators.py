@@ -27,7 +27,7 @@ from flgpr.chain.estimator_classes import ALLOWED, GROUPED
 from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
-from flgpr.detect.scorers.checks import Scorer
+from flgpr.detect.scorers.checks import StoredScorer
 
 _OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
 _NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
@@ -65,7 +65,7 @@ class TrainedEstimator:
     features: tuple[str, ...]  #: columns that it reads, in order
     centre: FloatArray  #: (feature,) is subtracted from the features
     scale: FloatArray  #: (feature,) divides them then
-    scorer: Scorer
+    scorer: StoredScorer
     notes: dict[str, Any] = field(default_factory=dict)  #: what it was trained on
     unlike: bool = False  #: whether what is unlike the training examples scores high
 

@@ -17,12 +17,12 @@ from flgpr.chain.look_samples import (
     CUT,
     TRACE,
     FloatArray,
-    coherency,
+    coherency_at,
+    cuts_along_sight,
     decibels,
     focused_trace,
     in_sight,
     patches,
-    range_cuts,
     range_kernel,
 )
 from flgpr.features import PatchShape
@@ -223,7 +223,7 @@ class EvidenceSums:
             self._add_causes(image, visible, points[visible], adding, alone)
         if visible.size:
             one_band = image.sel(subband=self._subband or subband[0])
-            self._coherency[visible] += coherency(one_band, points[visible])
+            self._coherency[visible] += coherency_at(one_band, points[visible])
 
     def _sample(
         self,
@@ -244,7 +244,7 @@ class EvidenceSums:
         magnitude = image.copy(data=np.abs(image.values))
         samples = [
             patches(magnitude, chosen_points, self._patch),
-            range_cuts(magnitude, chosen_points),
+            cuts_along_sight(magnitude, chosen_points),
         ]
         if self._run is not None:
             samples.append(self._traces(self._run, image, signal, chosen_points))

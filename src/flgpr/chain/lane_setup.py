@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from flgpr.chain.alarm_sums import own_column_count
 from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.engine import PlannedPass, group_of
 from flgpr.chain.evidence import MOST_GATHERED, EvidenceSums
@@ -28,9 +29,10 @@ from flgpr.chain.stages import (
 from flgpr.chain.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.screen import RunViewSums, view_array
+from flgpr.store.tables import MOST_COLUMNS
 
-MOST_COLUMNS = 4000
-"""Columns that stages may have: a table is read with 4096, and every recipe has some of its own."""
+_FEW_COLUMNS = 64
+"""Columns of a table of features that are left for stages of few columns, which are not counted."""
 
 
 class LaneSetup:
@@ -113,9 +115,10 @@ class LaneSetup:
     def _check_column_count(self) -> None:
         """Refuse stages that have more columns than the table of features can be read with."""
         count = column_count(len(self.polarizations), self.recipe, self.grid)
-        if count > MOST_COLUMNS:
+        most = MOST_COLUMNS - own_column_count(self.recipe) - _FEW_COLUMNS
+        if count > most:
             raise ValueError(
-                f"columns of the recipe {self.recipe.name} must be at most {MOST_COLUMNS}, got "
+                f"columns of the recipe {self.recipe.name} must be at most {most}, got "
                 f"{count}: take a smaller patch, coarser cells or fewer polarizations"
             )
 

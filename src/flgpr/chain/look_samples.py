@@ -60,7 +60,7 @@ def patches(magnitude: xr.DataArray, points: FloatArray, shape: PatchShape) -> N
     return _sampled(magnitude, points[:, None, None, :2] + offsets)
 
 
-def range_cuts(magnitude: xr.DataArray, points: FloatArray) -> NDArray[np.float32]:
+def cuts_along_sight(magnitude: xr.DataArray, points: FloatArray) -> NDArray[np.float32]:
     """Sample a scan image along the line of sight through points.
 
     Parameters
@@ -151,7 +151,7 @@ def focused_trace(
     return traces
 
 
-def coherency(image: xr.DataArray, points: FloatArray) -> NDArray[np.complex128]:
+def coherency_at(image: xr.DataArray, points: FloatArray) -> NDArray[np.complex128]:
     """Sum k·k^H over 5 x 5 pixels about points, k the Pauli vector.
 
     Parameters

@@ -4,6 +4,11 @@ The steps are those of Wang et al. 2007; where other recipes differ, their stage
 memory, worker processes, sections of a long lane and training all run this list of passes. Live
 detection takes the same steps (:mod:`flgpr.chain.steps`) with the background and the run-view of
 the scans so far.
+
+The image of a scan is made when a pass asks for it (``chain/images.py``): A^H of its data
+(``imaging/operator.py``). The sum itself is compiled. On a CPU it is ``adjoint`` of
+``kernels/profiles.py``, by way of range profiles (``ProfileBackend`` in ``imaging/cpu.py``); where
+there are few terms, it is made term by term (``kernels/direct.py``).
 """
 
 from __future__ import annotations
@@ -22,7 +27,7 @@ from flgpr.chain.passes.features import Features
 from flgpr.chain.passes.frames import FrameAlarms
 from flgpr.chain.passes.gain import GAIN_BACKGROUND
 from flgpr.chain.passes.run_view import PlainRunView, RunView
-from flgpr.chain.passes.signature import SelfSignature
+from flgpr.chain.passes.signature import SelfSignaturePass
 from flgpr.chain.passes.training import until_examples
 from flgpr.chain.passes.traversal import plan
 from flgpr.chain.progress import Track, silent
@@ -40,9 +45,10 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
     # What stages need of the raw data first, such as a field that stands still.
     passes = lane.stage_passes()
 
-    # The background: the self-signature with the gain of every scan (Eq. 2), and the gain
-    # background (Eq. 3 and 4), in units of which images are cleaned (clutter/streaming.py).
-    passes.append(plan(lane, SelfSignature))
+    # The background: the self-signature with the gain of every scan (Eq. 2; with the recipe's
+    # self_signature = "none" the gain alone), and the gain background (Eq. 3 and 4), in units of
+    # which images are cleaned (clutter/streaming.py).
+    passes.append(plan(lane, SelfSignaturePass))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
 
     # What a map needs to know of the whole lane, such as its clutter.
@@ -58,7 +64,9 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
             )
         )
 
-    # Cleaned images, or the recipe's map of them, laid over one another on the lane (Sec. II-B).
+    # Cleaned images, or the recipe's map of them, laid over one another on the lane: the second
+    # largest value of all looks at a place (Sec. II-B), or what else of screen/views.py the recipe
+    # names.
     passes.append(plan(lane, RunView, PlainRunView))
     if lane.recipe.score.area == "frames":
         passes.append(plan(lane, FrameAlarms))

@@ -10,7 +10,7 @@ import xarray as xr
 from flgpr.chain.radar_setup import goes_across, radar_setup
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.chain.recipe_choice import figures_of
-from flgpr.chain.recipe_like import ModelRecipe, like_text, load_model
+from flgpr.chain.recipe_like import ModelRecipe, like_text, load_model_recipe
 from flgpr.chain.recipe_writing import fitted_text
 from flgpr.model import Sensor, aperture_run, load_sensor
 from flgpr.model.faults import faults_of
@@ -59,7 +59,7 @@ def recipe_for(
         As of :func:`fit_recipe`.
     """
     # A model that cannot be fitted is refused before the run is read.
-    model = None if like is None else load_model(like)
+    model = None if like is None else load_model_recipe(like)
     dataset = open_run(run, max_memory)
     with faults_of(run):
         text = _fitted_recipe(dataset, model)
@@ -145,7 +145,7 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = 
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.8, 8.45), 'HH', ['F1'])
     """
-    model = None if like is None else load_model(like)
+    model = None if like is None else load_model_recipe(like)
     return _fitted_recipe(run, model, begins)
 
 

@@ -65,7 +65,7 @@ def faults_of_model(model: Recipe) -> list[str]:
     return faults
 
 
-def load_model(like: str | Path) -> ModelRecipe:
+def load_model_recipe(like: str | Path) -> ModelRecipe:
     """Return a recipe whose method another one can have.
 
     Parameters

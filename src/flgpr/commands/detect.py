@@ -1,7 +1,7 @@
 """``flgpr detect``: raise alarms on runs.
 
-Runs and options become jobs; ``execution/driver.py`` runs the passes of ``chain/method.py`` for
-them.
+Runs and options become jobs. What is computed stands in ``chain/method.py``; how it is divided
+among threads, processes and sections, in ``execution/driver.py``.
 """
 
 from __future__ import annotations

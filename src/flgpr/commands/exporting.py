@@ -20,7 +20,8 @@ from flgpr.formats.cphd import write_cphd
 from flgpr.formats.sigmf_writer import write_sigmf
 from flgpr.geo import export as georeferenced
 from flgpr.geo import qgis
-from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.imsma import imsma_table
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
@@ -215,7 +216,7 @@ def export_result(
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
     loaded = read_result(result)
-    chosen = detection_of(loaded, detection)
+    chosen = named_detection(loaded, detection)
     identity = _processing_id(loaded)
     lane_anchor = needed_anchor(anchor, loaded.manifest["run"].get("georeference"), result)
     if to != "geotiff":
@@ -297,7 +298,7 @@ def _alarms_on_earth(
     loaded = read_result(source)
     reference = loaded.manifest["run"].get("georeference")
     lane_anchor = _imsma_anchor(anchor, reference, source)
-    return detection_of(loaded, detection).alarms, lane_anchor, _processing_id(loaded)
+    return named_detection(loaded, detection).alarms, lane_anchor, _processing_id(loaded)
 
 
 def _imsma_anchor(anchor: PathLike | None, reference: Any, source: PathLike) -> Anchor:
@@ -351,7 +352,7 @@ def export_qgis(
     target = check_parent_folder(output)
 
     loaded = read_result(result)
-    chosen = detection_of(loaded, detection)
+    chosen = named_detection(loaded, detection)
     identity = _processing_id(loaded)
     lane_anchor = needed_anchor(anchor, loaded.manifest["run"].get("georeference"), result)
     scored = read_scored_truth(loaded, None if score is None else Path(score))
@@ -381,7 +382,7 @@ def export_qgis(
 
 def _point_layer(
     rows: pd.DataFrame, kind: str, folder: Path, anchor: Anchor, identity: str, time: str | None
-) -> qgis.Layer:
+) -> qgis.MapLayer:
     """Write a table of points as GeoPackage and return its layer."""
     if kind in _POINT_COLOURS:
         style = qgis.by_kind(rows["kind"], _POINT_COLOURS[kind])
@@ -389,22 +390,22 @@ def _point_layer(
         style = qgis.graduated("confidence", rows["confidence"])
     points = georeferenced.georeference(rows, anchor, kind, identity, time)
     georeferenced.write_geopackage(points, folder / f"{kind}.gpkg", kind)
-    return qgis.Layer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style)
+    return qgis.MapLayer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style)
 
 
 def _lane_layers(
     result: Result, detection: Detection, folder: Path, anchor: Anchor
-) -> Iterator[qgis.Layer]:
+) -> Iterator[qgis.MapLayer]:
     """Write the outline of the lane and the run-view, and yield their layers."""
     georeferenced.write_outline(result.lane, folder / "lane.gpkg", anchor)
-    yield qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline())
+    yield qgis.MapLayer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline())
     _write_view(result, detection, folder / "run-view.tif", anchor)
     style = _shading(result, detection)
-    yield qgis.Layer("run-view", "run-view.tif", anchor.utm(), "", style)
+    yield qgis.MapLayer("run-view", "run-view.tif", anchor.utm(), "", style)
 
 
 def _project(
-    result: Result, detection: Detection, anchor: Anchor, identity: str, layers: list[qgis.Layer]
+    result: Result, detection: Detection, anchor: Anchor, identity: str, layers: list[qgis.MapLayer]
 ) -> bytes:
     """Return the project of QGIS, which shows the lane and some ground around it."""
     corners = anchor.to_geodetic(georeferenced.corners(result.lane))[:, :2]
@@ -467,7 +468,7 @@ def alarm_channel(result: Result, detection: Detection) -> int:
     return names.index(channel) if channel in names else 0
 
 
-def detection_of(result: Result, name: str) -> Detection:
+def named_detection(result: Result, name: str) -> Detection:
     """Return a detection of a result by its name."""
     for detection in result.detections:
         if detection.name == name:

@@ -27,7 +27,7 @@ _SCATTERERS = 60
 
 
 @dataclass(frozen=True)
-class Scan:
+class ImagedScan:
     """One scan and what it is imaged on."""
 
     frequency: NDArray[np.float64]  #: tones, Hz
@@ -68,7 +68,7 @@ class DirectSums:
     forward: NDArray[np.complex128]
 
 
-def sri_scan() -> Scan:
+def sri_scan() -> ImagedScan:
     """Return the scan that is imaged: 36 pairs, 1024 tones, three polarizations."""
     sensor = load_sensor("sri-array")
     rng = np.random.default_rng(0)
@@ -94,7 +94,7 @@ def sri_scan() -> Scan:
     data = signal + noise * np.sqrt(_SCATTERERS)
 
     image = complex_noise(rng, (3, 1, pixels.shape[0]))
-    return Scan(
+    return ImagedScan(
         frequency,
         tx,
         rx,
@@ -111,7 +111,7 @@ def complex_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[n
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
-def direct_sums(scan: Scan) -> DirectSums:
+def direct_sums(scan: ImagedScan) -> DirectSums:
     """Sum term by term what the codes are checked against."""
     rng = np.random.default_rng(1)
     pixel = np.sort(rng.choice(len(scan.pixels), CHECKED_PIXELS, replace=False))

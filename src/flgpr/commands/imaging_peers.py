@@ -18,7 +18,7 @@ from numba import cuda, get_num_threads
 from numpy.typing import NDArray
 from scipy import fft
 
-from flgpr.commands.imaging_cases import SUBBANDS, Case, ComplexArray, DirectSums, Scan
+from flgpr.commands.imaging_cases import SUBBANDS, Case, ComplexArray, DirectSums, ImagedScan
 from flgpr.kernels import gpu
 from flgpr.kernels.windows import band_weights, boxcar
 from flgpr.model import SPEED_OF_LIGHT
@@ -33,7 +33,7 @@ def missing_peers(device: str = "cpu") -> list[str]:
     return [name for name in names if importlib.util.find_spec(name) is None]
 
 
-def peer_cases(scan: Scan, exact: DirectSums) -> list[Case]:
+def peer_cases(scan: ImagedScan, exact: DirectSums) -> list[Case]:
     """Return the installed peers' cases; NumPy is always there."""
     cases = _numpy_cases(scan, exact)
     missing = missing_peers()
@@ -45,7 +45,7 @@ def peer_cases(scan: Scan, exact: DirectSums) -> list[Case]:
     return cases
 
 
-def _paths(scan: Scan) -> NDArray[np.float64]:
+def _paths(scan: ImagedScan) -> NDArray[np.float64]:
     """Return the paths (pair, pixel) by way of every pixel, m."""
     paths = []
     for tx, rx in zip(scan.tx, scan.rx, strict=True):
@@ -55,7 +55,7 @@ def _paths(scan: Scan) -> NDArray[np.float64]:
     return np.array(paths)
 
 
-def _carriers(scan: Scan, paths: NDArray[np.float64]) -> ComplexArray:
+def _carriers(scan: ImagedScan, paths: NDArray[np.float64]) -> ComplexArray:
     """Return the phase factors (pair, pixel) of the middle tone."""
     middle_tone = scan.frequency[scan.frequency.size // 2]
     turns = paths * (middle_tone / SPEED_OF_LIGHT)
@@ -63,7 +63,7 @@ def _carriers(scan: Scan, paths: NDArray[np.float64]) -> ComplexArray:
     return np.exp(2j * np.pi * fraction).astype(np.complex64)
 
 
-def _angles(scan: Scan, paths: NDArray[np.float64]) -> NDArray[np.float32]:
+def _angles(scan: ImagedScan, paths: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the phase (pair, pixel) between neighbouring tones, from -π to π, rad."""
     step = scan.frequency[1] - scan.frequency[0]
     turns = paths * (step / SPEED_OF_LIGHT)
@@ -71,7 +71,7 @@ def _angles(scan: Scan, paths: NDArray[np.float64]) -> NDArray[np.float32]:
     return (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
 
 
-def _subband_data(scan: Scan, pair: int) -> ComplexArray:
+def _subband_data(scan: ImagedScan, pair: int) -> ComplexArray:
     """Return the data (polarization·subband, tone) of a pair, cut to every sub-band."""
     weights = band_weights(scan.frequency, SUBBANDS, boxcar).astype(np.float32)
     of_subbands = scan.data[:, None, pair] * weights
@@ -84,7 +84,7 @@ class _Finufft:
     That is faster here than threads inside a plan.
     """
 
-    def __init__(self, scan: Scan, tolerance: float) -> None:
+    def __init__(self, scan: ImagedScan, tolerance: float) -> None:
         self._finufft = importlib.import_module("finufft")
         self._scan = scan
         self._tolerance = tolerance
@@ -166,7 +166,9 @@ class _Finufft:
         return run
 
 
-def _finufft_cases(scan: Scan, exact: DirectSums, tolerance: float, suffix: str) -> list[Case]:
+def _finufft_cases(
+    scan: ImagedScan, exact: DirectSums, tolerance: float, suffix: str
+) -> list[Case]:
     """Return the cases of FINUFFT; those with a suffix are of images alone."""
     peer = _Finufft(scan, tolerance)
     code = f"finufft, eps {tolerance:g}"
@@ -185,7 +187,7 @@ def _finufft_cases(scan: Scan, exact: DirectSums, tolerance: float, suffix: str)
     return cases
 
 
-def _numpy_cases(scan: Scan, exact: DirectSums) -> list[Case]:
+def _numpy_cases(scan: ImagedScan, exact: DirectSums) -> list[Case]:
     """Return the case of zero-padded transforms that are interpolated linearly.
 
     All images share the indices and the weights.
@@ -225,7 +227,7 @@ def _numpy_cases(scan: Scan, exact: DirectSums) -> list[Case]:
     return [Case("15 images", "numpy, linear", images, exact.images, 15)]
 
 
-def _fastsar_cases(scan: Scan, exact: DirectSums) -> list[Case]:
+def _fastsar_cases(scan: ImagedScan, exact: DirectSums) -> list[Case]:
     """Return the cases of exact backprojection in C++, one image per call."""
     fastsar = importlib.import_module("fastsar")
     step = float(scan.frequency[1] - scan.frequency[0])
@@ -276,7 +278,7 @@ def _add(values, carrier, total, begins):  # type: ignore[no-untyped-def]
         total[c, p] = value if begins else total[c, p] + value
 
 
-def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any, ...]]:
+def cufinufft_rows(scan: ImagedScan, exact: DirectSums, rounds: int) -> list[tuple[Any, ...]]:
     """Time cuFINUFFT on data on the device.
 
     One plan per pair, all channels in one call of it; the carrier and the sum over the pairs are a
@@ -284,7 +286,7 @@ def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any
 
     Parameters
     ----------
-    scan : Scan
+    scan : ImagedScan
         The scan that is imaged.
     exact : DirectSums
         What images are checked against.
@@ -341,7 +343,7 @@ def _cufinufft_trials(
 class _Cufinufft:
     """Plans of cuFINUFFT for all pairs, with their carriers on the device."""
 
-    def __init__(self, scan: Scan) -> None:
+    def __init__(self, scan: ImagedScan) -> None:
         self._cufinufft = importlib.import_module("cufinufft")
         self._tones = scan.frequency.size
         self._count = len(scan.pixels)

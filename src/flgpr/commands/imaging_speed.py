@@ -15,7 +15,7 @@ from flgpr.commands.imaging_cases import (
     SUBBANDS,
     Case,
     DirectSums,
-    Scan,
+    ImagedScan,
     direct_sums,
     sri_scan,
 )
@@ -122,12 +122,12 @@ def _require_device(device: str) -> None:
     ImagingOperator([1e9, 1.1e9], antenna, antenna, [[0.0, 8.0, 0.0]], device=device)
 
 
-def own_cases(scan: Scan, exact: DirectSums, device: str) -> list[Case]:
+def own_cases(scan: ImagedScan, exact: DirectSums, device: str) -> list[Case]:
     """Return the cases of this package.
 
     Parameters
     ----------
-    scan : Scan
+    scan : ImagedScan
         The scan that is imaged.
     exact : DirectSums
         What images are checked against.
@@ -167,7 +167,9 @@ def own_cases(scan: Scan, exact: DirectSums, device: str) -> list[Case]:
     return cases
 
 
-def _image_cases(scan: Scan, exact: DirectSums, operators: _Operators, code: str) -> list[Case]:
+def _image_cases(
+    scan: ImagedScan, exact: DirectSums, operators: _Operators, code: str
+) -> list[Case]:
     """Return the cases of 15 images, three polarizations in five sub-bands."""
     buffer = operators.images.image_buffer(3)
 
@@ -189,7 +191,7 @@ def _image_cases(scan: Scan, exact: DirectSums, operators: _Operators, code: str
 
 
 def _channel_cases(
-    scan: Scan, exact: DirectSums, operator: ImagingOperator, code: str
+    scan: ImagedScan, exact: DirectSums, operator: ImagingOperator, code: str
 ) -> list[Case]:
     """Return the cases of one channel, and of the forward model."""
 
@@ -210,7 +212,9 @@ def _channel_cases(
     ]
 
 
-def _batch_cases(scan: Scan, exact: DirectSums, operators: _Operators, code: str) -> list[Case]:
+def _batch_cases(
+    scan: ImagedScan, exact: DirectSums, operators: _Operators, code: str
+) -> list[Case]:
     """Return the cases of many scans at once, for a CUDA device."""
     batch = np.repeat(scan.data[None], BATCH, axis=0)
     single = np.ascontiguousarray(batch[:, :1])
@@ -234,7 +238,7 @@ def _batch_cases(scan: Scan, exact: DirectSums, operators: _Operators, code: str
 
 
 def _row(
-    case: Case, error: float, seconds: float, scan: Scan, times: _Times, device: str
+    case: Case, error: float, seconds: float, scan: ImagedScan, times: _Times, device: str
 ) -> tuple[Any, ...]:
     """Return the row of a case, with its share of the roofline where that is known.
 
@@ -254,7 +258,7 @@ def _row(
 
 
 def _device_rows(
-    scan: Scan, rows_by_work: dict[str, tuple[Any, ...]], rounds: int
+    scan: ImagedScan, rows_by_work: dict[str, tuple[Any, ...]], rounds: int
 ) -> list[tuple[Any, ...]]:
     """Time images without transfers; ``rows_by_work`` has the same images with transfers."""
     rows = []

@@ -290,13 +290,13 @@ def import_table(
     from flgpr.commands.positions import table_reading
     from flgpr.store.dialects import TableReading
     from flgpr.store.outputs import write_new
-    from flgpr.store.tables import read_table, table_text
+    from flgpr.store.tables import csv_text, read_table
 
     if kind not in ("alarms", "truth", "objects"):
         raise ValueError(f"kind must be alarms, truth or objects, got {kind!r}")
     target = check_parent_folder(output)
     rows = read_table(file, kind, table_reading(columns, anchor) or TableReading())
-    write_new(target, table_text(rows))
+    write_new(target, csv_text(rows))
     return rows
 
 

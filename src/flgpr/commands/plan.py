@@ -179,7 +179,7 @@ def register_recipe(
     return enter_recipe(recipe, with_witness(book, witness), model)
 
 
-Checked = tuple[list[dict[str, Any]], dict[Any, dict[str, Any]]]
+CheckedRegister = tuple[list[dict[str, Any]], dict[Any, dict[str, Any]]]
 
 
 def _head(lines: list[dict[str, Any]]) -> dict[str, Any]:
@@ -187,7 +187,7 @@ def _head(lines: list[dict[str, Any]]) -> dict[str, Any]:
     return {"lines": len(lines), "head": lines[-1]["hash"] if lines else ""}
 
 
-def _check_lines(returned: Checked, call: Arguments) -> Iterator[str]:
+def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
     """Yield the lines of a register, its head, and what witnesses know of it."""
     lines, heads = returned
     for line in lines:
@@ -200,7 +200,7 @@ def _check_lines(returned: Checked, call: Arguments) -> Iterator[str]:
         yield "only --report or --witness shows whether lines are missing at the end"
 
 
-def _check_json(returned: Checked, _: Arguments) -> dict[str, Any]:
+def _check_json(returned: CheckedRegister, _: Arguments) -> dict[str, Any]:
     """Return the head of a register and those that reports know."""
     lines, heads = returned
     return _head(lines) | {"reports": {str(name): head for name, head in heads.items()}}
@@ -218,7 +218,7 @@ def check_register(
     witness: Annotated[
         PathLike | None, Option(help="A file elsewhere that must hold the register's lines.")
     ] = None,
-) -> Checked:
+) -> CheckedRegister:
     """Check a register line by line.
 
     No line that a witness or a report knows may be missing.

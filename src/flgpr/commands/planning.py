@@ -17,7 +17,8 @@ from flgpr.commands.registering import REGISTER_COLUMN, recipe_hash
 from flgpr.commands.scoring import borders, read_lanes
 from flgpr.door import read_named
 from flgpr.geo import read_anchor
-from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.model.faults import faults_of
 from flgpr.report import sheet_html
 from flgpr.scoring import as_lanes
@@ -25,12 +26,12 @@ from flgpr.scoring.matching import LaneLike
 from flgpr.store.extras import optional
 from flgpr.store.files import check_new, existing
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
-from flgpr.store.tables import parse_table, read_columns, table_text
+from flgpr.store.tables import csv_text, parse_table, read_columns
 from flgpr.trials import content_hash, emplacement_plan, read_register
 from flgpr.trials.ledger import before_opening, enter
 
 PathLike = str | Path
-Line = dict[str, Any]
+RegisterLine = dict[str, Any]
 """A line of a register."""
 CREW_COLUMNS = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
 """Columns of the sheet that the crew fills in."""
@@ -77,7 +78,7 @@ class PlanOrder:
         return Path(self.register)
 
 
-def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
+def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, RegisterLine]:
     """Draw a plan, write it with the crew's papers, and register it.
 
     A plan that was drawn of the same inputs stays; one that was not registered is completed.
@@ -125,7 +126,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
         for file in files.values():
             check_new(file)
         require_unopened(lines, too_late)
-        write_new(files["plan"], table_text(plan))
+        write_new(files["plan"], csv_text(plan))
         entry["plan"] = content_hash(files["plan"])
 
     _write_crew_papers(plan, lanes, files, entry["plan"], anchor)
@@ -133,7 +134,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
         for kind in ("gpkg", "gpx"):
             export_table(files["plan"], files[kind], kind, order.anchor)
 
-    def entry_unless_opened(lines_now: list[Line]) -> Line:
+    def entry_unless_opened(lines_now: list[RegisterLine]) -> RegisterLine:
         require_unopened(lines_now, too_late)
         if _line_of_plan(lines_now, entry, files["plan"]) is not None:
             raise output_exists_error(
@@ -155,13 +156,13 @@ def _drawn_plan(order: PlanOrder, lanes: LaneLike) -> pd.DataFrame:
     return plan
 
 
-def _plan_entry(order: PlanOrder, lanes: LaneLike) -> Line:
+def _plan_entry(order: PlanOrder, lanes: LaneLike) -> RegisterLine:
     """Return the register entry of a plan, without the plan's hash.
 
     The seed is not in it: whoever knows it, lane and sorts can draw the plan again, and a register
     is for all to read.
     """
-    entry: Line = {
+    entry: RegisterLine = {
         "event": "plan",
         "lanes": borders(lanes),
         "rules": dict(order.rules),
@@ -182,7 +183,7 @@ def _write_crew_papers(
 ) -> None:
     """Write the crew's sheet and page."""
     sheet = _crew_sheet(plan, anchor)
-    write_new(files["sheet"], table_text(sheet))
+    write_new(files["sheet"], csv_text(sheet))
     page = sheet_html(sheet, as_lanes(lanes), files["plan"].name, digest, anchor)
     write_new(files["page"], page)
 
@@ -194,7 +195,7 @@ def _existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.Data
     """
     content = read_named(path)
     if seed is not None:
-        if content.decode("utf-8", "replace") == table_text(drawn):
+        if content.decode("utf-8", "replace") == csv_text(drawn):
             return drawn
     else:
         plan = parse_table(content, "truth", path)
@@ -212,7 +213,9 @@ def _sorts_of(plan: pd.DataFrame) -> list[list[str]]:
     return sorted(sorts.to_numpy().tolist())
 
 
-def _line_of_plan(lines: Sequence[Line], entry: Line, path: Path) -> Line | None:
+def _line_of_plan(
+    lines: Sequence[RegisterLine], entry: RegisterLine, path: Path
+) -> RegisterLine | None:
     """Return the line of a plan in its register; one with other rules is a FileExistsError."""
     for line in lines:
         if line.get("event") != entry["event"] or line.get("plan") != entry["plan"]:
@@ -242,7 +245,7 @@ def _crew_sheet(plan: pd.DataFrame, anchor: Anchor | None) -> pd.DataFrame:
     return sheet.assign(**dict.fromkeys(CREW_COLUMNS, ""))
 
 
-def require_unopened(lines: Sequence[Line], too_late: str) -> None:
+def require_unopened(lines: Sequence[RegisterLine], too_late: str) -> None:
     """Raise a ValueError with a message if a truth was opened under a register."""
     if len(before_opening(lines)) < len(lines):
         raise ValueError(too_late)

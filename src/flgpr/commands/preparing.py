@@ -82,7 +82,7 @@ class Gate(_Step):
         return gate(run, self.start_ns * 1e-9, self.stop_ns * 1e-9, self.ramp_ns * 1e-9)
 
 
-class Background(_Step):
+class RemoveBackground(_Step):
     """Subtract what is the same in all scans, or in this number of scans around each.
 
     See :func:`flgpr.clutter.remove_standing`.
@@ -95,7 +95,7 @@ class Background(_Step):
         return remove_standing(run, self.scans)
 
 
-class Band(_Step):
+class KeepBand(_Step):
     """Keep a band: :func:`flgpr.clutter.band_pass`."""
 
     do: Literal["band"] = "band"
@@ -127,7 +127,7 @@ class Agc(_Step):
         return time_gain(run, "agc", self.window_ns * 1e-9)
 
 
-Step = Subtract | TimeZero | Dewow | Gate | Background | Band | Power | Agc
+Step = Subtract | TimeZero | Dewow | Gate | RemoveBackground | KeepBand | Power | Agc
 
 
 class _Steps(BaseModel):

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.commands.picture import Picture, picture_of
-from flgpr.commands.preparing import Background, Step, Subtract, TimeZero, check_steps
+from flgpr.commands.preparing import RemoveBackground, Step, Subtract, TimeZero, check_steps
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.formats import is_gpr, preview_run
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
@@ -31,7 +31,7 @@ from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
-from flgpr.store.run_writer import read_limits
+from flgpr.store.made_of import read_limits
 
 MOST_SCANS = 1200
 MOST_BINS = 800
@@ -320,7 +320,7 @@ class RawRun:
         steps = self._steps(query.steps)
         run = self._polarization(query.polarization)
 
-        needs_all = any(isinstance(step, Background) for step in steps)
+        needs_all = any(isinstance(step, RemoveBackground) for step in steps)
         if not needs_all:
             run = run.isel(chosen)
         for number, step in enumerate(steps, 1):
@@ -363,7 +363,7 @@ class RawRun:
 
 def _check_effort(number: int, step: Step, run: xr.Dataset) -> None:
     """Refuse a step that keeps a page waiting: a background over scans around each."""
-    if not isinstance(step, Background) or not step.scans:
+    if not isinstance(step, RemoveBackground) or not step.scans:
         return
     if step.scans * run["signal"].size > _MOST_RUNNING:
         raise ValueError(

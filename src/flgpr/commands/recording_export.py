@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.detection import Detection
 from flgpr.chain.look_samples import decibels
-from flgpr.commands.exporting import alarm_channel, detection_of
+from flgpr.commands.exporting import alarm_channel, named_detection
 from flgpr.commands.importing import check_parent_folder
 from flgpr.door import Folder
 from flgpr.formats import foxglove
@@ -354,7 +354,7 @@ def record_result(
     target = check_parent_folder(output)
     begin = 0 if time is None else _nanoseconds(time)
     loaded = read_result(result)
-    chosen = detection_of(loaded, detection)
+    chosen = named_detection(loaded, detection)
     alarms = _alarms_of(loaded, chosen, anchor)
     with atomic_output(target) as partial, mcap_file(partial) as writer:
         for topic, message in _result_messages(loaded, chosen, alarms, begin):

@@ -355,7 +355,7 @@ def default_register(truth: PathLike, table: pd.DataFrame) -> Path | None:
     return path.with_name(names.pop()) if names else None
 
 
-def open_truth(
+def open_registered_truth(
     truth: PathLike,
     entrants: Sequence[Entrant],
     lanes: Mapping[str, Mapping[str, float]],

@@ -17,7 +17,7 @@ import pandas as pd
 from flgpr.chain.progress import Track, silent
 from flgpr.commands.doubts import tell_doubts
 from flgpr.commands.reach import targets_in_reach
-from flgpr.commands.registering import Entrant, find_entrant, open_truth
+from flgpr.commands.registering import Entrant, find_entrant, open_registered_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.trial_card import TrialCard, ranking_notes
 from flgpr.door import Folder, read_named
@@ -174,7 +174,7 @@ def score_result(
     entrant = find_entrant(result_folder, recipe)
     lane_borders = borders(result.lane)
     # After all that may be wrong: the opening is entered in the register.
-    targets, [provenance] = open_truth(
+    targets, [provenance] = open_registered_truth(
         truth, [entrant], lane_borders, rules, register, truth_reading
     )
     truth_name = Path(truth).name
@@ -316,7 +316,7 @@ def score_alarms(
     tell_doubts(table, "alarms", entrant.path.name, lanes)
 
     entered = {"halo": score_rules.halo, "far": score_rules.far}
-    targets, [provenance] = open_truth(
+    targets, [provenance] = open_registered_truth(
         truth, [entrant], borders(lanes), entered, register, truth_reading
     )
     truth_name = Path(truth).name
@@ -430,7 +430,7 @@ def compare_alarms(
     tables = [entrant.table() for entrant in entrants]
 
     entered = {"halo": rules.halo, "far": far}
-    targets, provenance = open_truth(
+    targets, provenance = open_registered_truth(
         truth, entrants, borders(lanes), entered, register, truth_reading
     )
 

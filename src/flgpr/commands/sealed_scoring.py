@@ -40,8 +40,9 @@ from flgpr.store.files import existing
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 from flgpr.store.tables import parse_table
 from flgpr.trials import BlindScore, content_hash, require_truth
-from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
+from flgpr.trials.blind import FAR_GRID, match_blind, score_blind
 from flgpr.trials.ledger import RegisterLike, read_checked_register, register_paths
+from flgpr.trials.sealing import Phrase, seal_truth, seals
 
 PathLike = str | Path
 

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.commands.planning import CREW_COLUMNS, Line, require_unopened
+from flgpr.commands.planning import CREW_COLUMNS, RegisterLine, require_unopened
 from flgpr.commands.registering import default_register
 from flgpr.door import read_named
 from flgpr.model import check_truth
 from flgpr.model.faults import faults_of
 from flgpr.store.files import existing
 from flgpr.store.outputs import write_new
-from flgpr.store.tables import parse_table, read_columns, table_text
+from flgpr.store.tables import csv_text, parse_table, read_columns
 from flgpr.trials import content_hash, read_register
 from flgpr.trials.ledger import enter
 
@@ -31,7 +31,7 @@ def register_survey(
     output: PathLike,
     register: PathLike | None = None,
     within: float = 1.0,
-) -> tuple[pd.DataFrame, Line]:
+) -> tuple[pd.DataFrame, RegisterLine]:
     """Read the sheet of a plan, write what was emplaced as truth, and register it.
 
     Every row says in ``emplaced`` yes or no. A target that was not emplaced is left out; where
@@ -82,7 +82,7 @@ def register_survey(
     )
 
     truth, offset = _read_sheet(sheet, planned, within)
-    text = table_text(truth)
+    text = csv_text(truth)
     entry = _survey_entry(plan_line, offset, len(planned) - len(truth), text)
 
     # The same survey may have been entered, and its truth be missing: it is written again.
@@ -93,19 +93,21 @@ def register_survey(
     if earlier:
         return truth, earlier[-1]
 
-    def entry_unless_opened(lines_now: list[Line]) -> Line:
+    def entry_unless_opened(lines_now: list[RegisterLine]) -> RegisterLine:
         require_unopened(lines_now, too_late)
         return entry
 
     return truth, enter(path, entry_unless_opened)[-1]
 
 
-def _survey_entry(plan_line: Line, offset: NDArray[np.float64], left_out: int, text: str) -> Line:
+def _survey_entry(
+    plan_line: RegisterLine, offset: NDArray[np.float64], left_out: int, text: str
+) -> RegisterLine:
     """Return the register entry of a survey: its plan, how far targets lie off it, and the truth.
 
     ``offset`` are the distances of the targets from the plan, m; ``text`` is the truth as written.
     """
-    entry: Line = {"event": "survey"}
+    entry: RegisterLine = {"event": "survey"}
     for name in ("plan", "lanes", "rules"):
         if name in plan_line:
             entry[name] = plan_line[name]
@@ -116,7 +118,7 @@ def _survey_entry(plan_line: Line, offset: NDArray[np.float64], left_out: int, t
     return entry
 
 
-def _entered_plan(lines: Sequence[Line], digest: str) -> Line | None:
+def _entered_plan(lines: Sequence[RegisterLine], digest: str) -> RegisterLine | None:
     """Return the last line that enters a plan of a digest."""
     for line in reversed(lines):
         if line.get("event") == "plan" and line.get("plan") == digest:

@@ -20,7 +20,7 @@ from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]
 Response = tuple[FloatArray, FloatArray, FloatArray]
-Band = dict[str, tuple[float, float]]
+SubbandEdges = dict[str, tuple[float, float]]
 KINDS = ("metal", "plastic")
 BODIES = {"metal": "metal-at", "plastic": "plastic-at"}
 """Packaged bodies that the kinds stand for."""
@@ -285,7 +285,7 @@ def _clutter(
     sensor: Sensor,
     ground: GroundModel,
     asked: Question,
-    band: Band,
+    band: SubbandEdges,
 ) -> FloatArray:
     """Return the mean power (polarization, y, x) of bare ground around positions of the ratio."""
     # So far apart that no two looks share ground.
@@ -319,7 +319,7 @@ def _peaks(
     sensor: Sensor,
     ground: GroundModel,
     asked: Question,
-    band: Band,
+    band: SubbandEdges,
     kind: str,
     x: float,
 ) -> FloatArray:

@@ -27,7 +27,7 @@ from flgpr.model import Grid, Sensor
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import apparent_shift
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.bodies.echoes import Ground, incidence
+from flgpr.simulate.bodies.echoes import LayeredGround, incidence
 from flgpr.simulate.bodies.signature import FREQUENCY, find_table
 from flgpr.simulate.bodies.targets import mean_amplitude
 from flgpr.simulate.ground.roughness import surface_backscatter
@@ -319,7 +319,7 @@ class _Band:
 
     def signal(self, target: Target, soil: Soil) -> dict[str, FloatArray]:
         """Return the factors of a body's cross section in the image, HH and VV (2,), dB."""
-        ground = Ground(soil, None, self._tones)
+        ground = LayeredGround(soil, None, self._tones)
         layer = ground.medium(target.depth)
         amplitude = mean_amplitude(target, ground, self._view.array)
         through = amplitude * ground.entry_squared(self._sine, layer)

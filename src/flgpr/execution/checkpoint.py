@@ -1,7 +1,8 @@
 """The work folder: what an interrupted detection has done so far.
 
 A file is whole and proven by its digest, or it is made again. Nothing is flushed to the disk on
-purpose: what a crash of the machine damages is found and made again.
+purpose: what a crash of the machine damages is found and made again. Why a resumed run gives the
+same bits: ``chain/engine.py``.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from flgpr.store.files import PARTIAL, naming_output, own_temporary
 SUFFIX = ".arrays"
 _JOB = "job.json"
 _LOCK = "lock"
-_MERGING = "folding"
+_MERGE_LOCK = "folding"  # a name of earlier versions: another would make their folders foreign
 KEEP_EVERY = 2.0
 """Seconds of work on a block that a stop may cost, beside the scan in progress."""
-FOLD_BYTES = 1 << 28
+MERGE_BYTES = 1 << 28
 """States of this size together are merged early, in bytes: those of a long run fill the disk."""
 
 
@@ -204,7 +205,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         planned = engine.passes[name]
         if not planned.all_scans or planned.keep_blocks:
             return
-        with _locked(self.folder / _MERGING) as alone:
+        with _locked(self.folder / _MERGE_LOCK) as alone:
             if not alone:
                 return
             begun = self.merged_blocks(name)
@@ -214,7 +215,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             size = sum(self.size(block_name(name, number)) for number in ready)
             # Sums are no larger than those of one block. What grows with the scans is merged only
             # when there is twice as much of it, so that it is not written over and over.
-            if not ready or size < max(FOLD_BYTES, 2 * self.size(so_far)):
+            if not ready or size < max(MERGE_BYTES, 2 * self.size(so_far)):
                 return
             gatherer = engine.merge_blocks(name, self.block_states(name, ready))
             self[so_far] = {**gatherer.state(True), "next": np.array(begun + len(ready))}
@@ -392,7 +393,7 @@ def _prepare(folder: Path, job: bytes) -> None:
 def _is_ours(path: Path) -> bool:
     """Return whether a path is a regular file of a name that work folders have."""
     regular = path.is_file() and not path.is_symlink()
-    return regular and (path.name in (_JOB, _LOCK, _MERGING) or path.suffix in (SUFFIX, PARTIAL))
+    return regular and (path.name in (_JOB, _LOCK, _MERGE_LOCK) or path.suffix in (SUFFIX, PARTIAL))
 
 
 def finish(folder: Path) -> None:

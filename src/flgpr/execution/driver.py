@@ -1,9 +1,10 @@
 """The driver: hands out the passes of a lane block by block, in one piece or in sections.
 
-A caller makes a job. :func:`plan_lane` opens its lane and refuses what does not fit;
+A caller makes a job. :func:`plan_detection` opens its lane and refuses what does not fit;
 :func:`run_lane` runs the passes of ``chain/method.py`` and writes the result. The driver computes
 nothing: the pieces of work (``execution/pieces.py``) are done by whoever the executor asks
-(``execution/workers.py``). An interrupted detection resumes.
+(``execution/workers.py``). An interrupted detection resumes with what its work folder holds
+(``execution/checkpoint.py``), to the same bits: why, ``chain/engine.py`` tells.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def detect_lane(
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
-    plan = plan_lane(job, longest)
+    plan = plan_detection(job, longest)
     if keeps_result(job, plan.sections, overwrite):
         log_finished(job.folder, OVERWRITE)
         return plan.folders
@@ -107,7 +108,7 @@ def detect_lane(
     return plan.folders
 
 
-def plan_lane(job: LaneJob, longest: float | None = None) -> LanePlan:
+def plan_detection(job: LaneJob, longest: float | None = None) -> LanePlan:
     """Open the lane of a job, and decide how it is taken.
 
     Raises
@@ -184,7 +185,7 @@ def passes_of_lane(
     learnt yet has its examples. ``OUTPUT.work`` stays.
     """
     job = replace(job, explains=False)
-    plan = plan_lane(job, math.inf)
+    plan = plan_detection(job, math.inf)
     with begin_work(job) as work:
         runner = PassRunner(executor, track, note, plan.threads, label)
         runner.run(job, work, passes_to_run(job, plan.lane))
@@ -202,7 +203,7 @@ class PassToRun:
     title: str  #: what it is called where progress is shown
     all_scans: bool  #: whether the sections of a lane share it
     numbers: list[int]  #: of its blocks
-    #: what its result depends on beside run, lane and program; None if no other recipe can use it
+    #: what its result depends on beside run, lane and version of the program; None if no other recipe can use it
     cache_key: Callable[[], dict[str, Any] | None] = not_shared
 
 

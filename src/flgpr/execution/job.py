@@ -90,7 +90,9 @@ class LaneJob:
     def identity(self) -> dict[str, Any]:
         """All that the bits of the result depend on, as JSON holds it.
 
-        The threshold of a section is no part of it, as it follows from the rest.
+        Of the program it is the version, not the sources: after an edit of the arithmetic, delete
+        OUTPUT.work and the cache of passes. The threshold of a section is no part of it, as it
+        follows from the rest.
         """
         rows = None if self.section is None else [self.section.start, self.section.stop]
         return {

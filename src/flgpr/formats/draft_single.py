@@ -1,6 +1,6 @@
 """A draft of the mapping that imports one file of named arrays.
 
-Guesses end in a question mark.
+Guesses end in a question mark. Which array is what is found out in ``formats/draft_search.py``.
 """
 
 from __future__ import annotations
@@ -8,48 +8,26 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
-import numpy as np
-
-from flgpr.formats.arrays import SIGMF, ArrayFile, ArrayInfo
+from flgpr.formats.arrays import ArrayFile, ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
-from flgpr.formats.draft_units import is_fast_time, small_values, unit_of
+from flgpr.formats.draft_search import (
+    GEODETIC_COMPONENTS,
+    RECORDING,
+    ArraySearch,
+    SignalAxis,
+    find_pose,
+    find_positions,
+    find_rotation,
+    find_signal_axis,
+    find_stamp,
+    find_track,
+)
+from flgpr.formats.draft_units import unit_of
 from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
 
-_CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
-"""What a time is called that is no delay of samples."""
-_ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
-_POSITION = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
-_ROTATION = re.compile(r"orientation|rotation|quat")
-_COMPONENTS = {
-    "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
-    "y": {
-        "y",
-        "along",
-        "da",
-        "dist",
-        "distance",
-        "north",
-        "northing",
-        "downtrack",
-        "chainage",
-        "odometer",
-    },
-    "z": {"z", "height", "alt", "altitude", "elevation", "up"},
-    "heading": {"heading", "yaw", "hdg", "psi"},
-    "pitch": {"pitch"},
-    "roll": {"roll"},
-    "longitude": {"longitude", "lon", "long", "lng"},
-    "latitude": {"latitude", "lat"},
-}
-"""Words in the names of the components of a pose."""
-_GEODETIC = ("longitude", "latitude")
 _ANGLES = ("heading", "pitch", "roll")
-_RECORDING = "MCAP recording"
 _ANY_AXIS = "scan, polarization, pair, tx, rx or single?"
 _NO_TONES = [
     "[frequency]  # no variable looks like the tones; span = [first, last] does as well",
@@ -73,45 +51,6 @@ _NO_ANTENNAS = [
 ]
 
 
-@dataclass
-class _Draft:
-    """A file, and which of its arrays have a place in the mapping."""
-
-    opened: ArrayFile
-    used: set[str] = field(default_factory=set)
-    topic: str = ""  # of a recording's signal, whose arrays are tried first
-
-    def unused(self) -> list[ArrayInfo]:
-        """Return the arrays that have no place yet."""
-        infos = [info for info in self.opened.arrays.values() if info.name not in self.used]
-        if self.opened.kind == SIGMF and "sweeps" in self.opened.arrays:
-            # What the captures state is there for the sweeps as well.
-            infos = [info for info in infos if not info.name.startswith("captures/")]
-        if self.topic:
-            infos.sort(key=lambda info: not info.name.startswith(f"{self.topic}/"))
-        return infos
-
-
-class _Axis(NamedTuple):
-    """The array of the tones or of the samples, if there is one."""
-
-    frequency: ArrayInfo | None = None
-    samples: ArrayInfo | None = None
-    certain: bool = True  # whether the samples can be nothing else
-
-    @property
-    def info(self) -> ArrayInfo | None:
-        """The array."""
-        return self.frequency or self.samples
-
-    @property
-    def name(self) -> str:
-        """What the signal's axis is called."""
-        if self.frequency is not None:
-            return "frequency"
-        return "sample" if self.certain else "sample?"
-
-
 def draft_of_file(opened: ArrayFile) -> str:
     """Draft the mapping of a file.
 
@@ -128,24 +67,24 @@ def draft_of_file(opened: ArrayFile) -> str:
     signal, imaginary = find_signal(opened)
     if signal is None:
         return ""
-    draft = _Draft(opened)
-    if opened.kind == _RECORDING:
-        draft.topic = signal.name.rsplit("/", 1)[0]
-    draft.used.add(signal.name)
+    search = ArraySearch(opened)
+    if opened.kind == RECORDING:
+        search.topic = signal.name.rsplit("/", 1)[0]
+    search.used.add(signal.name)
     if imaginary:
-        draft.used.add(imaginary)
+        search.used.add(imaginary)
 
     # Every find takes its arrays out of those that the next ones look among: the order counts.
     sizes = list(signal.shape)
-    axis = _find_signal_axis(draft, sizes)
+    axis = find_signal_axis(search, sizes)
     tones = math.prod(axis.info.shape) if axis.info is not None else 0
-    positions = _find_positions(draft, signal)
-    track = _find_track(draft, positions, sizes)
+    positions = find_positions(search, signal)
+    track = find_track(search, positions, sizes)
     components: dict[str, ArrayInfo] = {}
     if track is None:
-        components = _find_pose(draft, positions, sizes, tones)
+        components = find_pose(search, positions, sizes, tones)
     positions.pop("way", None)
-    stamp = _find_stamp(draft, sizes, tones)
+    stamp = find_stamp(search, sizes, tones)
 
     labels = labels_of(opened, sizes)
     dims = _dims(sizes, axis, positions, stamp, labels, components)
@@ -156,21 +95,10 @@ def draft_of_file(opened: ArrayFile) -> str:
     # Positions per scan are in the lane frame, and poses follow from them.
     in_lane = any(len(infos[0].shape) == 3 for infos in positions.values())
     if track is not None:
-        lines += _track_lines(draft, *track)
+        lines += _track_lines(search, *track)
     elif not in_lane:
-        lines += _pose_lines(draft, components)
+        lines += _pose_lines(search, components)
     return "\n".join(lines).rstrip() + "\n"
-
-
-def _find_stamp(draft: _Draft, sizes: list[int], tones: int) -> ArrayInfo | None:
-    """Find the times of the scans, and mark their array as used."""
-    scan_sizes = list(sizes)  # lengths that scans may have
-    if tones in scan_sizes:
-        scan_sizes.remove(tones)
-    stamp = _find_axis(draft.opened, draft.unused(), ("time", "stamp", "t_"), scan_sizes)
-    if stamp is not None:
-        draft.used.add(stamp.name)
-    return stamp
 
 
 def _stamp_lines(opened: ArrayFile, stamp: ArrayInfo | None) -> list[str]:
@@ -187,7 +115,7 @@ def _head_lines(
     imaginary: str | None,
     labels: list[str],
     dims: list[str],
-    axis: _Axis,
+    axis: SignalAxis,
 ) -> list[str]:
     """Return the head of a mapping, and its tables of the files and of the signal."""
     lines = [
@@ -215,215 +143,27 @@ def _head_lines(
     return [*lines, ""]
 
 
-def _find_signal_axis(draft: _Draft, sizes: list[int]) -> _Axis:
-    """Find the tones, else the samples, and mark their array as used."""
-    frequency = _find_axis(draft.opened, draft.unused(), ("freq", "hz", "tone"), sizes)
-    is_recording = draft.opened.kind == _RECORDING  # whose arrays all are over messages
-    if frequency is not None:
-        axis = _Axis(frequency=frequency)
-    else:
-        axis = _Axis() if is_recording else _find_samples(draft, sizes)
-    if axis.info is not None:
-        draft.used.add(axis.info.name)
-    return axis
-
-
-def _find_axis(
-    opened: ArrayFile,
-    candidates: Iterable[ArrayInfo],
-    vocabulary: tuple[str, ...],
-    sizes: list[int],
-) -> ArrayInfo | None:
-    """Return the first array of increasing values whose length is among ``sizes``.
-
-    One of the ``vocabulary`` must be in its name.
-    """
-    for info in candidates:
-        count = math.prod(info.shape)
-        is_vector = max(info.shape, default=0) == count > 1
-        if not is_vector or count not in sizes or not _is_called(info, vocabulary):
-            continue
-        values = small_values(opened, info)
-        if values is None or values.dtype.kind not in "fiu":
-            continue
-        if (np.diff(values.ravel().astype(float)) > 0).all():
-            return info
-    return None
-
-
-def _is_called(info: ArrayInfo, vocabulary: tuple[str, ...]) -> bool:
-    """Return whether the name of an array holds one of the words, or is their letter."""
-    name = info.name.lower().replace("/", ".").split(".")[-1]
-    if "freq" in vocabulary and name == "f":
-        return True
-    if "time" in vocabulary and name == "t":
-        return True
-    return any(word in name for word in vocabulary)
-
-
-def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
-    """Find the two-way delays or ranges of the samples.
-
-    A "time" may be the radar's fast time or the scans' clock: values below a tenth of a millisecond
-    are the former. The last axis of the signal is tried first.
-    """
-    unused = draft.unused()
-    for tried in (sizes[-1:], sizes):
-        vocabulary = ("range", "delay", "t_ns", "twt", "fast")
-        samples = _find_axis(draft.opened, unused, vocabulary, tried)
-        if samples is not None:
-            return _Axis(samples=samples)
-    times = []
-    for info in unused:
-        name = info.name.lower()
-        if "time" in name and not _CLOCK.search(name):
-            times.append(info)
-    fast = [info for info in times if is_fast_time(draft.opened, info)]
-    for candidates, certain in ((fast, True), (times, False)):
-        for tried in (sizes[-1:], sizes):
-            samples = _find_axis(draft.opened, candidates, ("time",), tried)
-            if samples is not None:
-                return _Axis(samples=samples, certain=certain)
-    return _Axis()
-
-
-def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
-    """Find the arrays of positions (..., 3), by what they may be.
-
-    They are those of "tx", "rx" or any "antenna"; those of x, y and z apart are "xyz", and those of
-    a vehicle in a recording "way".
-    """
-    sides: dict[str, list[ArrayInfo]] = {}
-    for info in draft.unused():
-        if len(info.shape) < 2 or info.shape[-1] != 3 or 0 in info.shape:
-            continue
-        name = info.name.lower()
-        if name == "table" and len(draft.opened.arrays) > 1:
-            continue  # all columns of a text, which have names of their own
-        if draft.topic:
-            if _POSITION.search(name.rsplit("/", 1)[-1]):
-                sides.setdefault("way", []).append(info)
-            continue
-        if re.search(r"tx|trans|source", name):
-            side = "tx"
-        elif re.search(r"rx|rec", name):
-            side = "rx"
-        else:
-            side = "antenna"
-        sides.setdefault(side, []).append(info)
-    # The x, y and z of flat files are rather the vehicle's.
-    is_structured = re.search(r"[./]", signal.name) and not draft.topic
-    if not sides and is_structured:
-        by_axis = [draft.opened.arrays.get(_sibling(signal.name, axis)) for axis in "xyz"]
-        known = [info for info in by_axis if info is not None]
-        if len(known) == len(by_axis):
-            sides["xyz"] = known
-    return sides
-
-
-def _find_track(
-    draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int]
-) -> tuple[ArrayInfo, ArrayInfo] | None:
-    """Return clock and positions that fit no axis of the signal but one another.
-
-    The positions are taken out of the antennas'.
-    """
-    for side, infos in list(positions.items()):
-        info = infos[0]
-        if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
-            continue
-        topic = info.name.rsplit("/", 1)[0] if draft.topic else ""
-        candidates = _Draft(draft.opened, draft.used, topic).unused()
-        vocabulary = ("time", "t_", "stamp")
-        clock = _find_axis(draft.opened, candidates, vocabulary, [info.shape[0]])
-        if clock is not None:
-            draft.used.add(clock.name)
-            del positions[side]
-            return clock, info
-    return None
-
-
-def _find_pose(
-    draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int], tones: int
-) -> dict[str, ArrayInfo]:
-    """Find the arrays of a pose per scan, and mark them as used.
-
-    They are ``position`` (scan, 2, 3 or 6), which is taken out of the antennas' positions, or
-    single components by their names.
-    """
-    scans = [size for size in sizes if size > 1]
-    if tones in scans:
-        scans.remove(tones)
-    components: dict[str, ArrayInfo] = {}
-    position = _find_position(draft, scans)
-    if position is not None:
-        components["position"] = position
-        for side, infos in list(positions.items()):
-            positions[side] = [info for info in infos if info is not position]
-            if not positions[side]:
-                del positions[side]
-
-    vectors = []
-    for info in draft.unused():
-        count = math.prod(info.shape)
-        is_vector = bool(info.shape) and max(info.shape) == count
-        if is_vector and count in scans and not _ANTENNA.search(info.name.lower()):
-            vectors.append(info)
-    for name, vocabulary in _COMPONENTS.items():
-        for info in vectors:
-            if set(re.split(r"[_\W]+", info.name.lower())) & vocabulary:
-                components.setdefault(name, info)
-
-    if position is not None or "xyz" in positions:
-        _leave_out(components, "xyz")
-    in_lane = position is not None or {"x", "y"} <= set(components)
-    if in_lane or not set(_GEODETIC) <= set(components):
-        _leave_out(components, _GEODETIC)
-    draft.used |= {info.name for info in components.values()}
-    return components
-
-
-def _leave_out(components: dict[str, ArrayInfo], names: Iterable[str]) -> None:
-    """Take components out that others stand for."""
-    for name in names:
-        components.pop(name, None)
-
-
-def _find_position(draft: _Draft, scans: list[int]) -> ArrayInfo | None:
-    """Return the first array of a position per scan."""
-    for info in draft.unused():
-        if len(info.shape) != 2:
-            continue
-        rows, columns = info.shape
-        if rows not in scans or columns not in (2, 3, 6):
-            continue
-        name = info.name.lower()
-        if _POSITION.search(name) and not _ANTENNA.search(name):
-            return info
-    return None
-
-
-def _pose_lines(draft: _Draft, components: dict[str, ArrayInfo]) -> list[str]:
+def _pose_lines(search: ArraySearch, components: dict[str, ArrayInfo]) -> list[str]:
     """Return the table of a pose per scan."""
     lines = [
         "[pose]  # the vehicle in the lane frame; heading is clockwise from +y seen from above"
     ]
     position = components.get("position")
     if position is not None:
-        unit = unit_of(draft.opened, position, "m")
+        unit = unit_of(search.opened, position, "m")
         height = ', z = "0?"' if position.shape[1] == 2 else ""
         lines.append(
             f'position = {{variable = {json.dumps(position.name)}{height}, unit = "{unit}"}}'
         )
         if position.shape[1] == 6:
             return [*lines, 'angle_unit = "rad?"']
-    elif set(_GEODETIC) <= set(components):
+    elif set(GEODETIC_COMPONENTS) <= set(components):
         lines.append(_geodetic_line(components))
     else:
         known = [name for name in "xyz" if name in components]
         for name in "xyz":
             lines.append(f"{name} = {_guess(components, name, '0?' if known else '?')}")
-        lines.append(f'unit = "{_common_unit(draft, components, known, "m")}"')
+        lines.append(f'unit = "{_common_unit(search, components, known, "m")}"')
     # Without a heading the course over ground stands for it, if there are positions.
     has_positions = position is not None or "y" in components or "longitude" in components
     heading = "?"
@@ -435,13 +175,13 @@ def _pose_lines(draft: _Draft, components: dict[str, ArrayInfo]) -> list[str]:
         without = heading if name == "heading" else "0?"
         lines.append(f"{name} = {_guess(components, name, without)}")
     angles = [name for name in _ANGLES if name in components]
-    unit = _common_unit(draft, components, angles, "rad")
+    unit = _common_unit(search, components, angles, "rad")
     return [*lines, f'angle_unit = "{unit}"']
 
 
 def _geodetic_line(components: dict[str, ArrayInfo]) -> str:
     """Return the entry of positions by longitude and latitude."""
-    cells = [f"{name} = {json.dumps(components[name].name)}" for name in _GEODETIC]
+    cells = [f"{name} = {json.dumps(components[name].name)}" for name in GEODETIC_COMPONENTS]
     height = json.dumps(components["z"].name) if "z" in components else '"0?"'
     cells += [f"height = {height}", 'angle_unit = "deg?"', 'unit = "m?"']
     return f"geodetic = {{{', '.join(cells)}}}  # needs --anchor, or --anchor-from-track"
@@ -458,18 +198,18 @@ def _guess(components: dict[str, ArrayInfo], name: str, without: str) -> str:
 
 
 def _common_unit(
-    draft: _Draft, components: dict[str, ArrayInfo], names: list[str], usual: str
+    search: ArraySearch, components: dict[str, ArrayInfo], names: list[str], usual: str
 ) -> str:
     """Return the unit of several components; a question mark where theirs differ."""
-    units = {unit_of(draft.opened, components[name], usual) for name in names}
+    units = {unit_of(search.opened, components[name], usual) for name in names}
     if not units:
         return f"{usual}?"
     return units.pop() if len(units) == 1 else "?"
 
 
-def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
+def _track_lines(search: ArraySearch, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
     """Return the table of a track on a clock of its own."""
-    opened = draft.opened
+    opened = search.opened
     time_unit = unit_of(opened, clock, "s")
     position_unit = unit_of(opened, position, "m")
     lines = [
@@ -477,7 +217,7 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
         f'time = {{variable = {json.dumps(clock.name)}, unit = "{time_unit}"}}',
         f'position = {{variable = {json.dumps(position.name)}, unit = "{position_unit}"}}',
     ]
-    rotation = _find_rotation(draft, position)
+    rotation = find_rotation(search, position)
     if rotation is not None:
         body = '["-y?", "x?", "z?"]'
         lines.append(
@@ -492,28 +232,9 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
     ]
 
 
-def _find_rotation(draft: _Draft, position: ArrayInfo) -> ArrayInfo | None:
-    """Return the quaternions that belong to the positions of a track."""
-    topic = position.name.rsplit("/", 1)[0]
-    for info in draft.unused():
-        if info.shape != (position.shape[0], 4) or not _ROTATION.search(info.name.lower()):
-            continue
-        if not draft.topic or info.name.startswith(f"{topic}/"):
-            return info
-    return None
-
-
-def _sibling(name: str, other: str) -> str:
-    """Return the name of another member of the structure or group that an array is in."""
-    for mark in (".", "/"):
-        if mark in name:
-            return name.rsplit(mark, 1)[0] + mark + other
-    return other
-
-
 def _dims(
     sizes: list[int],
-    axis: _Axis,
+    axis: SignalAxis,
     positions: dict[str, list[ArrayInfo]],
     stamp: ArrayInfo | None,
     labels: list[str],
@@ -571,7 +292,7 @@ def _name_axis(names: list[str], sizes: list[int], count: int, name: str) -> Non
         names[free[-1]] = name if certain else f"{name}?"
 
 
-def _axis_lines(opened: ArrayFile, axis: _Axis) -> list[str]:
+def _axis_lines(opened: ArrayFile, axis: SignalAxis) -> list[str]:
     """Return the table of the tones or of the samples."""
     if axis.frequency is not None:
         unit = unit_of(opened, axis.frequency, "Hz")

@@ -361,7 +361,7 @@ def _fixes(
     if not isinstance(code, int):
         notes.append(f"{_GEOLOCATIONS} name no reference system: they give the distance alone")
         return _NO_FIXES
-    from flgpr.geo.anchor import lonlat_of  # geodesy takes its time to load, and few lines need it
+    from flgpr.geo.geodesy import lonlat_of  # geodesy takes its time to load, and few lines need it
 
     try:
         lonlat = lonlat_of(positions[known, :2], f"EPSG:{code}")

@@ -20,7 +20,7 @@ from flgpr.formats.gpr_segy_layout import (
     HEAD,
     PICOSECOND,
     TRACE_HEAD,
-    Layout,
+    TraceLayout,
     interval_of,
     layout_of,
     order_and_format,
@@ -28,7 +28,7 @@ from flgpr.formats.gpr_segy_layout import (
     revision_of,
     word_at,
 )
-from flgpr.formats.gpr_segy_places import Geometry, geometry_of
+from flgpr.formats.gpr_segy_places import HeaderGeometry, geometry_of
 
 _IBM = 1
 _IEEE = 5
@@ -84,7 +84,7 @@ def _entries(
     traces: NDArray[np.floating[Any]],
     samples: int,
     interval: float,
-    geometry: Geometry,
+    geometry: HeaderGeometry,
     notes: list[str],
 ) -> dict[str, Any]:
     """Return the entries of a section of traces (trace, sample) at an interval, s."""
@@ -213,7 +213,7 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
         "Seismic Unix itself has microseconds",
         ZERO_ASSUMED,
     ]
-    layout = Layout(0, TRACE_HEAD, samples)
+    layout = TraceLayout(0, TRACE_HEAD, samples)
     table = read_records(path, 0, record_type(layout, order, _IEEE), None, notes, limit)
     traces = exact_floats(table["samples"], notes)
     _check_trace_headers(table, samples, interval, notes)

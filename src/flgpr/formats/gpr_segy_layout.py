@@ -69,7 +69,7 @@ PICOSECOND = 1e-12
 
 
 @dataclass(frozen=True)
-class Layout:
+class TraceLayout:
     """Where the traces lie in a file."""
 
     start: int  #: of the first trace, bytes
@@ -176,7 +176,7 @@ def revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
 
 def layout_of(
     path: Path, raw: bytes, order: str, code: int, revision: tuple[int, int], notes: list[str]
-) -> Layout:
+) -> TraceLayout:
     """Return where the traces lie.
 
     Of all layouts that the headers allow, it is the one that the file bears out best.
@@ -198,7 +198,7 @@ def layout_of(
 
     Returns
     -------
-    Layout
+    TraceLayout
         The layout.
 
     Raises
@@ -224,7 +224,7 @@ def layout_of(
     options = itertools.product(text_headers, extra_headers, (*counts, *other_counts))
     for texts, extra, samples in options:
         start = first if HEAD <= first < size else HEAD + _STANZA * texts
-        candidates.append(Layout(start, TRACE_HEAD * (1 + extra), samples, end))
+        candidates.append(TraceLayout(start, TRACE_HEAD * (1 + extra), samples, end))
     if not candidates:
         raise ValueError(
             "it must tell the number of samples, in its binary header or its first trace header, "
@@ -240,7 +240,7 @@ def layout_of(
 
 
 def _note_differences(
-    best: Layout, stated: Layout, counts: list[int], stated_extra: int, notes: list[str]
+    best: TraceLayout, stated: TraceLayout, counts: list[int], stated_extra: int, notes: list[str]
 ) -> None:
     """Add notes of where a layout differs from what the headers state."""
     extra_headers = best.head // TRACE_HEAD - 1
@@ -313,7 +313,7 @@ def _extra_headers(raw: bytes, order: str, minor: int) -> tuple[tuple[int, ...],
     return tuple(dict.fromkeys([*plausible, 0])), stated
 
 
-def _agreement(path: Path, layout: Layout, order: str, width: int, size: int) -> int:
+def _agreement(path: Path, layout: TraceLayout, order: str, width: int, size: int) -> int:
     """Count what bears a layout out.
 
     That is a whole number of traces, and the sample count in the first trace headers.
@@ -377,12 +377,12 @@ def interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[s
     return interval * PICOSECOND
 
 
-def record_type(layout: Layout, order: str, code: int) -> np.dtype[Any]:
+def record_type(layout: TraceLayout, order: str, code: int) -> np.dtype[Any]:
     """Return the type of a trace with the words of its header that are read.
 
     Parameters
     ----------
-    layout : Layout
+    layout : TraceLayout
         Where the traces lie.
     order : str
         Byte order, "<" or ">".

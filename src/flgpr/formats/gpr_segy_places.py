@@ -27,7 +27,7 @@ _SPREAD = 0.1  # share of the mean separation by which constant ones may differ
 _FAR = 10  # extents of a line; 0, 0 at more than so many from it is no place on it
 
 
-class Geometry(NamedTuple):
+class HeaderGeometry(NamedTuple):
     """What the trace headers state of where the traces are."""
 
     distance: FloatArray | None = None  # (trace,) along the line, m
@@ -36,7 +36,7 @@ class Geometry(NamedTuple):
     gather: str = ""  # what a survey is whose antennas move apart
 
 
-def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> Geometry:
+def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
     """Return where the traces are, and how far apart their antennas.
 
     Parameters
@@ -51,18 +51,18 @@ def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> Geometry
 
     Returns
     -------
-    Geometry
+    HeaderGeometry
         Distances or fixes, whichever the coordinates give, and the antennas' separation.
     """
     placed = _line_geometry(table, metre, notes)
     return placed._replace(gather=_gather(table, metre, notes))
 
 
-def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Geometry:
+def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
     """Return distance along the line, or fixes, and the antennas' separation, if stated."""
     coordinates = _changing_coordinates(table, notes)
     if not coordinates:
-        return Geometry()
+        return HeaderGeometry()
     name, points = next(iter(coordinates.items()))
     units = np.unique(table["unit"])
     if units.size > 1:
@@ -70,12 +70,12 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Geome
             f"its traces have {units.size} units of coordinates: "
             f"the {_COORDINATES[name]} are not used"
         )
-        return Geometry()
+        return HeaderGeometry()
 
     unit = int(units[0])
     if unit in _ANGULAR:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
-        return Geometry(fixes=_fixes_of(_degrees(points, unit), notes))
+        return HeaderGeometry(fixes=_fixes_of(_degrees(points, unit), notes))
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
 
@@ -92,7 +92,7 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Geome
         gives_separation = other == "group" and separation is not None
         if other != name and not gives_separation:
             notes.append(f"the {_COORDINATES[other]} are not used")
-    return Geometry(settled, Fixes(), separation)
+    return HeaderGeometry(settled, Fixes(), separation)
 
 
 def _coordinates(table: NDArray[Any], name: str) -> FloatArray:

@@ -85,7 +85,7 @@ class GprmaxOutput:
         """
         start = 0.5 * self.time_step
         values = pulse(waveform, centre, start + self.time_step * np.arange(self.steps))
-        return fourier(values, self.time_step, frequency, start)
+        return fourier_integral(values, self.time_step, frequency, start)
 
     def spectrum(
         self, receiver: str, component: str, frequency: NDArray[np.float64]
@@ -113,7 +113,9 @@ class GprmaxOutput:
         """
         if receiver not in self.receivers or component not in self.receivers[receiver].fields:
             raise ValueError(f"{self.path}: no {component} of a receiver named {receiver!r}")
-        return fourier(self.receivers[receiver].fields[component], self.time_step, frequency)
+        return fourier_integral(
+            self.receivers[receiver].fields[component], self.time_step, frequency
+        )
 
 
 def is_gprmax(path: str | Path) -> bool:
@@ -277,7 +279,7 @@ def _receiver(group: Any, steps: int, path: Path, limit: int) -> GprmaxReceiver:
     return GprmaxReceiver(attribute_text(group.attrs.get("Name", group.name)), position, fields)
 
 
-def fourier(
+def fourier_integral(
     values: NDArray[np.float64],
     time_step: float,
     frequency: NDArray[np.float64],

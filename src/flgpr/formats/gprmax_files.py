@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.formats.gprmax import GprmaxOutput, fourier, read_gprmax
+from flgpr.formats.gprmax import GprmaxOutput, fourier_integral, read_gprmax
 from flgpr.model import make_run
 
 FloatArray = NDArray[np.float64]
@@ -217,7 +217,7 @@ def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> NDAr
     """
     if output.excitation is not None:
         excitation = output.excitation
-        spectrum = fourier(excitation.samples, output.time_step, tones, excitation.start)
+        spectrum = fourier_integral(excitation.samples, output.time_step, tones, excitation.start)
         return spectrum * excitation.length
     if setup.waveform is None:
         raise ValueError(

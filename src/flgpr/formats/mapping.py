@@ -36,7 +36,7 @@ class Variable(_Table):
     axis: Annotated[int, Field(ge=0)] | None = None
 
 
-Entry = float | str | Variable
+EntryValue = float | str | Variable
 """A number, the name of a variable, or a :class:`Variable`."""
 Axes = tuple[str, str, str]
 """Which axes of a file are x, y and z, such as ``("x", "-z", "y")``."""
@@ -82,9 +82,9 @@ class Positions(_Table):
 
     file: str = "data"
     variable: str | None = None  #: where they lie
-    x: Entry | None = None  #: where they lie, or a number
-    y: Entry | None = None  #: where they lie, or a number
-    z: Entry | None = None  #: where they lie, or a number
+    x: EntryValue | None = None  #: where they lie, or a number
+    y: EntryValue | None = None  #: where they lie, or a number
+    z: EntryValue | None = None  #: where they lie, or a number
     values: list[list[float]] | None = None  #: positions written here
     unit: str  #: unit of length
     index: Index | None = None  #: if the positions list antennas: which of them each pair uses
@@ -169,9 +169,9 @@ class Geodetic(_Table):
     """Positions on WGS 84, which an anchor takes to the lane."""
 
     file: str = "data"
-    longitude: Entry
-    latitude: Entry
-    height: Entry  #: over the ellipsoid
+    longitude: EntryValue
+    latitude: EntryValue
+    height: EntryValue  #: over the ellipsoid
     angle_unit: str  #: of longitude and latitude
     unit: str  #: of the height
 
@@ -183,10 +183,10 @@ class Orientation(_Table):
     #: quaternions (..., 4) x, y, z, w, or with ``euler`` angles (..., 3)
     variable: str | None = None
     #: the quaternions' components one by one
-    x: Entry | None = None
-    y: Entry | None = None
-    z: Entry | None = None
-    w: Entry | None = None
+    x: EntryValue | None = None
+    y: EntryValue | None = None
+    z: EntryValue | None = None
+    w: EntryValue | None = None
     #: order of Euler angles, "XYZ" about the body's turned axes, "xyz" about fixed ones
     euler: str | None = None
     unit: str | None = None  #: of Euler angles
@@ -214,9 +214,9 @@ class _VehiclePlace(_Table):
     #: in place of position; headings are then clockwise from true north
     geodetic: Geodetic | None = None
     #: heading, pitch, roll: number or variable, or "course" for a heading along the course
-    heading: Entry | None = None
-    pitch: Entry | None = None
-    roll: Entry | None = None
+    heading: EntryValue | None = None
+    pitch: EntryValue | None = None
+    roll: EntryValue | None = None
     angle_unit: str | None = None
     orientation: Orientation | None = None  #: in place of heading, pitch and roll
     #: which axes of the file are the lane's x, y and z, for positions and orientation
@@ -241,9 +241,9 @@ class Poses(_VehiclePlace):
     """Pose of every scan: position or geodetic, or x, y and z here; and an attitude."""
 
     file: str = "data"
-    x: Entry | None = None
-    y: Entry | None = None
-    z: Entry | None = None
+    x: EntryValue | None = None
+    y: EntryValue | None = None
+    z: EntryValue | None = None
     unit: str | None = None  #: of x, y, z
 
     @model_validator(mode="after")

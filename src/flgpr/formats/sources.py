@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.formats.arrays import ArrayFile, open_arrays
-from flgpr.formats.mapping import Entry, Index, Positions, Quantity, Variable, factor
+from flgpr.formats.mapping import EntryValue, Index, Positions, Quantity, Variable, factor
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -144,7 +144,12 @@ class Sources:
         return values - values[0] if spec.zero_first else values
 
     def component(
-        self, entry: Entry, file: str, where: str, count: int | None = None, along: str = "scan"
+        self,
+        entry: EntryValue,
+        file: str,
+        where: str,
+        count: int | None = None,
+        along: str = "scan",
     ) -> FloatArray:
         """Return the values of an entry.
 

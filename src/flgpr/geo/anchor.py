@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from flgpr.door import read_named
+from flgpr.geo.geodesy import (
+    GEOCENTRIC,
+    GEODETIC,
+    east_north_up,
+    geocentric,
+    lonlat_of,
+    system_of_kind,
+    to_wgs84,
+    transformer_of,
+)
+from flgpr.model.arrays import FloatArray
 from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
-
-if TYPE_CHECKING:
-    from pyproj import CRS, Transformer
-
-FloatArray = NDArray[np.float64]
-_FILE_OF_SYSTEMS = re.compile(r"\binit\s*=\s*(?!epsg:\d+\b)", re.IGNORECASE)
-"""A PROJ string whose system is in a file; such a file is opened when the string is read."""
-_FILE_IN_WKT = re.compile(
-    r'PARAMETERFILE\s*\[\s*"[^"]*"\s*,\s*"(?!@null")|grids\s*=\s*(?!@null\b)|\bfile\s*=',
-    re.IGNORECASE,
-)
-"""WKT of a system whose points are shifted by a grid in a file; ``@null`` is none."""
-GEODETIC = "EPSG:4979"
-GEOCENTRIC = "EPSG:4978"
 
 
 @dataclass(frozen=True)
@@ -146,7 +142,7 @@ class Anchor:
             Longitude and latitude, degrees, and ellipsoidal height, m.
         """
         xyz = self.to_geocentric(position)
-        lon, lat, height = _geodesy(GEOCENTRIC, GEODETIC).transform(*np.moveaxis(xyz, -1, 0))
+        lon, lat, height = transformer_of(GEOCENTRIC, GEODETIC).transform(*np.moveaxis(xyz, -1, 0))
         return np.stack([lon, lat, height], axis=-1)
 
     def from_geodetic(self, position: ArrayLike) -> FloatArray:
@@ -163,7 +159,7 @@ class Anchor:
             Points in the lane frame, m.
         """
         components = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
-        xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(*components)
+        xyz = transformer_of(GEODETIC, GEOCENTRIC).transform(*components)
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -400,15 +396,15 @@ def fit_anchor(
         If the points or the system are not valid, or a point is off by more than five times the
         accuracy and 5 cm.
     """
-    system = _system(crs, geographic)
+    system = system_of_kind(crs, geographic)
     local = np.asarray(lane, dtype=np.float64)
     surveyed = np.asarray(position, dtype=np.float64)
     _check_points(local, surveyed, accuracy)
     heights_known = _all_known(height)
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
-    lonlat, crs_accuracy = _to_wgs84(system, surveyed)
+    lonlat, crs_accuracy = to_wgs84(system, surveyed)
     origin = (float(lonlat[:, 0].mean()), float(lonlat[:, 1].mean()), float(up.mean()))
-    xyz = np.stack(_geodesy(GEODETIC, GEOCENTRIC).transform(*lonlat.T, up), axis=-1)
+    xyz = np.stack(transformer_of(GEODETIC, GEOCENTRIC).transform(*lonlat.T, up), axis=-1)
     enu = (xyz - geocentric(origin)) @ east_north_up(origin).T
     if azimuth is None:
         azimuth, spread = _direction(local, enu)
@@ -469,176 +465,6 @@ def _all_known(height: Sequence[float | None] | None) -> bool:
     if height is None:
         return False
     return all(value is not None and math.isfinite(value) for value in height)
-
-
-def geocentric(origin: tuple[float, float, float]) -> FloatArray:
-    """Return geocentric coordinates of a geodetic position.
-
-    Parameters
-    ----------
-    origin : (3,) tuple of float
-        Longitude and latitude, degrees, and ellipsoidal height, m (WGS 84).
-
-    Returns
-    -------
-    (3,) ndarray of float
-        Coordinates, m.
-    """
-    return np.array(_geodesy(GEODETIC, GEOCENTRIC).transform(*origin), dtype=np.float64)
-
-
-def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
-    """Return the unit vectors to east, north and up in geocentric axes.
-
-    Parameters
-    ----------
-    origin : (3,) tuple of float
-        Longitude and latitude, degrees, and height, m, at which they point so.
-
-    Returns
-    -------
-    (3, 3) ndarray of float
-        A vector per row.
-    """
-    lon = math.radians(origin[0])
-    lat = math.radians(origin[1])
-    cos_lon = math.cos(lon)
-    sin_lon = math.sin(lon)
-    cos_lat = math.cos(lat)
-    sin_lat = math.sin(lat)
-    east = [-sin_lon, cos_lon, 0.0]
-    north = [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat]
-    up = [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]
-    return np.array([east, north, up])
-
-
-def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
-    """Return easting and northing of WGS 84 longitude and latitude.
-
-    Parameters
-    ----------
-    lonlat : (..., 2) array_like of float
-        Longitude and latitude, degrees.
-    crs : str
-        A projected reference system.
-
-    Returns
-    -------
-    (..., 2) ndarray of float
-        Easting and northing, m.
-
-    Raises
-    ------
-    ValueError
-        If there is no such system, or it names a file to be read.
-    """
-    points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
-    return np.stack(_geodesy("EPSG:4326", reference_system(crs)).transform(*points), axis=-1)
-
-
-def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
-    """Return WGS 84 longitude and latitude of easting and northing.
-
-    Parameters
-    ----------
-    points : (..., 2) array_like of float
-        Easting and northing, m.
-    crs : str
-        Their reference system, a projected one.
-
-    Returns
-    -------
-    (..., 2) ndarray of float
-        Longitude and latitude, degrees.
-
-    Raises
-    ------
-    ValueError
-        If the system is not projected, or the points do not lie where it holds.
-    """
-    system = _system(crs, geographic=False)
-    projected = np.asarray(points, dtype=np.float64)
-    lonlat, _ = _to_wgs84(system, projected.reshape(-1, 2))
-    return lonlat.reshape(projected.shape)
-
-
-def _geodesy(source: Any, target: Any) -> Transformer:
-    """Return the transformation between two systems, longitude or easting first."""
-    from pyproj import Transformer  # slow, and many commands have no anchor
-
-    return Transformer.from_crs(source, target, always_xy=True)
-
-
-def reference_system(crs: str) -> CRS:
-    """Return the reference system of a registry's name, of WKT or of a PROJ string.
-
-    Grids that PROJ itself knows for a system of a registry are used.
-
-    Parameters
-    ----------
-    crs : str
-        The name, such as EPSG:32633, or the text.
-
-    Returns
-    -------
-    pyproj.CRS
-        The system.
-
-    Raises
-    ------
-    ValueError
-        If there is none, or it names a file, such as a grid of shifts: it could be any file, and it
-        would be read, or waited for, when the first point is transformed.
-    """
-    from pyproj import CRS
-    from pyproj.exceptions import CRSError
-
-    rule = f"crs must be a reference system such as EPSG:32633, got {crs!r}"
-    if _FILE_OF_SYSTEMS.search(crs):
-        raise ValueError(f"{rule}, which names a file")
-    try:
-        system = CRS.from_user_input(crs)
-    except CRSError:
-        raise ValueError(rule) from None
-    if _FILE_IN_WKT.search(system.to_wkt()):
-        raise ValueError(f"{rule}, which names a file")
-    return system
-
-
-def _system(crs: str, geographic: bool | None) -> CRS:
-    """Return a reference system in metres or degrees, of the kind that is asked for."""
-    system = reference_system(crs)
-    if not (system.is_geographic or system.is_projected):
-        raise ValueError(f"crs must be geographic or projected, got {crs!r} ({system.type_name})")
-    if geographic is not None and geographic != system.is_geographic:
-        coordinates = "longitude and latitude" if system.is_geographic else "easting and northing"
-        raise ValueError(f"points in {crs} must be given as {coordinates}")
-    units = {axis.unit_name for axis in system.axis_info[:2]}
-    if not units <= {"metre", "degree"}:
-        raise ValueError(f"crs must be in metres or degrees, got {crs!r} in {', '.join(units)}")
-    return system
-
-
-def _to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
-    """Return longitude and latitude, degrees, of points, and the stated accuracy of this, m."""
-    from pyproj.exceptions import ProjError
-
-    transformer = _geodesy(system, "EPSG:4326")
-    try:
-        lon, lat = transformer.transform(points[:, 0], points[:, 1], errcheck=True)
-    except ProjError as error:
-        raise ValueError(
-            f"anchor points must lie where {system.to_string()} holds: {error}"
-        ) from None
-    lonlat = np.stack([lon, lat], axis=-1)
-    if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 89.9:
-        raise ValueError(
-            f"anchor points must lie where {system.to_string()} holds, got {points[0]}"
-        )
-    accuracy = transformer.accuracy
-    if accuracy is None or accuracy < 0:
-        return lonlat, math.nan
-    return lonlat, float(accuracy)
 
 
 def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:

@@ -10,7 +10,8 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.geo.anchor import own_anchor, transform_lonlat
+from flgpr.geo.anchor import own_anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.store.extras import optional
 from flgpr.store.files import existing
 

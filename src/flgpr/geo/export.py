@@ -21,7 +21,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.geo.anchor import Anchor, transform_lonlat
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import transform_lonlat
 from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
@@ -225,13 +226,13 @@ def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
     def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
         """Add an element with text to another and return it."""
         child = ElementTree.SubElement(parent, f"{{{space}}}{tag}", attributes)
-        child.text = None if text is None else printable(str(text))
+        child.text = None if text is None else xml_text(str(text))
         return child
 
     return ElementTree.Element(f"{{{space}}}{root}", attributes), add
 
 
-def printable(text: str) -> str:
+def xml_text(text: str) -> str:
     """Return a text with question marks for the characters that XML does not allow."""
     return _NOT_IN_XML.sub("?", text)
 

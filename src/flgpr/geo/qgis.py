@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
-from flgpr.geo.export import printable
+from flgpr.geo.export import xml_text
 
 #: colours of viridis, evenly spaced
 _VIRIDIS = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
@@ -27,7 +27,7 @@ _SHAPES = {"metal": "square", "plastic": "triangle", "simulant": "diamond"}
 
 
 @dataclass(frozen=True)
-class Layer:
+class MapLayer:
     """A layer of a project."""
 
     name: str
@@ -54,7 +54,7 @@ def project(
     about: str,
     crs: str,
     extent: tuple[float, float, float, float],
-    layers: Sequence[Layer],
+    layers: Sequence[MapLayer],
 ) -> bytes:
     """Return a project, the XML of a ``.qgs`` file.
 
@@ -66,7 +66,7 @@ def project(
         Reference system in which it is shown.
     extent : tuple of float
         Least easting and northing, largest easting and northing, m.
-    layers : sequence of Layer
+    layers : sequence of MapLayer
         The layers, the first on top.
 
     Returns
@@ -74,7 +74,7 @@ def project(
     bytes
         Content of the file.
     """
-    root = ElementTree.Element("qgis", {"projectname": printable(title), "version": "3.22.0"})
+    root = ElementTree.Element("qgis", {"projectname": xml_text(title), "version": "3.22.0"})
     _put(root, "title", title)
     metadata = _put(root, "projectMetadata")
     _put(metadata, "title", title)
@@ -266,7 +266,7 @@ def shaded(band: int, low: float, high: float) -> ElementTree.Element:
     return renderer
 
 
-def _map_layer(layer: Layer, identity: str) -> ElementTree.Element:
+def _map_layer(layer: MapLayer, identity: str) -> ElementTree.Element:
     """Return the element of a layer: its source, reference system and style."""
     attributes = {"type": "raster"}
     if layer.geometry:
@@ -345,7 +345,7 @@ def _put(
     parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str
 ) -> ElementTree.Element:
     """Add an element with text and attributes fit for XML, and return it."""
-    printable_attributes = {name: printable(value) for name, value in attributes.items()}
+    printable_attributes = {name: xml_text(value) for name, value in attributes.items()}
     child = ElementTree.SubElement(parent, tag, printable_attributes)
-    child.text = None if text is None else printable(text)
+    child.text = None if text is None else xml_text(text)
     return child

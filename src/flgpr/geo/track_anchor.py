@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.geo.anchor import GEODETIC, Anchor
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geodesy import GEODETIC
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits

@@ -12,12 +12,13 @@ from scipy import fft
 from scipy.sparse import csr_array
 
 from flgpr.imaging.backend import Backend
-from flgpr.imaging.plan import Layout, Plan
+from flgpr.imaging.plan import ImagingLayout, Plan
 from flgpr.jit.threads import share
 from flgpr.kernels import profiles, transform
-from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
+from flgpr.kernels.direct import adjoint_direct, forward_direct
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, aligned, row_size
+from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
@@ -33,7 +34,7 @@ class DirectBackend(Backend):
     width = 0
 
     def __init__(
-        self, layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray
+        self, layout: ImagingLayout, frequency: FloatArray, weight: FloatArray, offset: FloatArray
     ) -> None:
         path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
         antenna_paths(layout.pixels, layout.antenna, layout.medium, path)
@@ -85,7 +86,7 @@ class ProfileBackend(Backend):
         blocks = -(-pixels // BLOCK)
         size = self._spectrum.size
         geometry = self._located()._replace(pixel_count=pixels)
-        for rows, bands, channels in passes(*out.shape[:2]):
+        for rows, bands, channels in channel_groups(*out.shape[:2]):
             # Tones to range profiles, pairs shared between threads.
             table = self._table(channels)
             form = self._form(channels)
@@ -110,7 +111,7 @@ class ProfileBackend(Backend):
         size = self._spectrum.size
         two_tasks_each = -(-pairs // (2 * get_num_threads()))
         together = min(SPREAD_PAIRS, two_tasks_each)
-        for rows, bands, channels in passes(*image.shape[:2]):
+        for rows, bands, channels in channel_groups(*image.shape[:2]):
             # Images to range profiles, and these to tones.
             table = self._table(channels)
             form = self._form(channels)
@@ -203,11 +204,11 @@ class PreciseBackend(Backend):
                 rows *= self._phase.conj()
 
 
-def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
-    """Split the images into passes of at most as many channels as a lane row holds.
+def channel_groups(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
+    """Split the images into groups of at most as many channels as a lane row holds.
 
-    A pass takes all sub-bands of some polarizations, or some sub-bands of one, so that its images
-    are neighbours in memory.
+    Each group is one call of the kernels. It takes all sub-bands of some polarizations, or some
+    sub-bands of one, so that its images are neighbours in memory.
 
     Parameters
     ----------
@@ -217,17 +218,17 @@ def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
     Returns
     -------
     list of (slice, slice, int)
-        Polarizations and sub-bands of each pass, and the channels of its rows.
+        Polarizations and sub-bands of each group, and the channels of its rows.
     """
     most = max(CHANNELS)
     bands_at_once = min(subbands, most)
     rows_at_once = most // bands_at_once if subbands <= most else 1
-    split = []
+    groups = []
     for row in range(0, polarizations, rows_at_once):
         rows = slice(row, min(row + rows_at_once, polarizations))
         for band in range(0, subbands, bands_at_once):
             bands = slice(band, min(band + bands_at_once, subbands))
             needed = (rows.stop - rows.start) * (bands.stop - bands.start)
             channels = min(count for count in CHANNELS if count >= needed)
-            split.append((rows, bands, channels))
-    return split
+            groups.append((rows, bands, channels))
+    return groups

@@ -1,7 +1,7 @@
-"""The imaging sums on a CUDA device, from range profiles: a few scans a pass, in several streams.
+"""The imaging sums on a CUDA device, from range profiles: a few scans a batch, in several streams.
 
-A pass is copied to the device, summed there and copied back in one stream, so that the transfers of
-one pass overlap with the sums of another.
+A batch is copied to the device, summed there and copied back in one stream, so that the transfers
+of one batch overlap with the sums of another.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ GROUP = 16
 """Most channels that a thread keeps in registers."""
 STREAMS = 3
 """Passes in flight: one going in, one being summed, one coming out."""
-PASS_BYTES = 1 << 28
-"""Memory for the profiles of a pass."""
+BATCH_BYTES = 1 << 28
+"""Memory for the profiles of a batch."""
 
 
 _Launches = list[tuple[Any, tuple[Any, ...]]]
 
 
 class _Lane:
-    """A stream and the memory of its passes."""
+    """A stream and the memory of its batches."""
 
     def __init__(
         self, source: tuple[int, ...], out: tuple[int, ...], table: int, spare: tuple[int, int]
@@ -50,7 +50,7 @@ class _Lane:
 class CudaBackend(Backend):
     """Interpolate range profiles in single precision on a CUDA device.
 
-    All backends share the memory of their passes: a vehicle that pitches and rolls needs one per
+    All backends share the memory of their batches: a vehicle that pitches and rolls needs one per
     scan.
     """
 
@@ -79,11 +79,11 @@ class CudaBackend(Backend):
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
-        self._run(data, out, self._adjoint_pass, out.shape[1])
+        self._run(data, out, self._adjoint_launches, out.shape[1])
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
-        self._run(image, out, self._forward_pass, image.shape[1])
+        self._run(image, out, self._forward_launches, image.shape[1])
 
     def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> tuple[float, float]:
         """Measure the time of the adjoint, s, and of its interpolation alone, without transfers.
@@ -95,7 +95,7 @@ class CudaBackend(Backend):
             lane = self._lanes(rows, shape, (subbands, self._geometry.pixel_count), subbands)[0]
             lane.staging[...] = 1
             lane.source.copy_to_device(lane.staging, stream=lane.stream)
-            launches = self._adjoint_pass(lane, rows)
+            launches = self._adjoint_launches(lane, rows)
             seconds = []
             for timed in (launches, launches, launches[1:]):  # the first time it compiles
                 start = time.perf_counter()
@@ -108,7 +108,7 @@ class CudaBackend(Backend):
     def _run(self, source: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
         """Send the rows of ``source`` through ``step``, a few at a time, in turn by stream."""
         row_bytes = 8 * bands * self._geometry.tx.size * (self._row() + self._spare())
-        fits = PASS_BYTES // row_bytes
+        fits = BATCH_BYTES // row_bytes
         for_all_streams = -(-source.shape[0] // STREAMS)
         rows = max(1, min(fits, for_all_streams))
         with self._lock:
@@ -116,7 +116,7 @@ class CudaBackend(Backend):
             for number, start in enumerate(range(0, source.shape[0], rows)):
                 lane = lanes[number % STREAMS]
                 count = min(rows, source.shape[0] - start)
-                # The lane's memory is free once its last pass has come out.
+                # The lane's memory is free once its last batch has come out.
                 lane.stream.synchronize()
                 lane.staging[:count] = source[start : start + count]
                 lane.source[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
@@ -137,7 +137,7 @@ class CudaBackend(Backend):
     def _lanes(
         self, rows: int, source: tuple[int, ...], out: tuple[int, ...], bands: int
     ) -> list[_Lane]:
-        """Return memory and streams for passes of ``rows`` rows, shared from call to call."""
+        """Return memory and streams for batches of ``rows`` rows, shared from call to call."""
         pairs = self._geometry.tx.size
         table = pairs * _groups(rows * bands)[1] * self._row()
         spare = (rows * bands * pairs, self._spare()) if self._spare() else (1, 1)
@@ -147,15 +147,15 @@ class CudaBackend(Backend):
             CudaBackend._shared_lanes = (shapes, [_Lane(*shapes) for _ in range(STREAMS)])
         return CudaBackend._shared_lanes[1]
 
-    def _adjoint_pass(self, lane: _Lane, rows: int) -> _Launches:
-        """Return the kernels of a pass with their arguments, in their order."""
+    def _adjoint_launches(self, lane: _Lane, rows: int) -> _Launches:
+        """Return the kernels of a batch with their arguments, in their order."""
         constants = self._on_device
         g = self._geometry
         stream = lane.stream
         bands, count = lane.out.shape[1:]
         pairs = g.tx.size
         size = self._spectrum.size
-        # Groups are those of a full pass, so that no pass needs a kernel of its own.
+        # Groups are those of a full batch, so that no batch needs a kernel of its own.
         group, channels = _groups(lane.out.shape[0] * bands)
         table = lane.table[: pairs * channels * self._stride]
         compress = gpu.compress_kernel(size)[(pairs, rows * bands), _block(size), stream]
@@ -192,8 +192,8 @@ class CudaBackend(Backend):
         )
         return [(compress, tones), (interpolate, profiles)]
 
-    def _forward_pass(self, lane: _Lane, rows: int) -> _Launches:
-        """Return the kernels of a pass with their arguments, in their order."""
+    def _forward_launches(self, lane: _Lane, rows: int) -> _Launches:
+        """Return the kernels of a batch with their arguments, in their order."""
         constants = self._on_device
         g = self._geometry
         stream = lane.stream

@@ -1,4 +1,7 @@
-"""The imaging operator: the adjoint A^H images data, the forward model A predicts data."""
+"""The imaging operator: the adjoint A^H images data, the forward model A predicts data.
+
+What computes the sums is chosen in ``_make_backend``: on a CPU it is ``imaging/cpu.py``.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from flgpr.imaging.backend import Backend
 from flgpr.imaging.cpu import DirectBackend, PreciseBackend, ProfileBackend
-from flgpr.imaging.plan import Layout, Pattern, Plan, lay_out, make_plan
+from flgpr.imaging.plan import ImagingLayout, Pattern, Plan, lay_out, make_plan
 from flgpr.kernels.layout import CHANNELS
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency
@@ -330,7 +333,7 @@ class ImagingOperator:
 
 
 def _make_backend(
-    layout: Layout,
+    layout: ImagingLayout,
     frequency: FloatArray,
     weight: FloatArray,
     offset: FloatArray,

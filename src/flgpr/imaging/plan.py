@@ -9,10 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.direct import PreciseGeometry
 from flgpr.kernels.geometry import antenna_paths
-from flgpr.kernels.kaiser import MAX_WIDTH, Window, best_shape, design, polynomials, transform
+from flgpr.kernels.kaiser import (
+    MAX_WIDTH,
+    Window,
+    best_shape,
+    design_window,
+    polynomials,
+    transform,
+)
 from flgpr.kernels.layout import BLOCK, padded
+from flgpr.kernels.precise import PreciseGeometry
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
@@ -23,7 +30,7 @@ Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Layout:
+class ImagingLayout:
     """Antennas, each once, and pixels in blocks.
 
     The last pixel is repeated to fill a block.
@@ -67,7 +74,7 @@ def lay_out(
     pixels: FloatArray,
     medium: tuple[float, float],
     patterns: tuple[Pattern | None, Pattern | None],
-) -> Layout:
+) -> ImagingLayout:
     """Find the different antennas, put pixels in blocks and evaluate the antennas' amplitudes.
 
     Parameters
@@ -83,7 +90,7 @@ def lay_out(
 
     Returns
     -------
-    Layout
+    ImagingLayout
         The layout.
 
     Raises
@@ -110,7 +117,7 @@ def lay_out(
         if rx_pattern is not None:
             for row, position in zip(gain[len(tx_unique) :], rx_unique, strict=True):
                 row[:count] = _amplitude(rx_pattern, "rx_pattern", position, pixels)
-    return Layout(
+    return ImagingLayout(
         tx_index.reshape(-1).astype(np.int64),
         rx_index.reshape(-1).astype(np.int64) + len(tx_unique),
         np.concatenate([tx_unique, rx_unique]),
@@ -133,7 +140,7 @@ def _amplitude(pattern: Pattern, name: str, position: FloatArray, pixels: FloatA
 
 
 @dataclass(frozen=True)
-class Tones:
+class ToneGrid:
     """Positions of tones on a uniform spectrum."""
 
     step: float  #: spacing of the spectrum, Hz
@@ -149,7 +156,7 @@ class Tones:
         return 2 * math.ceil(float(np.abs(self.position).max())) + 1
 
 
-def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: float) -> Tones:
+def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: float) -> ToneGrid:
     """Place tones on a uniform spectrum.
 
     It is their own if they have one, gaps included, else one that is fine enough for the swath.
@@ -167,7 +174,7 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
 
     Returns
     -------
-    Tones
+    ToneGrid
         Positions of the tones.
     """
     spacing = np.diff(frequency)
@@ -181,20 +188,20 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
     phase_error = 2 * math.pi * off_grid * swath[1] / SPEED_OF_LIGHT
     # A spectrum that is gaps above all costs more than spreading the tones.
     if phase_error <= tolerance / 10 and position[-1] < 64 * frequency.size:
-        return Tones(step, position - middle, float(frequency[0] + step * middle), True)
+        return ToneGrid(step, position - middle, float(frequency[0] + step * middle), True)
 
     carrier = (frequency[0] + frequency[-1]) / 2
     # Three swaths are unambiguous, so that spreading tones over neighbouring slots has room to
     # alias into.
     step = min(SPEED_OF_LIGHT / (3 * (swath[1] - swath[0]) + 1e-3), frequency[-1] - frequency[0])
-    return Tones(float(step), (frequency - carrier) / step, float(carrier), False)
+    return ToneGrid(float(step), (frequency - carrier) / step, float(carrier), False)
 
 
 @dataclass(frozen=True)
 class Plan:
     """Parameters of the kernels of one operator, with the spectrum in double precision."""
 
-    layout: Layout
+    layout: ImagingLayout
     window: Window
     spectrum: Spectrum
     per_turn: float  #: spacing of the spectrum over the speed of light, 1/m
@@ -256,7 +263,7 @@ class Plan:
 def make_plan(
     frequency: FloatArray,
     active: NDArray[np.bool_],
-    layout: Layout,
+    layout: ImagingLayout,
     offset: FloatArray,
     tolerance: float,
 ) -> Plan:
@@ -268,7 +275,7 @@ def make_plan(
         Frequencies in increasing order, Hz.
     active : (tone,) ndarray of bool
         Tones that any sub-band weighs.
-    layout : Layout
+    layout : ImagingLayout
         Antennas and pixels.
     offset : (pair,) ndarray
         Path that is subtracted by a factor on every tone, m.
@@ -288,7 +295,7 @@ def make_plan(
     else:
         window_tolerance = tolerance / 2  # the other half is for spreading the tones
         extent = max(tones.extent + 16, 100)
-    window = design(extent, window_tolerance, layout.count)
+    window = design_window(extent, window_tolerance, layout.count)
     size = window.size
     per_turn = tones.step / SPEED_OF_LIGHT
 
@@ -316,7 +323,12 @@ def make_plan(
 
 
 def _spectrum(
-    tones: Tones, active: NDArray[np.bool_], window: Window, first: int, bins: int, tolerance: float
+    tones: ToneGrid,
+    active: NDArray[np.bool_],
+    window: Window,
+    first: int,
+    bins: int,
+    tolerance: float,
 ) -> Spectrum:
     """Return the slots of every tone in the spectrum.
 

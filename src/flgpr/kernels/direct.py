@@ -1,12 +1,11 @@
-"""The imaging sums in double precision: term by term for any tones, and from range profiles."""
+"""The imaging sums term by term, in double precision, for any tones."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
 from flgpr.jit.threads import shared
@@ -92,78 +91,3 @@ def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out, b
         for c in range(channels):
             for k in range(tones):
                 out[c, q, k] = total[c, k]
-
-
-class PreciseGeometry(NamedTuple):
-    """Paths, and how they become bins and phases."""
-
-    path: NDArray[np.float64]  #: (antenna, pixel) one-way optical paths, m
-    tx: NDArray[np.int64]  #: (pair,) rows of the transmitters
-    rx: NDArray[np.int64]  #: (pair,) rows of the receivers
-    gain: NDArray[np.float64]  #: (antenna, pixel) one-way amplitudes, or (antenna, 0) for none
-    per_turn: float  #: tone spacing over the speed of light, 1/m
-    carrier: float  #: carrier over the speed of light, 1/m
-    size: int  #: bins of the ambiguous range
-    start: float  #: bin of the ambiguous range where bin 0 of a table starts
-    weight: NDArray[np.float64]  #: (tap, power) the taps' polynomials, lowest power first
-
-
-@njit(cache=True)
-def _locate(geometry, q, p, taps):  # type: ignore[no-untyped-def]
-    """Fill ``taps`` with the weights of pair ``q`` at pixel ``p``; return first bin and phasor."""
-    i = geometry.tx[q]
-    j = geometry.rx[q]
-    length = geometry.path[i, p] + geometry.path[j, p]
-
-    # Position in the ambiguous range, which wraps, and in the table, which starts elsewhere.
-    turns = length * geometry.per_turn
-    position = (turns - math.floor(turns)) * geometry.size - geometry.start
-    position -= geometry.size * math.floor(position / geometry.size)
-    bin_ = int(position)
-
-    # Polynomials in the fraction of a bin less one half, by Horner's rule.
-    y = position - bin_ - 0.5
-    for a in range(taps.size):
-        value = 0.0
-        for n in range(geometry.weight.shape[1] - 1, -1, -1):
-            value = value * y + geometry.weight[a, n]
-        taps[a] = value
-
-    phase = length * geometry.carrier
-    angle = 2 * math.pi * (phase - math.floor(phase))
-    size = geometry.gain[i, p] * geometry.gain[j, p] if geometry.gain.shape[1] > 0 else 1.0
-    return bin_, size * complex(math.cos(angle), math.sin(angle))
-
-
-@shared(axis=1, cache=True)
-def adjoint_precise(table, geometry, out, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``out`` (channel, pixel) from the profiles ``table`` (pair, bin, channel).
-
-    ``geometry`` is a :class:`PreciseGeometry`; ``begin`` and ``end`` are pixels.
-    """
-    for p in range(begin, end):
-        taps = np.empty(geometry.weight.shape[0])
-        total = np.zeros(out.shape[0], np.complex128)
-        for q in range(table.shape[0]):
-            bin_, phasor = _locate(geometry, q, p, taps)
-            for a in range(taps.size):
-                for c in range(total.size):
-                    total[c] += taps[a] * phasor * table[q, bin_ + a, c]
-        for c in range(total.size):
-            out[c, p] = total[c]
-
-
-@shared(cache=True)
-def forward_precise(image, geometry, table, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``table`` (pair, bin, channel) from ``image`` (channel, pixel).
-
-    This is the transpose of :func:`adjoint_precise`; ``begin`` and ``end`` are pairs.
-    """
-    for q in range(begin, end):
-        taps = np.empty(geometry.weight.shape[0])
-        table[q] = 0
-        for p in range(image.shape[1]):
-            bin_, phasor = _locate(geometry, q, p, taps)
-            for a in range(taps.size):
-                for c in range(image.shape[0]):
-                    table[q, bin_ + a, c] += taps[a] * phasor.conjugate() * image[c, p]

@@ -94,7 +94,7 @@ def best_shape(width: int, oversampling: float) -> tuple[float, float]:
     return float(shapes[best]), errors[best]
 
 
-def design(tones: int, tolerance: float, pixels: float = 1e5) -> Window:
+def design_window(tones: int, tolerance: float, pixels: float = 1e5) -> Window:
     """Return the cheapest window that images neighbouring tones to a tolerance.
 
     Parameters

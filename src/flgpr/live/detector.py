@@ -139,7 +139,8 @@ class LiveDetector:
         self.gate = PoseGate(recipe.motion)
         # scans held back until others agree with their poses, by number
         self.held: dict[int, Scan] = {}
-        self.left_out = 0  # scans whose pose was not plausible in the end
+        # scans whose pose was not plausible in the end: the count "implausible" of the intake
+        self.left_out = 0
         self._aliases_reported = False
         self._begin()
 

@@ -34,7 +34,7 @@ from flgpr.live.event_types import (
 )
 from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
 from flgpr.live.vehicle import Vehicle
-from flgpr.model.plausible import Step
+from flgpr.model.plausible import MotionStep
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -283,7 +283,7 @@ def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
     list of PositionEvent
         The events; none where both are plausible.
     """
-    faults: list[tuple[Literal["pose", "clock"], Step]] = []
+    faults: list[tuple[Literal["pose", "clock"], MotionStep]] = []
     # A strain up to 1 is plausible by itself: the pose only agrees better with those held back.
     if update.step is not None and update.step.strain > 1:
         faults.append(("pose", update.step))

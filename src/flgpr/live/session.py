@@ -1,6 +1,12 @@
 """Live detection.
 
 Scans come from a folder, over sockets or from a recording, alarms go to a file of events and to a callback.
+
+A frame becomes a scan, or is left out, in ``live/intake.py``: one without a pose, or with numbers that cannot be a pose
+(``pose_fault`` of ``store/scan_file.py``), has it filled in there from its neighbours', or is left out where they do
+not tell it. The detector (``live/detector.py``, ``add``) asks the gate of ``model/plausible.py`` whether to believe a
+pose, and takes the scan in, holds it back (``LiveDetector.held``) or leaves it out. What is said of it:
+``position_events`` in ``live/events.py``; how many: ``Intake.settled``.
 """
 
 from __future__ import annotations

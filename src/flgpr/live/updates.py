@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.model.plausible import Step
+from flgpr.model.plausible import MotionStep
 from flgpr.store import Scan
 
 State = Literal["new", "update", "withdrawn", "final"]
@@ -45,9 +45,10 @@ class LiveUpdate:
     """What a scan changed.
 
     ``outcome`` is "taken", "warm-up", "still" (the vehicle has not moved) or "late" (the scan's
-    ground is passed). A scan whose pose is not plausible, see ``PoseGate``, is "held" back until
-    others agree with its pose, or is "implausible" and left out when they do not. ``alarms`` are
-    all that changed, those of ``released`` included. ``view`` is the prescreener's run-view (y, x)
+    ground is passed). A scan whose pose is not plausible, see ``PoseGate``, is "held" back. It is
+    among ``released`` once others agree with its pose; if they do not, it is dropped and counted,
+    without an update of its own. One that is left out at once is "implausible". ``alarms`` are all
+    that changed, those of ``released`` included. ``view`` is the prescreener's run-view (y, x)
     where it may have changed, from ``row`` of the lane on; ground that no scan has seen is NaN.
     """
 
@@ -55,8 +56,8 @@ class LiveUpdate:
     alarms: list[LiveAlarm]
     row: int = 0
     view: NDArray[np.float32] | None = None
-    step: Step | None = None  #: why the pose is not plausible
-    clock: Step | None = None  #: why the time is not plausible, which is no fault of the pose
+    step: MotionStep | None = None  #: why the pose is not plausible
+    clock: MotionStep | None = None  #: why the time is not plausible, which is no fault of the pose
     anew: bool = False  #: whether detection started anew, at the first of ``released``
     #: whether all scans before were forgotten then, because too few poses agreed on them
     forgotten: bool = False

@@ -17,7 +17,7 @@ from flgpr.toml_text import parse_toml
 
 # Names that pydantic inserts into a location where an entry may be of several types.
 _TYPE_NAMES = ("float", "str", "Variable")
-Entries = TypeVar("Entries", bound=BaseModel)
+SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
 
 def preset_names(folder: Traversable) -> list[str]:
@@ -26,7 +26,7 @@ def preset_names(folder: Traversable) -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Traversable) -> Entries:
+def load_preset(schema: type[SchemaT], kind: str, name: str | Path, folder: Traversable) -> SchemaT:
     """Load a preset or a TOML file; a fault is a ValueError that names the entry."""
     if str(name) in preset_names(folder):
         data = (folder / f"{name}.toml").read_bytes()
@@ -38,8 +38,8 @@ def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Trav
 
 
 def parse_entries(
-    schema: type[Entries], data: str | bytes, what: str, file_name: str = ""
-) -> Entries:
+    schema: type[SchemaT], data: str | bytes, what: str, file_name: str = ""
+) -> SchemaT:
     """Read TOML, which errors call ``what``; see :func:`describe_fault` for ``file_name``."""
     try:
         tables = parse_toml(data)

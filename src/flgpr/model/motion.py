@@ -18,9 +18,9 @@ from flgpr.model.plausible import (
     REMEMBERED,
     SHORTEST,
     MotionLimits,
+    MotionStep,
     PoseGate,
     Sighting,
-    Step,
     moved,
 )
 
@@ -36,9 +36,11 @@ class Motion:
     """Plausibility of a track."""
 
     plausible: NDArray[np.bool_]  #: (scan,): poses that are plausible
-    steps: list[Step] = field(default_factory=list)  #: of poses that are not plausible
-    restarts: list[Step] = field(default_factory=list)  #: after which positions continue elsewhere
-    clock: list[Step] = field(default_factory=list)  #: of times that are not plausible
+    steps: list[MotionStep] = field(default_factory=list)  #: of poses that are not plausible
+    restarts: list[MotionStep] = field(
+        default_factory=list
+    )  #: after which positions continue elsewhere
+    clock: list[MotionStep] = field(default_factory=list)  #: of times that are not plausible
     fits: bool = True  #: False where the limits do not fit the track, so that nothing is left out
 
     @property
@@ -83,13 +85,13 @@ class Motion:
         }
 
 
-def some_steps(steps: Sequence[Step]) -> str:
+def some_steps(steps: Sequence[MotionStep]) -> str:
     """Return a text on the first few steps, and how many more there are."""
     more = f"; and {len(steps) - _LISTED} more" if len(steps) > _LISTED else ""
     return "; ".join(step.words for step in steps[:_LISTED]) + more
 
 
-def _times(steps: Sequence[Step]) -> str:
+def _times(steps: Sequence[MotionStep]) -> str:
     """Return "once" or the number of times."""
     return "once" if len(steps) == 1 else f"{len(steps)} times"
 
@@ -169,9 +171,9 @@ class _JudgedTrack:
     def __init__(self, limits: MotionLimits) -> None:
         self.gate = PoseGate(limits)
         self.trusted = set[int]()  # numbers of the scans
-        self.faults: dict[int, Step] = {}  # by number, why a pose is not plausible
-        self.restarts: list[Step] = []
-        self.clock: list[Step] = []
+        self.faults: dict[int, MotionStep] = {}  # by number, why a pose is not plausible
+        self.restarts: list[MotionStep] = []
+        self.clock: list[MotionStep] = []
 
     def trust(self, sightings: list[Sighting]) -> None:
         """Trust sightings that follow from one another."""

@@ -79,7 +79,7 @@ class Sighting:
 
 
 class StepEntries(TypedDict):
-    """A :class:`Step` as JSON values."""
+    """A :class:`MotionStep` as JSON values."""
 
     scan: int  #: scan after the step
     since: int  #: scan before the step
@@ -91,7 +91,7 @@ class StepEntries(TypedDict):
 
 
 @dataclass(frozen=True)
-class Step:
+class MotionStep:
     """The step between two scans, and the limit that it strains most."""
 
     scan: int  #: scan after the step
@@ -161,7 +161,7 @@ def moved(before: ArrayLike, after: ArrayLike) -> dict[str, FloatArray]:
     }
 
 
-def clock_step(limits: MotionLimits, before: Sighting, after: Sighting) -> Step | None:
+def clock_step(limits: MotionLimits, before: Sighting, after: Sighting) -> MotionStep | None:
     """Return the step of a clock that goes back, or ahead by more than a pause.
 
     It is None if the clock is in order or unknown.
@@ -170,12 +170,12 @@ def clock_step(limits: MotionLimits, before: Sighting, after: Sighting) -> Step 
     forward = elapsed if after.number >= before.number else -elapsed
     if not math.isfinite(elapsed) or 0 <= forward <= limits.pause:
         return None
-    return Step(after.number, before.number, "pause", forward, limits.pause)
+    return MotionStep(after.number, before.number, "pause", forward, limits.pause)
 
 
 def step_between(
     limits: MotionLimits, before: Sighting, after: Sighting, earlier: Sequence[Sighting] = ()
-) -> Step:
+) -> MotionStep:
     """Return the step between two poses by the limit that it strains most.
 
     Above a strain of 1 it is not plausible. Missing scans in between, and time, widen what is
@@ -193,22 +193,22 @@ def step_between(
 
     Returns
     -------
-    Step
+    MotionStep
         The step.
     """
     scan = after.number
     since = before.number
     if not np.isfinite(after.pose).all():
-        return Step(scan, since, "finite", math.nan, 0.0)
+        return MotionStep(scan, since, "finite", math.nan, 0.0)
     gap = max(abs(scan - since), 1)
     if gap > limits.scans:
-        return Step(scan, since, "scans", float(gap), float(limits.scans))
+        return MotionStep(scan, since, "scans", float(gap), float(limits.scans))
     seconds = _elapsed(limits, before, after)
     duration = limits.interval * gap if seconds is None else seconds
     steps = []
     for limit, value in moved(before.pose, after.pose).items():
         most = max(getattr(limits, limit) * duration, FLOOR[limit])
-        steps.append(Step(scan, since, limit, float(value), most, seconds))
+        steps.append(MotionStep(scan, since, limit, float(value), most, seconds))
     worst = max(steps, key=lambda step: step.strain)
     swerve = _swerve(limits, [*earlier, before][-3:], after)
     if swerve is None or worst.strain > min(swerve.strain, 1.0):
@@ -216,7 +216,7 @@ def step_between(
     return swerve
 
 
-def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) -> Step | None:
+def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) -> MotionStep | None:
     """Return how far a pose lies from where those known lead; None where times do not tell a speed.
 
     Of the speeds between the last three poses the one that leads nearest counts: a pose that is off
@@ -231,7 +231,9 @@ def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) ->
             ahead = before.pose[:2] + (before.pose[:2] - earlier.pose[:2]) * (seconds / past)
             most = max(limits.acceleration * seconds * (seconds + past) / 2, FLOOR["acceleration"])
             distance = float(np.hypot(*(after.pose[:2] - ahead)))
-            steps.append(Step(after.number, before.number, "acceleration", distance, most, seconds))
+            steps.append(
+                MotionStep(after.number, before.number, "acceleration", distance, most, seconds)
+            )
     if not steps:
         return None
     least = min(steps, key=lambda step: step.strain)
@@ -257,8 +259,8 @@ class Verdict:
     dropped: list[int] = field(default_factory=list)
     #: whether this pose is held back; one that is neither trusted nor held is left out
     held: bool = False
-    step: Step | None = None  #: why this pose is not plausible
-    clock: Step | None = None  #: why its time is not
+    step: MotionStep | None = None  #: why this pose is not plausible
+    clock: MotionStep | None = None  #: why its time is not
     anew: bool = False  #: whether what is trusted begins anew, away from all before
     #: numbers trusted before that were never confirmed: the first poses were the wrong ones
     forgotten: list[int] = field(default_factory=list)
@@ -320,7 +322,7 @@ class PoseGate:
         number = sighting.number
         if not np.isfinite(sighting.pose).all():
             since = self.trusted[-1].number if self.trusted else number
-            return Verdict(step=Step(number, since, "finite", math.nan, 0.0))
+            return Verdict(step=MotionStep(number, since, "finite", math.nan, 0.0))
         if not self.trusted:
             self._trust(sighting)
             return Verdict([number])

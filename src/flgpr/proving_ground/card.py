@@ -48,7 +48,7 @@ def _plain_line(text: str) -> str:
     return text
 
 
-Line = Annotated[str, Field(min_length=1, max_length=400), AfterValidator(_plain_line)]
+CardLine = Annotated[str, Field(min_length=1, max_length=400), AfterValidator(_plain_line)]
 """A line of text."""
 Word = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain_line)]
 """A short line of text."""
@@ -57,7 +57,7 @@ Word = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plain
 class Cost(Table):
     """What the submission took, as its authors declare it."""
 
-    hardware: Line  #: processor, graphics card and memory
+    hardware: CardLine  #: processor, graphics card and memory
     #: seconds of processor (or of device, as ``hardware`` says) per kilometre of lane in detection
     seconds_per_km: Annotated[NotNegative, Largest(MOST_SECONDS)]
     #: seconds of all trainings
@@ -73,11 +73,11 @@ class Card(Table):
     #: name in the tables: lower case letters, digits, hyphens, points, unique on the ground
     name: Annotated[str, Field(pattern=r"^[a-z0-9](?:[a-z0-9.-]{0,38}[a-z0-9])?$")]
     version: Word  #: version of the program and the model
-    method: Line  #: the method in a sentence
+    method: CardLine  #: the method in a sentence
     authors: Annotated[tuple[Word, ...], Field(min_length=1, max_length=50)]
     date: datetime.date  #: when the alarms were made
     licence: Word  #: of the alarm lists and the card, an identifier of SPDX such as CC-BY-4.0
-    trained_on: Line  #: what was learnt from: lanes, and everything else
+    trained_on: CardLine  #: what was learnt from: lanes, and everything else
     #: whether anything but a frozen detector ever saw the signals of test lanes
     test_lanes_seen: bool
     #: whether anybody who worked on the submission knew targets of test lanes
@@ -85,7 +85,7 @@ class Card(Table):
     cost: Cost
     digest: Word = ""  #: digest or commit of the program or the model
     contact: Word = ""
-    reference: Line = ""  #: paper or address that describes the method
+    reference: CardLine = ""  #: paper or address that describes the method
     #: settings, each a number, a text or a boolean
     parameters: Annotated[dict[str, bool | int | float | str], Largest(LARGEST_PARAMETER)] = Field(
         default_factory=dict

@@ -13,7 +13,7 @@ import numpy as np
 from flgpr.chain.radar_setup import RadarSetup, radar_setup
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.chain.recipe_choice import figures_of
-from flgpr.chain.recipe_like import like_text, load_model
+from flgpr.chain.recipe_like import like_text, load_model_recipe
 from flgpr.model import vehicle_to_scan
 from flgpr.proving_ground.ground import Ground
 from flgpr.simulate.scene.world import draw_track
@@ -67,7 +67,7 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
             continue
         source = row["recipe"]
         if own_recipe and row.get("fitted"):
-            model = load_model(row["recipe"])
+            model = load_model_recipe(row["recipe"])
             figures = figures_of(_array_of(ground), model.recipe)
             text = like_text(figures, model, ground.table.sensor)
         elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):

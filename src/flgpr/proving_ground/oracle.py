@@ -216,7 +216,7 @@ def _look_at_site(
     bare, *tested = (ground.lanes[name] for name in names)
     targets = pd.DataFrame(truth)
     bare_setup = cleaned_lane(folder, bare, recipe)
-    clutter = Clutter(bare_setup, bare.lane)
+    clutter = BareGround(bare_setup, bare.lane)
     rows = []
     for lane in tested:
         mines = targets[targets["lane"] == lane.name]
@@ -239,7 +239,7 @@ def _look_at_site(
     return {"lane": site, "found": rows}
 
 
-class Clutter:
+class BareGround:
     """Target-free ground of a site, by all looks at its places.
 
     Covariances are those of a metre of distance ahead.

@@ -89,7 +89,7 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
         asked=asked,
         worst=worst_lobes,
         degree=math.degrees(1),
-        geometry=geometry_figure(designs),
+        geometry=antenna_figure(designs),
         spread=spread_figure(designs),
         resolution=resolution_figure(designs),
         lobes=lobe_figure(designs),
@@ -100,7 +100,7 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
     )
 
 
-def geometry_figure(designs: Sequence[Design]) -> Figure:
+def antenna_figure(designs: Sequence[Design]) -> Figure:
     """Draw the antennas as seen from the ground ahead.
 
     Parameters

@@ -238,7 +238,7 @@ def view_score(
         Objects that never score, such as rocks and posts.
     """
     truth = scored[0].matched.truth
-    classes = depth_classes(truth)
+    classes = depth_class_bounds(truth)
     content = plain_json(
         {
             "result_sha256": result.manifest["identity"],
@@ -297,7 +297,7 @@ def _files_of(result: Result) -> Folder:
     return listed_files(result.folder, read_result_manifest(result.folder))
 
 
-def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
+def depth_class_bounds(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
     """Return classes of the targets' depths.
 
     Each depth by itself while they are few, else quarters. A class is its label and its least and

@@ -23,7 +23,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Design:
+class ResamplingDesign:
     """What is resampled: clusters of targets, lanes, and blocks of lane.
 
     The factors may cross (the same mine in two passes). Each is therefore drawn by itself with
@@ -257,7 +257,7 @@ def make_design(
     cluster: str | None = None,
     area: AreaRule = "union",
     frame_area: float | None = None,
-) -> Design:
+) -> ResamplingDesign:
     """Divide targets and lanes into what is resampled; the parameters are those of :func:`band`."""
     if not (math.isfinite(block) and block > 0):
         raise ValueError(f"block must be a positive length, got {block} m")
@@ -287,7 +287,7 @@ def make_design(
     # Rounding may leave a little less than nothing. By the area rule of the FAR the blocks together
     # have another area than the ground outside the halos.
     open_area = np.maximum(block_area, 0.0)
-    return Design(
+    return ResamplingDesign(
         lanes=len(matched.lanes),
         clusters=len(unique),
         target_cluster=codes.astype(np.int64),
@@ -312,7 +312,7 @@ def _open_areas(matched: Match, number: int, lane: Lane, blocks: int) -> list[fl
     return areas
 
 
-def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores:
+def make_scores(matched: Match, design: ResamplingDesign, subset: Subset = None) -> Scores:
     """Return the scores of matched alarms that resampling needs."""
     chosen = select_targets(matched.truth, subset)
     target = matched.best(chosen)[1][chosen]
@@ -329,13 +329,15 @@ def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores
     return Scores(target, false, block.astype(np.int64), above.astype(np.int64))
 
 
-def _last_block(design: Design, lane: IntArray) -> IntArray:
+def _last_block(design: ResamplingDesign, lane: IntArray) -> IntArray:
     """Return the last block of each of the lanes."""
     ends = [first for first, _, _ in design.block_y[1:]] + [len(design.block_lane)]
     return np.asarray(np.array(ends)[lane] - 1, dtype=np.int64)
 
 
-def _draws(design: Design, draws: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray, float]]:
+def _draws(
+    design: ResamplingDesign, draws: int, seed: int
+) -> Iterator[tuple[FloatArray, FloatArray, float]]:
     """Yield weights of targets and of blocks, and the area of the drawn blocks, m²."""
     if draws < 2:
         raise ValueError(f"draws must be at least 2, got {draws}")

@@ -14,7 +14,7 @@ import scipy  # its subpackages are imported when they are used
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring.bootstrap import (
-    Design,
+    ResamplingDesign,
     Scores,
     make_design,
     make_scores,
@@ -182,7 +182,12 @@ def compare(
 
 
 def _resampled_differences(
-    scores_a: Scores, scores_b: Scores, design: Design, far_max: float, draws: int, seed: int
+    scores_a: Scores,
+    scores_b: Scores,
+    design: ResamplingDesign,
+    far_max: float,
+    draws: int,
+    seed: int,
 ) -> NDArray[np.float64]:
     """Return the difference of the PD_mean of two detectors in each resampling (draw,)."""
     rng = np.random.default_rng(seed)
@@ -196,7 +201,7 @@ def _resampled_differences(
 
 
 def _found_by_one(
-    found_a: NDArray[np.bool_], found_b: NDArray[np.bool_], design: Design
+    found_a: NDArray[np.bool_], found_b: NDArray[np.bool_], design: ResamplingDesign
 ) -> tuple[int, int]:
     """Return how many mines detector A alone finds, and how many detector B alone.
 

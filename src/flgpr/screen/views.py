@@ -41,7 +41,7 @@ def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[flo
     return float(along.min()), float(along.max())
 
 
-class Samples(NamedTuple):
+class ScanSamples(NamedTuple):
     """Magnitudes of a scan at some pixels of the lane."""
 
     values: NDArray[np.float32]  #: magnitudes (..., y, x)
@@ -101,7 +101,9 @@ class LaneSums:
         known_by_all = np.asarray(known.all(axis=leading_axes))
 
         self._looks[rows] += known_by_all
-        self._add_samples(_rows_of(self._sums, rows), Samples(values, known, known_by_all, local))
+        self._add_samples(
+            _rows_of(self._sums, rows), ScanSamples(values, known, known_by_all, local)
+        )
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the run-view (..., y, x) and the number of looks (y, x).
@@ -160,7 +162,7 @@ class LaneSums:
         """Return the sums (..., y, x) before the first scan."""
         raise NotImplementedError
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
         """Add a scan's samples to the sums of the same rows."""
         raise NotImplementedError
 
@@ -191,14 +193,17 @@ class RunViewSums(LaneSums):
 
     The n-th largest takes n arrays in descending order: a new value passes down through them
     (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a
-    pixel the smallest is shown (``_view``).
+    pixel the smallest is shown (``_view``). The roadside's mask and the view before the background
+    is removed take this class, too. So another rank is a class of its own, which
+    ``Steps.view_sums`` (``chain/steps.py``) chooses by a name of ``RunViewTable.look``
+    (``chain/recipe_tables.py``).
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
         shape = (*channels, *self._looks.shape)
         return {name: np.full(shape, -np.inf, np.float32) for name in ("first", "second")}
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
         values = np.where(samples.known, samples.values, -np.inf)
         # The smaller of the largest so far and the new value: it may be the second largest.
         smaller = np.minimum(sums["first"], values)
@@ -242,7 +247,7 @@ class MeanViewSums(LaneSums):
             "weight": np.zeros(self._looks.shape),
         }
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
         distance = np.hypot(samples.local[..., 0], samples.local[..., 1])
         weight = np.where(samples.known_by_all, look_weight(distance, self.falloff), 0.0)
         sums["sum"][...] += weight * np.where(samples.known_by_all, samples.values, 0.0)
@@ -310,7 +315,7 @@ class RangeViewSums(LaneSums):
     def _channels(self, sums: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
         return sums["value"].shape[:-3]
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
         off = np.abs(samples.local[..., 1] - np.reshape(self.ranges, (-1, 1, 1)))
         off = np.where(samples.known_by_all & (off <= self.within), off, np.inf)
         self._add_sums(sums, {"value": samples.values[..., None, :, :], "off": off})

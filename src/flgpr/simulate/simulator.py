@@ -25,24 +25,25 @@ from flgpr.model import (
     vehicle_to_lane,
 )
 from flgpr.model.arrays import FloatArray
-from flgpr.simulate.bodies.echoes import Echoes, Ground, add_object, incidence, sum_echoes
+from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, incidence, sum_echoes
+from flgpr.simulate.bodies.standing import add_object
 from flgpr.simulate.bodies.targets import add_target
 from flgpr.simulate.ground.field import SurfaceField
 from flgpr.simulate.ground.holes import hole_factor
 from flgpr.simulate.ground.layers import (
     GrassLayer,
-    Layer,
+    ScanView,
+    ScattererLayer,
     SineSpectra,
     Skeleton,
     SurfaceLayer,
-    View,
     sum_layers,
     through_grass,
 )
 from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
 from flgpr.simulate.ground.shadow import Shadows, Strip, shadow_strips
 from flgpr.simulate.ground.subsurface import subsurface_layers
-from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.radar.impair import Impairments, signature_end
 from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene.scene import Scene, SceneObject, Soil, Surface, Target
@@ -96,7 +97,7 @@ class Simulator:
         self.world = draw_world(scene, seed)
         self.truth = self.world.truth()
         self.objects = self.world.objects_table()
-        self._terrain = Terrain(scene.terrain, scene.lane, seed)
+        self._terrain = TerrainHeights(scene.terrain, scene.lane, seed)
         self._height = _height_cache(self._terrain)
         level_pose, self.time = draw_track(scene, sensor.height, seed)
         self.pose = self._terrain.follow(level_pose)
@@ -112,7 +113,7 @@ class Simulator:
         heights = None
         if surface.phase_screen and surface.rms_height + surface.unevenness > 0:
             heights = surface_heights(surface, seed)
-        self._ground = Ground(scene.soil, heights, self.frequency)
+        self._ground = LayeredGround(scene.soil, heights, self.frequency)
         self._spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
         self._layers = self._make_layers()
         self._hole_over = {hole.target: hole for hole in self.world.holes}
@@ -226,15 +227,15 @@ class Simulator:
         array = array_state(self.sensor, self.pose[index])
         return dataclasses.replace(array, drift=self._drift[index])
 
-    def _view(self, array: ArrayState, pose: FloatArray) -> View:
+    def _view(self, array: ArrayState, pose: FloatArray) -> ScanView:
         """Return what a scan sees its scatterers by."""
         shadows = None
         if self._strips:
             strips = [strip for strip in self._strips if _in_view(strip, pose)]
             shadows = Shadows(strips, array, self.frequency)
-        return View(self.sensor.footprint, pose, array, self._terrain, shadows)
+        return ScanView(self.sensor.footprint, pose, array, self._terrain, shadows)
 
-    def _single_echoes(self, view: View, targets_only: bool = False) -> Echoes:
+    def _single_echoes(self, view: ScanView, targets_only: bool = False) -> Echoes:
         """Return the echoes of targets and, unless they alone count, of all that is no layer."""
         echoes = Echoes()
         for index, target in enumerate(self.world.targets):
@@ -250,7 +251,7 @@ class Simulator:
                 self._cover(echoes, first, scene_object.x, scene_object.y, view)
         return echoes
 
-    def _add_target(self, echoes: Echoes, index: int, target: Target, view: View) -> None:
+    def _add_target(self, echoes: Echoes, index: int, target: Target, view: ScanView) -> None:
         """Add a target's echoes, through its hole and what stands over it."""
         first = len(echoes.path)
         array = self._above(target.x, target.y, view.array)
@@ -278,7 +279,7 @@ class Simulator:
         ground = np.array([0.0, 0.0, self._height(x, y)])
         return dataclasses.replace(array, position=array.position - ground)
 
-    def _cover(self, echoes: Echoes, first: int, x: float, y: float, view: View) -> None:
+    def _cover(self, echoes: Echoes, first: int, x: float, y: float, view: ScanView) -> None:
         """Raise a body's echoes, from number ``first`` on, to the ground it stands on.
 
         They pass the grass around it and the shadow on it.
@@ -302,9 +303,9 @@ class Simulator:
             echoes.spectrum[i] = echoes.spectrum[i] * factor
             echoes.position[i] = position + np.array([0.0, 0.0, ground])
 
-    def _make_layers(self) -> list[Layer]:
+    def _make_layers(self) -> list[ScattererLayer]:
         """Return all that is summed as point scatterers; further layers are added here."""
-        layers: list[Layer] = []
+        layers: list[ScattererLayer] = []
         surface = self.scene.surface
         grass = self.scene.grass
         density = surface.density or PER_CELL / finest_cell(self.sensor)
@@ -321,7 +322,7 @@ class Simulator:
         return layers
 
 
-def _height_cache(terrain: Terrain) -> Callable[[float, float], float]:
+def _height_cache(terrain: TerrainHeights) -> Callable[[float, float], float]:
     """Return the height of the ground at a place, computed once: bodies stand in many scans."""
 
     @functools.cache

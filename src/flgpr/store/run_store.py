@@ -26,7 +26,7 @@ from xarray.core import indexing
 from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import AXES, POSE_COMPONENTS, check_run
-from flgpr.store.store_layout import DIMS, MAX_MEMORY, Layout, check_declared
+from flgpr.store.store_layout import DIMS, MAX_MEMORY, ArrayLayout, check_declared
 
 FORMAT = "flgpr-run"
 VERSION = 1
@@ -80,7 +80,7 @@ class CommittedFiles:
 class _StoredArray(BackendArray):
     """An array of a run store for xarray: read chunk by chunk, each checked when it is needed."""
 
-    def __init__(self, files: CommittedFiles, name: str, layout: Layout) -> None:
+    def __init__(self, files: CommittedFiles, name: str, layout: ArrayLayout) -> None:
         self._files = files
         self._name = name
         self._layout = layout

@@ -8,17 +8,16 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flgpr.door import MOST_JSON, DoorError, Folder
-from flgpr.json_text import canonical_json, parse_json, sha256
+from flgpr.door import DoorError, Folder
+from flgpr.json_text import canonical_json, sha256
 from flgpr.model import check_run, make_run
 from flgpr.model.run import check_poses
 from flgpr.store.files import replace_folder, replaced_by, sync_file, write_whole, writing
@@ -28,23 +27,19 @@ from flgpr.store.journal import (
     JournalError,
     OtherRunError,
     WrittenScan,
-    difference,
 )
+from flgpr.store.made_of import MADE_OF, describe_inputs, difference_from_stored, write_record
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_store import (
     CHECKSUM_BYTES,
     FORMAT,
     MANIFEST,
     VERSION,
-    CommittedFiles,
     RunStoreError,
     manifest_bytes,
-    read_manifest,
 )
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
 
-MADE_OF = "made-of.json"
-"""File that records what a store's scans depend on, by which the same call knows it again."""
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
 _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it grows
@@ -139,7 +134,7 @@ class RunWriter:
         self.keeps = resume
         self._committed = False
         self._partial = self.path.with_name(self.path.name + ".partial")
-        self._about = _describe(
+        self._about = describe_inputs(
             self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
         )
         self._journal = self._open_journal(overwrite, resume)
@@ -279,10 +274,7 @@ class RunWriter:
         _consolidate(self._partial)
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
-            made_of = {"commit": digest, "about": self._about}
-            if self._limits:
-                made_of["limits"] = self._limits
-            write_whole(self._partial / MADE_OF, canonical_json(made_of) + b"\n")
+            write_record(self._partial, digest, self._about, self._limits)
         replace_folder(self._partial, self.path)
         self._committed = True
         # Not before: a kill in between would cost every scan. The next writer removes what a kill
@@ -318,7 +310,7 @@ class RunWriter:
         """
         if overwrite or not os.path.lexists(self.path):
             return
-        different = _difference_from_stored(self.path, self._about)
+        different = difference_from_stored(self.path, self._about)
         if different == "":
             (self.path / JOURNAL).unlink(missing_ok=True)
             for folder in (replaced_by(self.path), *self._discarded()):
@@ -485,7 +477,7 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     root = Path(path)
     if not os.path.lexists(root):
         return False
-    about = _describe(
+    about = describe_inputs(
         run["frequency"].values,
         [str(label) for label in run["polarization"].values],
         run["tx_position"].values,
@@ -493,7 +485,7 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
         _attrs_of(run),
         _digests(run),
     )
-    different = _difference_from_stored(root, about)
+    different = difference_from_stored(root, about)
     if different != "":
         raise RunExistsError(root, different)
     return True
@@ -511,69 +503,6 @@ def _digests(run: xr.Dataset) -> dict[str, Any]:
         values = np.ascontiguousarray(run[name].values)
         digests[name] = sha256(values.view(np.uint8).data)
     return digests
-
-
-def _describe(
-    frequency: NDArray[np.float64],
-    polarization: list[str],
-    tx_position: NDArray[np.float64],
-    rx_position: NDArray[np.float64],
-    attrs: dict[str, Any],
-    inputs: dict[str, Any] | None,
-) -> dict[str, Any]:
-    """Return a description of all that the scans of a store depend on."""
-    return {
-        "frequency": sha256(frequency.tobytes()),
-        "polarization": polarization,
-        "tx_position": sha256(tx_position.tobytes()),
-        "rx_position": sha256(rx_position.tobytes()),
-        "attrs": attrs,
-        "inputs": inputs or {},
-    }
-
-
-def _made_of(root: Path, manifest: Mapping[str, Any]) -> Any:
-    """Return the record of what a store was made of; None if it is of another commit."""
-    stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
-    return stored if stored["commit"] == manifest["sha256"] else None
-
-
-def read_limits(root: str | Path) -> dict[str, Any]:
-    """Return what ends in a store's scans because of how they were made.
-
-    Parameters
-    ----------
-    root : str or path
-        The store.
-
-    Returns
-    -------
-    dict
-        As given to :class:`RunWriter`; empty where the store does not record it, or records it for
-        other scans.
-    """
-    try:
-        stored = _made_of(Path(root), read_manifest(root))
-        limits = {} if stored is None else stored["limits"]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return {}
-    return limits if isinstance(limits, dict) else {}
-
-
-def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
-    """Return the first difference between what a store was made of and ``about``.
-
-    It is empty if there is none, and None if the store is incomplete or does not record it.
-    """
-    try:
-        manifest = read_manifest(root)
-        stored = _made_of(root, manifest)
-        CommittedFiles(root, manifest["files"]).check_sizes()
-        if stored is None:
-            return None
-        return difference(stored["about"], parse_json(canonical_json(about)))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
 
 
 def _consolidate(root: Path) -> None:

@@ -15,7 +15,7 @@ def sample_lane(name: str = "lane-a") -> Path:
     Parameters
     ----------
     name : str
-        One of :data:`SAMPLE_LANES`.
+        One of ``SAMPLE_LANES``: "lane-a", or "full-wave-2-1" to "full-wave-2-6".
 
     Returns
     -------

@@ -54,7 +54,7 @@ _SCANS_IN_MEMORY = 4
 _LARGEST_DESCRIPTION = 16 * 2**20  # bytes
 
 
-class Layout(NamedTuple):
+class ArrayLayout(NamedTuple):
     """How an array lies in its store: chunks of numbers in C order, with or without a CRC-32C."""
 
     shape: tuple[int, ...]  #: of the array
@@ -67,7 +67,7 @@ def check_declared(
     files: Mapping[str, Mapping[str, Any]],
     read: Callable[[str], bytes | None],
     max_memory: int = MAX_MEMORY,
-) -> dict[str, Layout]:
+) -> dict[str, ArrayLayout]:
     """Return the layouts of a store's arrays, checked against the committed files and the memory.
 
     Parameters
@@ -81,7 +81,7 @@ def check_declared(
 
     Returns
     -------
-    dict of str to Layout
+    dict of str to ArrayLayout
         The layout of each array, by name.
 
     Raises
@@ -91,7 +91,7 @@ def check_declared(
     """
     group = _description(files, read, "zarr.json", "group")
     consolidated = _consolidated(group)
-    layouts: dict[str, Layout] = {}
+    layouts: dict[str, ArrayLayout] = {}
     sizes = {"axis": 3, "component": 6}
     needed = 0.0
     for name, dims in DIMS.items():
@@ -119,7 +119,7 @@ def check_declared(
     return layouts
 
 
-def _memory_needed(name: str, layout: Layout) -> int:
+def _memory_needed(name: str, layout: ArrayLayout) -> int:
     """Return the bytes that an array takes in memory: all of it, or a few scans of the signal."""
     width = _WIDTHS[layout.dtype]
     if name == "signal":
@@ -166,7 +166,7 @@ def consolidated_group(
     return {**group, "consolidated_metadata": consolidated}
 
 
-def _layout(name: str, description: dict[str, Any]) -> Layout:
+def _layout(name: str, description: dict[str, Any]) -> ArrayLayout:
     """Return the layout of an array, whose description must be as run stores are written."""
     rank = len(DIMS[name])
     grid = description.get("chunk_grid")
@@ -187,7 +187,7 @@ def _layout(name: str, description: dict[str, Any]) -> Layout:
     endian = description["codecs"][0].get("configuration", {}).get("endian", "little")
     if endian not in ("little", "big"):
         raise ValueError(f"{name}: its bytes must be little or big endian, got {endian}")
-    return Layout(shape, chunks, _KINDS[name], endian == "big")
+    return ArrayLayout(shape, chunks, _KINDS[name], endian == "big")
 
 
 def _shape(label: str, value: Any, rank: int) -> tuple[int, ...]:
@@ -213,7 +213,7 @@ def _check_codecs(name: str, description: dict[str, Any]) -> None:
         raise ValueError(f"{name}: its chunks must have the default names, got {key_encoding}")
 
 
-def _check_chunks(name: str, layout: Layout, files: Mapping[str, Mapping[str, Any]]) -> None:
+def _check_chunks(name: str, layout: ArrayLayout, files: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse an array of which a chunk was not committed or has another size."""
     shape = layout.shape
     chunks = layout.chunks

@@ -38,7 +38,8 @@ _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precisio
 """Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
 _MOST_HEAD = 100_000  # bytes of a header
 _MOST_ROWS = 2_000_000
-_MOST_COLUMNS = 4096
+MOST_COLUMNS = 4096
+"""Columns of the widest table that is read."""
 _MOST_CELLS = 10_000_000
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """Beginning of what a spreadsheet may run as a formula, or of such text that was quoted.
@@ -296,7 +297,7 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     """Read CSV of any columns.
 
     Cells are separated by commas, or by semicolons or tabs with decimal points or decimal commas.
-    Apostrophes that :func:`table_text` put in front of text are removed.
+    Apostrophes that :func:`csv_text` put in front of text are removed.
 
     Parameters
     ----------
@@ -385,7 +386,7 @@ def _check_table_size(data: bytes) -> None:
     rows = max(data.count(b"\n"), data.count(b"\r"))  # lines end with \n, \r\n or \r alone
     counts = {
         "rows": (rows, _MOST_ROWS),
-        "columns": (columns, _MOST_COLUMNS),
+        "columns": (columns, MOST_COLUMNS),
         "cells": (rows + marks, _MOST_CELLS),
     }
     for noun, (count, most) in counts.items():
@@ -411,10 +412,10 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
     OSError
         If the file cannot be written.
     """
-    write_whole(Path(path), table_text(table))
+    write_whole(Path(path), csv_text(table))
 
 
-def table_text(table: pd.DataFrame) -> str:
+def csv_text(table: pd.DataFrame) -> str:
     """Return the text of a CSV file in which no cell is a formula.
 
     Spreadsheets run a cell that begins with ``=``, ``+``, ``-`` or ``@``, some also after a tab or
@@ -444,7 +445,7 @@ def table_text(table: pd.DataFrame) -> str:
 
 
 def unquoted(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table that was read without the apostrophes that :func:`table_text` put there."""
+    """Return a table that was read without the apostrophes that :func:`csv_text` put there."""
     bare = table.rename(columns=plain_text)
     for number in _text_columns(bare):
         bare.isetitem(number, bare.iloc[:, number].map(plain_text).array)

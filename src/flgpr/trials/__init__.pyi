@@ -2,7 +2,6 @@ from flgpr.trials.blind import BlindScore as BlindScore
 from flgpr.trials.blind import Registration as Registration
 from flgpr.trials.blind import open_truth as open_truth
 from flgpr.trials.blind import score_blind as score_blind
-from flgpr.trials.blind import seal_truth as seal_truth
 from flgpr.trials.figures import figure_bytes as figure_bytes
 from flgpr.trials.figures import patch_figure as patch_figure
 from flgpr.trials.figures import roc_figure as roc_figure
@@ -23,3 +22,4 @@ from flgpr.trials.planning import area_needed as area_needed
 from flgpr.trials.planning import emplacement_plan as emplacement_plan
 from flgpr.trials.planning import mines_needed as mines_needed
 from flgpr.trials.planning import sample_size as sample_size
+from flgpr.trials.sealing import seal_truth as seal_truth

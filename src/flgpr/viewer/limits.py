@@ -25,7 +25,7 @@ _BUSY = (
 
 _SCARCITY = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
-Step = Literal["header", "body", "unread"]
+RequestStage = Literal["header", "body", "unread"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class LimitedProtocol(H11Protocol):
     def __init__(self, config: LimitedConfig, *args: Any, **options: Any) -> None:
         super().__init__(config, *args, **options)
         self.limits = config.limits
-        self.step: Step | None = None
+        self.step: RequestStage | None = None
         self.since = time.monotonic()
         self._step_of: Any = None
         self._deadline: asyncio.TimerHandle | None = None
@@ -90,7 +90,7 @@ class LimitedProtocol(H11Protocol):
         super().resume_writing()
         self._watch()
 
-    def _waits_for(self) -> Step | None:
+    def _waits_for(self) -> RequestStage | None:
         """Return the step that the client must do; None while the answer is computed."""
         if self.flow.write_paused:
             return "unread"

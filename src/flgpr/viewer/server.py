@@ -34,9 +34,9 @@ from flgpr.viewer.session import (
     LiveFile,
     ResultFiles,
     RunFiles,
-    Source,
     VerdictFile,
     ViewError,
+    ViewSource,
     open_sources,
 )
 
@@ -275,7 +275,7 @@ class Viewer:
         except ValueError as error:
             return _refusal(str(error), 400)
 
-    def _source(self, number: int) -> Source | None:
+    def _source(self, number: int) -> ViewSource | None:
         """Return the source of a number; None if there is none."""
         return self._sources[number] if number < len(self._sources) else None
 
@@ -293,7 +293,7 @@ class Viewer:
         return _answer(archive, "application/zip")
 
     def _of_source(
-        self, read: Callable[[Source, Mapping[str, int]], bytes | None], kind: str = _BYTES
+        self, read: Callable[[ViewSource, Mapping[str, int]], bytes | None], kind: str = _BYTES
     ) -> Callable[[Request], Response]:
         """Return an endpoint that reads of the source in the path, by the other numbers in it."""
 
@@ -388,22 +388,22 @@ def _warn_of_remote_access(host: str, allow_remote: bool) -> None:
     )
 
 
-def _read_index(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
+def _read_index(source: ViewSource, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
     """Return the index of a source."""
     return source.index_bytes()
 
 
-def _read_score(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
+def _read_score(source: ViewSource, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
     """Return the score of a source, null where there is none."""
     return source.score_bytes() or b"null"
 
 
-def _read_tile(source: Source, at: Mapping[str, int]) -> bytes | None:
+def _read_tile(source: ViewSource, at: Mapping[str, int]) -> bytes | None:
     """Return a tile of a source."""
     return source.tile(at["layer"], at["level"], at["tile"])
 
 
-def _read_evidence(source: Source, at: Mapping[str, int]) -> bytes | None:
+def _read_evidence(source: ViewSource, at: Mapping[str, int]) -> bytes | None:
     """Return what explains an alarm of a source."""
     return source.evidence(at["detection"], at["alarm"])
 

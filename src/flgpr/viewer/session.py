@@ -227,7 +227,7 @@ class VerdictFile:
     ----------
     path : path
         The file, which may not exist yet.
-    sources : sequence of Source
+    sources : sequence of ViewSource
         What is shown; one must be a result.
     live_folders : sequence of Path
         Folders of live runs.
@@ -239,7 +239,7 @@ class VerdictFile:
     """
 
     def __init__(
-        self, path: str | Path, sources: Sequence[Source], live_folders: Sequence[Path] = ()
+        self, path: str | Path, sources: Sequence[ViewSource], live_folders: Sequence[Path] = ()
     ) -> None:
         self.path = Path(path).resolve()
         self._writing = threading.Lock()
@@ -357,10 +357,10 @@ class LiveFile:
         }
 
 
-Source = ResultFiles | RunFiles | ScoreFiles
+ViewSource = ResultFiles | RunFiles | ScoreFiles
 
 
-def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[Source]:
+def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[ViewSource]:
     """Open what is shown together.
 
     Together with the score of an alarm list, results are shown by their scores only.
@@ -374,7 +374,7 @@ def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -
 
     Returns
     -------
-    list of Source
+    list of ViewSource
         What is shown, in the order of the paths.
 
     Raises
@@ -382,7 +382,7 @@ def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -
     ViewError
         If a path is none of these, or a result that must be scored is not.
     """
-    sources: list[Source] = []
+    sources: list[ViewSource] = []
     for i, path in enumerate(paths):
         sources.append(open_source(path, score if i == 0 else None))
     if not any(isinstance(source, ScoreFiles) for source in sources):
@@ -390,7 +390,7 @@ def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -
     return [_score_of(source) for source in sources]
 
 
-def _score_of(source: Source) -> ScoreFiles:
+def _score_of(source: ViewSource) -> ScoreFiles:
     """Return a source's score."""
     if isinstance(source, ScoreFiles):
         return source
@@ -403,7 +403,7 @@ def _score_of(source: Source) -> ScoreFiles:
     return ScoreFiles(path)
 
 
-def open_source(path: str | Path, score: str | Path | None = None) -> Source:
+def open_source(path: str | Path, score: str | Path | None = None) -> ViewSource:
     """Open a result folder (or its alarms.csv), a run store, a recording or a score (or its JSON).
 
     Parameters
@@ -415,7 +415,7 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
 
     Returns
     -------
-    Source
+    ViewSource
         What is shown.
 
     Raises

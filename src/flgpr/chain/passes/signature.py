@@ -15,7 +15,7 @@ from flgpr.chain.passes.traversal import Pass
 from flgpr.clutter import BackgroundEstimator
 
 
-class SelfSignature(Pass):
+class SelfSignaturePass(Pass):
     """The self-signature: what looks the same in all scans because it belongs to the vehicle.
 
     It is the clipped mean of all images, each over its gain (Eq. 2), their median, or zero, as the

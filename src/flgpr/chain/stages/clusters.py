@@ -112,7 +112,7 @@ def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArr
     return mean_template(np.concatenate(chips))
 
 
-def check_channels(learnt: NDArray[Any], view: xr.DataArray) -> None:
+def check_learnt_channels(learnt: NDArray[Any], view: xr.DataArray) -> None:
     """Refuse what was learnt of other images (polarization, range) than a run-view has."""
     if learnt.shape[:2] != view.shape[:2]:
         raise ValueError(
@@ -160,7 +160,7 @@ class ClusterScreen(ScreenStage):
 
         Their magnitude is that of the peak over the amplitude threshold of its image.
         """
-        check_channels(self.learnt["amplitude"], view)
+        check_learnt_channels(self.learnt["amplitude"], view)
         tables = {}
         thresholds = {}
         radius = self.settings.radius
@@ -247,7 +247,7 @@ class TemplateFeatures(FeatureStage):
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Return the correlations, named T_POLARIZATION_RANGE."""
         regions = cut_regions(view.values, grid_of(view), points, self.settings.region)
-        check_channels(self.learnt["templates"], view)
+        check_learnt_channels(self.learnt["templates"], view)
         values = np.zeros((0, regions.shape[1] * regions.shape[2]))
         if len(points):
             values = template_features(regions, self.learnt["templates"])

@@ -96,7 +96,7 @@ def learnt_arrays(forms: Sequence[LinearQuadraticForm], value: FloatArray) -> Ar
     return learnt | {"clutter": np.array([value.min(), value.std()])}
 
 
-class Samples(NamedTuple):
+class TrainingSamples(NamedTuple):
     """Training samples."""
 
     target: NDArray[Any]  #: (sample, feature) cuts of targets
@@ -126,7 +126,7 @@ def target_cuts(band: xr.DataArray, mines: FloatArray, settings: SampleSettings)
     return cuts[np.isfinite(cuts).all(axis=1)]
 
 
-def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> Samples:
+def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> TrainingSamples:
     """Take range cuts at mines, and cuts and pixels of the clutter away from them.
 
     They are of the whole image; the map by intervals of range, "principal-components", takes its
@@ -143,7 +143,7 @@ def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> 
 
     Returns
     -------
-    Samples
+    TrainingSamples
         The samples.
     """
     cut = settings.length, 1
@@ -152,7 +152,7 @@ def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> 
     target = target_cuts(band, mines, settings)
     clutter = clutter_cuts(stack, clean, cut, settings.clutter_step)
     pixel = clutter_cuts(stack, clean, (1, 1), _PIXELS)
-    return Samples(target, clutter, pixel)
+    return TrainingSamples(target, clutter, pixel)
 
 
 class FormMap(MapStage):
@@ -232,7 +232,7 @@ class FormMap(MapStage):
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Train the detector on the mines of all training lanes, whitened by their clutter."""
-        samples = Samples(
+        samples = TrainingSamples(
             target=np.concatenate([lane["target"] for lane in examples]),
             clutter=np.concatenate([lane["clutter"] for lane in examples]),
             pixel=np.concatenate([lane["pixel"] for lane in examples]),
@@ -244,7 +244,7 @@ class FormMap(MapStage):
         return learnt_of(forms, clutter), notes
 
     @classmethod
-    def _checked(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
+    def _checked(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:
         """Return the forms, or refuse too few looks at targets or samples of clutter."""
         looks, cuts, pixels = map(len, samples)
         counts = [
@@ -271,7 +271,7 @@ class FormMap(MapStage):
             ) from None
 
     @classmethod
-    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
+    def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:
         """Return the forms of training samples."""
         raise NotImplementedError
 
@@ -280,7 +280,7 @@ class DeflectionMap(FormMap):
     """The deflection-optimal linear-quadratic detector (Cosgrove et al. 2004, Eq. 12)."""
 
     @classmethod
-    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
+    def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:
         """Return the forms of the detector that is trained on whitened cuts."""
         whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
         trained = DeflectionDetector(settings.rank, settings.ddof).fit(
@@ -293,7 +293,7 @@ class NeymanPearsonMap(FormMap):
     """The Neyman-Pearson detector of Gaussian signals (Cosgrove et al. 2004, Sec. II)."""
 
     @classmethod
-    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
+    def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:
         """Return the forms of the detector that is trained on whitened cuts."""
         whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
         trained = NeymanPearsonDetector(settings.rank).fit(whitener.transform(samples.target))
@@ -313,7 +313,7 @@ class WhiteningMap(FormMap):
         return 1, 1
 
     @classmethod
-    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:  # noqa: ARG003
+    def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:  # noqa: ARG003
         """Return the form of the pixels' covariance."""
         return list(PolarimetricWhiteningFilter().fit(samples.pixel.astype(np.complex128)).forms_)
 
@@ -322,6 +322,6 @@ class MagnitudeMap(WhiteningMap):
     """The power of the first polarization, as plain HH in Cosgrove et al. 2004."""
 
     @classmethod
-    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:  # noqa: ARG003
+    def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:  # noqa: ARG003
         """Return the form of the power: only the scale of clutter is learnt."""
         return [magnitude_form(len(settings.polarizations), 0)]

@@ -99,7 +99,7 @@ class ChipNetwork(FeatureStage):
             batch = slice(begin, begin + _BATCH)
             chips = _chips(view, points[batch], self.settings.size)
             x = _normal(chips, self.learnt["mean"], self.learnt["deviation"])
-            scores[batch] = np.mean([forward(x, weights) for weights in networks], axis=0)
+            scores[batch] = np.mean([run_network(x, weights) for weights in networks], axis=0)
         return {"cnn": scores}
 
     @classmethod
@@ -145,7 +145,7 @@ def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
     return [by_number[number] for number in sorted(by_number)]
 
 
-def forward(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
+def run_network(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
     """Run a network.
 
     Parameters

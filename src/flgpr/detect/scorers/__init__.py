@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from flgpr.detect.scorers.checks import Arrays, Scorer
+from flgpr.detect.scorers.checks import Arrays, StoredScorer
 
 _SCORERS = {
     "rvm": "kernel_machines:RelevanceScorer",
@@ -33,7 +33,7 @@ _SCORERS = {
 """Scorers by the name of their estimator in recipes."""
 
 
-def scorer_class(name: str) -> type[Scorer]:
+def scorer_class(name: str) -> type[StoredScorer]:
     """Return the scorer's class of an estimator, by its name in recipes.
 
     Another name is a ValueError.
@@ -41,18 +41,20 @@ def scorer_class(name: str) -> type[Scorer]:
     if name not in _SCORERS:
         raise ValueError(f"estimator must be one of {', '.join(_SCORERS)}, got {str(name)[:60]!r}")
     module, _, class_name = _SCORERS[name].partition(":")
-    scorer: type[Scorer] = getattr(import_module(f"flgpr.detect.scorers.{module}"), class_name)
+    scorer: type[StoredScorer] = getattr(
+        import_module(f"flgpr.detect.scorers.{module}"), class_name
+    )
     return scorer
 
 
-def scorer_of(name: str, estimator: Any) -> Scorer:
+def scorer_of(name: str, estimator: Any) -> StoredScorer:
     """Return the scorer of a fitted estimator; one that it cannot represent is a ValueError."""
     return scorer_class(name).of(estimator)
 
 
 def restored_scorer(
     name: str, settings: Mapping[str, Any], arrays: Arrays, features: int
-) -> Scorer:
+) -> StoredScorer:
     """Return the scorer that a file holds.
 
     What breaks a rule of its estimator is a ValueError.

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-class Scorer(Protocol):
+class StoredScorer(Protocol):
     """Scores of samples from named arrays and settings."""
 
     def __call__(self, X: FloatArray) -> FloatArray:

@@ -13,14 +13,14 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies import rims as bodies
 from flgpr.simulate.bodies.echoes import (
     Echoes,
-    Ground,
-    add_standing,
+    LayeredGround,
     antenna_gains,
     bisectors,
     incidence,
     rotated,
 )
 from flgpr.simulate.bodies.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
+from flgpr.simulate.bodies.standing import add_standing
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Target
 
@@ -37,7 +37,7 @@ _TABLE_RADIUS = 0.16
 _TABLE_PERMITTIVITY = 2.9
 
 
-def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
+def add_target(echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState) -> None:
     """Add a target's echoes.
 
     A buried target echoes by its signature, a target on the ground and one that no table describes
@@ -49,7 +49,7 @@ def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState
         Where they are added.
     target : Target
         The target.
-    ground : Ground
+    ground : LayeredGround
         The ground that it lies in or on.
     array : ArrayState
         The antennas, their heights counted from that ground.
@@ -62,7 +62,9 @@ def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState
         _add_rims(echoes, target, ground, array)
 
 
-def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
+def _add_signature(
+    echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState
+) -> None:
     """Add a table's nodes, weighted in each pair by its incidence, bistatic angle and aspect."""
     layer = ground.medium(target.depth)
     permittivity = ground.real[layer]
@@ -112,18 +114,18 @@ def _aspect(azimuth: FloatArray, target: Target) -> FloatArray:
     return azimuth - (math.pi / 2 - target.heading)
 
 
-def mean_amplitude(target: Target, ground: Ground, array: ArrayState) -> ComplexArray:
+def mean_amplitude(target: Target, ground: LayeredGround, array: ArrayState) -> ComplexArray:
     """Return a level body's amplitude in the ground, HH and VV (2, frequency), m.
 
     It is the mean over the array's pairs of the signature table's, without the way through the
-    ground and back (:meth:`Ground.entry_squared` and :meth:`Ground.dispersion`), for waves that are
-    plane over the body.
+    ground and back (:meth:`LayeredGround.entry_squared` and :meth:`LayeredGround.dispersion`), for
+    waves that are plane over the body.
 
     Parameters
     ----------
     target : Target
         A target in the ground, whose tilt is left out.
-    ground : Ground
+    ground : LayeredGround
         The ground that it lies in.
     array : ArrayState
         The antennas, their heights counted from that ground.
@@ -161,7 +163,7 @@ def _principal_weights(
 
 
 def _taper(
-    target: Target, sine: float, ground: Ground, layer: int, array: ArrayState
+    target: Target, sine: float, ground: LayeredGround, layer: int, array: ArrayState
 ) -> ComplexArray:
     """Return the relative growth of the wave per metre of ground range, both ways (2, frequency).
 
@@ -291,7 +293,7 @@ def _aspect_weights(aspect: FloatArray, aspects: FloatArray) -> tuple[FloatArray
 
 @lru_cache(maxsize=256)
 def _basis(
-    target: Target, ground: Ground, layer: int
+    target: Target, ground: LayeredGround, layer: int
 ) -> tuple[FloatArray, NDArray[np.complex64], NDArray[np.complex64]]:
     """Return a target's aspects, its amplitudes in this ground, and their slopes in the sine."""
     aspects, amplitudes = _amplitudes(target, ground.media[layer], ground.frequency)
@@ -341,7 +343,7 @@ def _relative_permittivity(target: Target) -> float:
     return target.dielectric / _TABLE_PERMITTIVITY
 
 
-def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
+def _add_rims(echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState) -> None:
     """Add the near and far flash of every rim that is seen through the ground."""
     sine = incidence(target.x, target.y, 0.0, array)
     layer = ground.medium(target.depth)
@@ -374,7 +376,7 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
 
 
 def _strength(
-    rim: bodies.Rim, target: Target, sine: float, ground: Ground, layer: int
+    rim: bodies.Rim, target: Target, sine: float, ground: LayeredGround, layer: int
 ) -> ComplexArray:
     """Return the coefficients H and V (2, frequency) of a rim.
 
@@ -388,7 +390,7 @@ def _strength(
     return near_rim if rim.is_near else -near_rim
 
 
-def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
+def _cover_factor(sine: float, target: Target, ground: LayeredGround) -> ComplexArray:
     """Return the factor (2, frequency) of waves between a metal top and the surface.
 
     They bounce on their way to the far rim and back. Each bounce ``r21·Γ·e^{-2jqd}`` starts

@@ -10,7 +10,7 @@ import numpy as np
 
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.bodies.signature import Body
-from flgpr.simulate.full_wave.gprmax_grid import Grid
+from flgpr.simulate.full_wave.gprmax_grid import CellGrid
 from flgpr.simulate.scene.scene import Target
 
 Medium = float | Literal["metal"]
@@ -36,7 +36,7 @@ class Materials:
 
 
 def body_lines(
-    body: Body, target: Target, grid: Grid, materials: Materials, omissions: list[str]
+    body: Body, target: Target, grid: CellGrid, materials: Materials, omissions: list[str]
 ) -> list[str]:
     """Return the lines of a body in the ground, layer by layer.
 
@@ -49,7 +49,7 @@ def body_lines(
         What the target is made of.
     target : Target
         Where it lies.
-    grid : Grid
+    grid : CellGrid
         Of the model.
     materials : Materials
         Those that are needed join it.
@@ -89,12 +89,12 @@ def top_and_axis(target: Target) -> tuple[FloatArray, FloatArray]:
     return np.array([target.x, target.y, -target.depth]), axis
 
 
-def thinnest_disc(target: Target, grid: Grid) -> float:
+def thinnest_disc(target: Target, grid: CellGrid) -> float:
     """Return the thinnest disc about a target's axis, m: gprMax wants its ends on two nodes."""
     return grid.cell / math.cos(target.tilt)
 
 
-def rod(top: FloatArray, bottom: FloatArray, radius: float, grid: Grid, material: str) -> str:
+def rod(top: FloatArray, bottom: FloatArray, radius: float, grid: CellGrid, material: str) -> str:
     """Return the line of a cylinder between two places of the lane, m."""
     ends = " ".join(f"{v:.9g}" for v in (*grid.local(top), *grid.local(bottom)))
     return f"#cylinder: {ends} {radius:.9g} {material}"
@@ -102,7 +102,7 @@ def rod(top: FloatArray, bottom: FloatArray, radius: float, grid: Grid, material
 
 def _box_lines(
     target: Target,
-    grid: Grid,
+    grid: CellGrid,
     half_width: float,
     elongation: float,
     top: float,

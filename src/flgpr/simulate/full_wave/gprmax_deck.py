@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.full_wave.gprmax_grid import (
-    Grid,
+    CellGrid,
     GridPoint,
     RelaxingMedium,
     fit_relaxation,
@@ -136,7 +136,7 @@ def _round_down(cell: float) -> float:
     return round(math.floor(cell / unit + 1e-9) * unit, 9)
 
 
-def _check_size(grid: Grid, max_cells: float) -> None:
+def _check_size(grid: CellGrid, max_cells: float) -> None:
     """Raise a ValueError if a grid has more than the given cells."""
     count = math.prod(grid.shape)
     if count <= max_cells:
@@ -167,7 +167,7 @@ def _describe_sensor(scene: Scene, sensor: Sensor, seed: int) -> dict[str, Any]:
 
 
 def _summarise(
-    grid: Grid, window: float, runs: list[dict[str, Any]], soils: list[RelaxingMedium]
+    grid: CellGrid, window: float, runs: list[dict[str, Any]], soils: list[RelaxingMedium]
 ) -> list[str]:
     """Return the size and cost of all runs in words, a line each."""
     count = math.prod(grid.shape)
@@ -189,7 +189,7 @@ def _summarise(
     return lines
 
 
-def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid:
+def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> CellGrid:
     """Return the grid around lane, antennas, targets and objects, with room at its edges."""
     points = antennas.reshape(-1, 3)
     room = (_ABSORBER + _MARGIN) * cell
@@ -213,14 +213,14 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid
     return _make_grid(first, cell, shape)
 
 
-def _make_grid(first: FloatArray, cell: float, shape: NDArray[Any]) -> Grid:
+def _make_grid(first: FloatArray, cell: float, shape: NDArray[Any]) -> CellGrid:
     """Return a grid whose first node lies at a place, m."""
     x, y, z = (float(v) for v in first)
     i, j, k = (int(n) for n in shape)
-    return Grid((x, y, z), cell, (i, j, k), _ABSORBER)
+    return CellGrid((x, y, z), cell, (i, j, k), _ABSORBER)
 
 
-def _time_window(grid: Grid, antennas: FloatArray, index: float, centre: float) -> float:
+def _time_window(grid: CellGrid, antennas: FloatArray, index: float, centre: float) -> float:
     """Return the time in which the echo of the farthest corner and the pulse end, s."""
     x_low, y_low, bottom = grid.origin
     width, length, _ = grid.size
@@ -269,7 +269,7 @@ def _runs(
     sensor: Sensor,
     poses: FloatArray,
     antennas: FloatArray,
-    grid: Grid,
+    grid: CellGrid,
     centre: float,
     window: float,
 ) -> list[dict[str, Any]]:
@@ -328,7 +328,7 @@ Receiver = dict[str, list[tuple[int, GridPoint]]]
 """Field components of a receiver by polarization, each with its number."""
 
 
-def _receiver(position: FloatArray, directions: dict[str, FloatArray], grid: Grid) -> Receiver:
+def _receiver(position: FloatArray, directions: dict[str, FloatArray], grid: CellGrid) -> Receiver:
     """Return the field components of a receiver, numbered; those in common have one number."""
     numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
     receiver: Receiver = {}
@@ -359,7 +359,7 @@ def _name(receiver: int, number: int) -> str:
     return f"r{receiver}n{number}"
 
 
-def _air_grid(grid: Grid, places: FloatArray) -> Grid:
+def _air_grid(grid: CellGrid, places: FloatArray) -> CellGrid:
     """Return the box around the antennas out of the grid, its nodes in place."""
     room = _ABSORBER + _MARGIN
     low = np.floor(grid.local(places).min(axis=0) / grid.cell).astype(int) - room
@@ -369,7 +369,7 @@ def _air_grid(grid: Grid, places: FloatArray) -> Grid:
 
 
 def _moved_to(
-    air: Grid, source: list[GridPoint], receivers: list[Receiver], grid: Grid
+    air: CellGrid, source: list[GridPoint], receivers: list[Receiver], grid: CellGrid
 ) -> tuple[list[GridPoint], list[Receiver]]:
     """Return the points of a run on the nodes of the grid of air."""
     origin = (np.asarray(air.origin) - np.asarray(grid.origin)) / grid.cell
@@ -391,7 +391,7 @@ def _moved_to(
 
 def _deck(
     title: str,
-    grid: Grid,
+    grid: CellGrid,
     source: list[GridPoint],
     receivers: list[Receiver],
     centre: float,

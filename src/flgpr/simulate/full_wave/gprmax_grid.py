@@ -25,7 +25,7 @@ class GridPoint(NamedTuple):
     weight: float
 
 
-class Grid(NamedTuple):
+class CellGrid(NamedTuple):
     """A box of cubic cells in the lane frame."""
 
     origin: tuple[float, float, float]  #: lane coordinates of node (0, 0, 0), m

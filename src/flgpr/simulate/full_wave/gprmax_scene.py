@@ -20,7 +20,7 @@ from flgpr.simulate.full_wave.gprmax_bodies import (
     thinnest_disc,
     top_and_axis,
 )
-from flgpr.simulate.full_wave.gprmax_grid import Grid, RelaxingMedium, rectangles
+from flgpr.simulate.full_wave.gprmax_grid import CellGrid, RelaxingMedium, rectangles
 from flgpr.simulate.ground.roughness import surface_heights
 from flgpr.simulate.scene.scene import Scene, SceneObject, Target
 from flgpr.simulate.scene.world import World
@@ -44,7 +44,7 @@ def densest_body(world: World) -> float:
 def scene_text(
     scene: Scene,
     world: World,
-    grid: Grid,
+    grid: CellGrid,
     soils: list[RelaxingMedium],
     seed: int,
     omissions: list[str],
@@ -57,7 +57,7 @@ def scene_text(
         Its soil and surface.
     world : World
         Its targets and objects.
-    grid : Grid
+    grid : CellGrid
         Where the nodes lie.
     soils : list of RelaxingMedium
         Of each layer, the uppermost first.
@@ -103,7 +103,9 @@ def scene_text(
     return "\n".join([*materials.lines(), *lines]) + "\n", rough
 
 
-def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str], dict[str, float]]:
+def _ground(
+    scene: Scene, grid: CellGrid, seed: int, soils: int
+) -> tuple[list[str], dict[str, float]]:
     """Return the boxes of all soils, and how rough the surface is before and after rounding."""
     cell = grid.cell
     level = round(-grid.origin[2] / cell)
@@ -129,7 +131,7 @@ def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str],
     return lines, rough
 
 
-def _surface_steps(scene: Scene, grid: Grid, seed: int) -> tuple[NDArray[Any], float]:
+def _surface_steps(scene: Scene, grid: CellGrid, seed: int) -> tuple[NDArray[Any], float]:
     """Return the surface's heights in cells (i, j), and the rms of the exact ones, m."""
     surface = scene.surface
     rough = surface.rms_height + surface.unevenness > 0
@@ -153,7 +155,7 @@ def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, mate
 
 
 def _objects(
-    objects: tuple[SceneObject, ...], grid: Grid, rms_height: float, omissions: list[str]
+    objects: tuple[SceneObject, ...], grid: CellGrid, rms_height: float, omissions: list[str]
 ) -> list[str]:
     """Return the lines of rocks and posts; all else joins the omissions."""
     lines = []
@@ -183,7 +185,7 @@ def _objects(
 
 
 def _generic_mine(
-    target: Target, grid: Grid, materials: Materials, omissions: list[str]
+    target: Target, grid: CellGrid, materials: Materials, omissions: list[str]
 ) -> list[str]:
     """Return the lines of a generic mine, a body of revolution about its leaning axis.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from flgpr.model.arrays import ComplexArray, FloatArray
-from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground import inclusions
 from flgpr.simulate.scene.scene import Scene
 
@@ -38,7 +38,7 @@ def shape_index(first: int, corner: FloatArray) -> NDArray[np.intp]:
     return first + np.clip(nearest, 0, _CORNERS.size - 1).astype(np.intp)
 
 
-def spectral_shapes(scene: Scene, ground: Ground) -> FloatArray:
+def spectral_shapes(scene: Scene, ground: LayeredGround) -> FloatArray:
     """Return the growth with frequency of all that lies in the soil.
 
     Returns
@@ -63,7 +63,7 @@ def spectral_shapes(scene: Scene, ground: Ground) -> FloatArray:
     return np.array([shape / shape[middle] for shape in shapes])
 
 
-def incidence_laws(scene: Scene, ground: Ground) -> FloatArray:
+def incidence_laws(scene: Scene, ground: LayeredGround) -> FloatArray:
     """Return the change of each shape's amplitude with the sine of incidence.
 
     Returns
@@ -98,7 +98,7 @@ class BuriedSpectra:
 
     Parameters
     ----------
-    ground : Ground
+    ground : LayeredGround
         The soil and the tones.
     shapes : ndarray (shape, frequency)
         Growth with frequency, 1 at the band's middle.
@@ -120,7 +120,7 @@ class BuriedSpectra:
 
     def __init__(
         self,
-        ground: Ground,
+        ground: LayeredGround,
         shapes: FloatArray,
         deepest: float,
         cover: Callable[[FloatArray], FloatArray] | None = None,
@@ -202,10 +202,10 @@ class BuriedSpectra:
         return np.asarray(low + fraction * (high - low))
 
 
-def _entry_table(ground: Ground) -> ComplexArray:
+def _entry_table(ground: LayeredGround) -> ComplexArray:
     """Return t12² (layer, sine, 3) at the band's middle: of HH, VV and their geometric mean."""
     middle = ground.frequency.size // 2
-    at_middle = Ground(ground.soil, None, ground.frequency[middle : middle + 1])
+    at_middle = LayeredGround(ground.soil, None, ground.frequency[middle : middle + 1])
     copolar = []
     for layer in range(len(ground.real)):
         entries = [at_middle.entry_squared(sine, layer)[:, 0] for sine in _SINES]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.model.arrays import ComplexArray, FloatArray
-from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.inclusions import disc_flash
 from flgpr.simulate.ground.roughness import bragg_factors
 from flgpr.simulate.scene.draw import stream
@@ -117,7 +117,7 @@ def hole_patches(scene: Scene, holes: tuple[Hole, ...]) -> tuple[Patch, ...]:
 
 
 def hole_factor(
-    hole: Hole, depth: float, sine: float, ground: Ground
+    hole: Hole, depth: float, sine: float, ground: LayeredGround
 ) -> tuple[float, ComplexArray]:
     """Compute how a hole changes the path to a point in it, against the undisturbed soil.
 
@@ -129,7 +129,7 @@ def hole_factor(
         Depth of the point below the mean surface, m.
     sine : float
         Sine of the angle of incidence in air.
-    ground : Ground
+    ground : LayeredGround
         The soil around, and the frequencies.
 
     Returns

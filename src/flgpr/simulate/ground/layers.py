@@ -18,7 +18,7 @@ from scipy.linalg import lstsq, qr
 from flgpr.model import heading_matrix
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.field import Scatterers, SurfaceField
-from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
@@ -52,7 +52,7 @@ class PointEchoes(NamedTuple):
     basis: NDArray[Any]
 
 
-class View:
+class ScanView:
     """What one scan sees, for layers to choose and weigh their scatterers by.
 
     Parameters
@@ -63,7 +63,7 @@ class View:
         True pose of the scan.
     array : ArrayState
         The antennas.
-    terrain : Terrain, optional
+    terrain : TerrainHeights, optional
         Without it the ground is flat.
     shadows : Shadows, optional
         Without them nothing throws a shadow.
@@ -81,7 +81,7 @@ class View:
         footprint: tuple[float, float, float, float],
         pose: FloatArray,
         array: ArrayState,
-        terrain: Terrain | None = None,
+        terrain: TerrainHeights | None = None,
         shadows: Shadows | None = None,
     ) -> None:
         x_min, x_max, y_min, y_max = footprint
@@ -114,10 +114,10 @@ class View:
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) / np.linalg.norm(offset, axis=1))
 
 
-class Layer(Protocol):
+class ScattererLayer(Protocol):
     """A set of point scatterers fixed in the world."""
 
-    def echoes(self, view: View) -> PointEchoes:
+    def echoes(self, view: ScanView) -> PointEchoes:
         """Return the scatterers in a view, the same whatever was asked before."""
         ...
 
@@ -172,7 +172,7 @@ class SurfaceLayer:
         self._field = field
         self._spectra = spectra
 
-    def echoes(self, view: View) -> PointEchoes:
+    def echoes(self, view: ScanView) -> PointEchoes:
         """Return the scatterers in view."""
         scatterers = self._field.within(view.corners)
         inside = view.inside(scatterers.xy)
@@ -188,9 +188,9 @@ class Skeleton:
 
     Parameters
     ----------
-    layers : iterable of Layer
+    layers : iterable of ScattererLayer
         The layers to be summed.
-    view : View
+    view : ScanView
         Its scatterers decide which tones are chosen.
     frequency : ndarray (frequency,)
         All tones, Hz.
@@ -203,7 +203,9 @@ class Skeleton:
         H_r, by which the values at the nodes are carried to all tones.
     """
 
-    def __init__(self, layers: Iterable[Layer], view: View, frequency: FloatArray) -> None:
+    def __init__(
+        self, layers: Iterable[ScattererLayer], view: ScanView, frequency: FloatArray
+    ) -> None:
         self._array = view.array
         self._frequency = frequency
         layer_echoes = [layer.echoes(view) for layer in layers]
@@ -269,15 +271,15 @@ def _choose_tones(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[Any]]:
 
 
 def sum_layers(
-    layers: Iterable[Layer], view: View, spreader: Spreader, skeleton: Skeleton
+    layers: Iterable[ScattererLayer], view: ScanView, spreader: Spreader, skeleton: Skeleton
 ) -> NDArray[np.complex64]:
     """Sum the echoes of all layers over pairs and tones.
 
     Parameters
     ----------
-    layers : iterable of Layer
+    layers : iterable of ScattererLayer
         The layers.
-    view : View
+    view : ScanView
         What the scan sees.
     spreader : Spreader
         Sums the points.
@@ -420,7 +422,7 @@ class GrassLayer:
         self._weights = (u[:, :ranks] * s[:ranks]).T
         self.basis = np.repeat(vt[:ranks, None], 3, axis=1)
 
-    def echoes(self, view: View) -> PointEchoes:
+    def echoes(self, view: ScanView) -> PointEchoes:
         """Return the scatterers in view."""
         scatterers = self._field.within(view.corners)
         inside = view.inside(scatterers.xy[:, :2])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.model.arrays import ComplexArray, FloatArray
-from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground import inclusions
 from flgpr.simulate.ground.buried_spectra import (
     CAP,
@@ -28,7 +28,7 @@ from flgpr.simulate.ground.buried_spectra import (
 )
 from flgpr.simulate.ground.field import TILE, TILES_KEPT, cell_counts, jittered, tiles_between
 from flgpr.simulate.ground.holes import Hole, cap_flash, wall_flash
-from flgpr.simulate.ground.layers import Layer, PointEchoes, View, through_grass
+from flgpr.simulate.ground.layers import PointEchoes, ScanView, ScattererLayer, through_grass
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.scene_tables import Roots, Stones
@@ -268,7 +268,7 @@ class SubsurfaceLayer:
         self._spectra = spectra
         self._laws = laws.astype(np.float32)
 
-    def echoes(self, view: View) -> PointEchoes:
+    def echoes(self, view: ScanView) -> PointEchoes:
         """Return the points in view, each at the surface above it."""
         buried = self._field.within(view.corners)
         inside = view.inside(buried.xy)
@@ -321,14 +321,14 @@ class HoleLayer:
         The holes.
     wall : float
         Rms unevenness of their walls, m.
-    ground : Ground
+    ground : LayeredGround
         The soil and the tones.
     spectra : BuriedSpectra
         Spectra of buried points.
     """
 
     def __init__(
-        self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra
+        self, holes: tuple[Hole, ...], wall: float, ground: LayeredGround, spectra: BuriedSpectra
     ) -> None:
         self._holes = holes
         self._wall = wall
@@ -342,7 +342,7 @@ class HoleLayer:
             self._contrast.append(fill[middle] - self._soil)
         self._xy = np.array([[h.x, h.y] for h in holes]).reshape(-1, 2)
 
-    def echoes(self, view: View) -> PointEchoes:
+    def echoes(self, view: ScanView) -> PointEchoes:
         """Return the edges in view: six points a hole, the three near ones first."""
         visible = np.flatnonzero(view.inside(self._xy))
         count = visible.size
@@ -388,8 +388,8 @@ class HoleLayer:
 
 
 def subsurface_layers(
-    scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int
-) -> list[Layer]:
+    scene: Scene, holes: tuple[Hole, ...], ground: LayeredGround, density: float, seed: int
+) -> list[ScattererLayer]:
     """Return the layers under the surface, none for what is off.
 
     Parameters
@@ -398,7 +398,7 @@ def subsurface_layers(
         Its tables say what lies in the soil.
     holes : tuple of Hole
         The world's holes.
-    ground : Ground
+    ground : LayeredGround
         The soil and the tones.
     density : float
         Points of the uneven soil per m², unless the scene says.
@@ -418,7 +418,7 @@ def subsurface_layers(
     cover = grass_cover if scene.grass.grown else None
     spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), deepest, cover)
     field = SubsurfaceField(scene, spectra, float(ground.wavenumber[middle]), density, seed)
-    layers: list[Layer] = []
+    layers: list[ScattererLayer] = []
     if clutter:
         layers.append(SubsurfaceLayer(field, spectra, incidence_laws(scene, ground)))
     if holes:

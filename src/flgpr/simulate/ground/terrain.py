@@ -24,7 +24,7 @@ _NODES_PER_LENGTH = 12
 _RUT_NODES = 200  # of the ruts' middle line, per length of its wandering
 
 
-class Terrain:
+class TerrainHeights:
     """Height and slope of the ground at every point of the plane, without storage.
 
     The slope is a plane, the undulation a sum of plane waves whose wavenumbers follow the Gaussian

@@ -43,7 +43,7 @@ _RANK = 1e-5  # fields on the body that are weaker than this, relative, are not 
 
 
 @dataclass(frozen=True)
-class Grid:
+class YeeGrid:
     """Yee grid on the half plane: nodes in complex coordinates, permittivity of every cell."""
 
     #: rho, z: nodes, m; imaginary parts absorb. ``rho[0]`` is the axis
@@ -87,7 +87,7 @@ def make_grid(
     wavenumber: float,
     cells_per_wavelength: float,
     cover: float | None = None,
-) -> Grid:
+) -> YeeGrid:
     """Return a grid whose lines follow the body.
 
     Parameters
@@ -105,7 +105,7 @@ def make_grid(
 
     Returns
     -------
-    Grid
+    YeeGrid
         The grid, with its absorbing layers.
     """
     radii = body.radii()
@@ -138,7 +138,7 @@ def make_grid(
     drop = -centre_z[None, :]
     inside = body.inside(half_width, drop)
     permittivity = np.where(inside, body.permittivity(half_width, drop, soil), ground)
-    return Grid(rho.astype(complex), z.astype(complex), permittivity, inside, ground)
+    return YeeGrid(rho.astype(complex), z.astype(complex), permittivity, inside, ground)
 
 
 class ModalSolver:
@@ -146,7 +146,7 @@ class ModalSolver:
 
     Parameters
     ----------
-    grid : Grid
+    grid : YeeGrid
         The grid.
     soil : complex
         Permittivity of the soil.
@@ -156,7 +156,7 @@ class ModalSolver:
         Azimuthal mode m, not negative.
     """
 
-    def __init__(self, grid: Grid, soil: complex, wavenumber: float, mode: int) -> None:
+    def __init__(self, grid: YeeGrid, soil: complex, wavenumber: float, mode: int) -> None:
         self.grid = grid
         self.soil = soil
         self.k0 = wavenumber
@@ -308,7 +308,7 @@ def wave_modes(
 class _Edges:
     """Numbers, positions and volumes of the electric field's edges: along ρ, then φ, then z."""
 
-    def __init__(self, grid: Grid, mode: int) -> None:
+    def __init__(self, grid: YeeGrid, mode: int) -> None:
         rho = grid.rho
         z = grid.z
         self.shape = rho.size, z.size
@@ -374,7 +374,7 @@ def _difference(nodes: ComplexArray) -> Any:
     return sp.diags([-step, step], [0, 1], shape=(step.size, nodes.size))
 
 
-def _curl_curl(grid: Grid, mode: int, edges: _Edges) -> Any:
+def _curl_curl(grid: YeeGrid, mode: int, edges: _Edges) -> Any:
     """Return the matrix of ∇×∇× on all edges.
 
     Rows of edges on the outer boundary and the axis have no meaning.
