@@ -11,12 +11,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.engine import Arrays, bundle_groups, group_of
+from flgpr.chain.memory import column_count
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_tables import FeaturesTable
 from flgpr.chain.stages import ComplexArray, FeatureStage
 from flgpr.chain.steps import CleanedScan, Steps
 from flgpr.features import FEATURES, POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
-from flgpr.model import ground_points, lane_to_scan
+from flgpr.model import Grid, ground_points, lane_to_scan
+from flgpr.store.tables import MOST_COLUMNS
 
 SWAPPED = "swapped."
 """Prefix of the columns of a variant: the regions of patches are exchanged."""
@@ -28,6 +30,8 @@ OTHER_GAIN = {"shared": "paper.", "own": "shared."}
 OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "linear": "circular"}
 """The other mean of ψ, whose name stands before P_psi in the columns of variants."""
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
+_FEW_COLUMNS = 64
+"""Columns of a table of features that are left for stages of few columns, which are not counted."""
 
 
 def own_column_count(recipe: Recipe) -> int:
@@ -54,6 +58,32 @@ def own_column_count(recipe: Recipe) -> int:
         with_other_mean = 2  # P_psi with either gain
         per_band += swapped + with_other_gain + with_other_mean
     return 1 + per_band * len(recipe.image.subbands)
+
+
+def check_column_count(recipe: Recipe, polarizations: int, view: Grid) -> None:
+    """Refuse stages that have more columns than the table of features can be read with.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    polarizations : int
+        Polarizations of the images.
+    view : Grid
+        Pixels of the run-view.
+
+    Raises
+    ------
+    ValueError
+        If they have more; it says how many they may have.
+    """
+    most = MOST_COLUMNS - own_column_count(recipe) - _FEW_COLUMNS
+    count = column_count(polarizations, recipe, view)
+    if count > most:
+        raise ValueError(
+            f"columns of the recipe {recipe.name} must be at most {most}, got "
+            f"{count}: take a smaller patch, coarser cells or fewer polarizations"
+        )
 
 
 class StageSums:

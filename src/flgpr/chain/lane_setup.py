@@ -10,12 +10,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.alarm_sums import own_column_count
+from flgpr.chain.alarm_sums import check_column_count
 from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.engine import PlannedPass, group_of
 from flgpr.chain.evidence import MOST_GATHERED, EvidenceSums
 from flgpr.chain.images import RunImages
-from flgpr.chain.memory import column_count
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
@@ -29,10 +28,6 @@ from flgpr.chain.stages import (
 from flgpr.chain.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.screen import RunViewSums, view_array
-from flgpr.store.tables import MOST_COLUMNS
-
-_FEW_COLUMNS = 64
-"""Columns of a table of features that are left for stages of few columns, which are not counted."""
 
 
 class LaneSetup:
@@ -99,28 +94,18 @@ class LaneSetup:
         self.setup = self.images.setup
         # The clutter stages belong to the images.
         self.stages = make_stages(entries, self.setup, self.model.stages)
+        self.grid = self.setup.view
+        check_column_count(recipe, len(self.polarizations), self.grid)
         self.background_rows = self._background_rows(whole_background)
         self.mapper = self._first_stage(MapStage)
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
         self.steps = self._steps()
-        self.grid = self.setup.view
-        self._check_column_count()
         if not self.untrained:
             names = self._column_names()
             check_confidence(recipe, names)
         self.section = Section(0, self.grid.ny) if section is None else section
         self.view_rows = kept_rows(recipe, lane, self.section)
-
-    def _check_column_count(self) -> None:
-        """Refuse stages that have more columns than the table of features can be read with."""
-        count = column_count(len(self.polarizations), self.recipe, self.grid)
-        most = MOST_COLUMNS - own_column_count(self.recipe) - _FEW_COLUMNS
-        if count > most:
-            raise ValueError(
-                f"columns of the recipe {self.recipe.name} must be at most {most}, got "
-                f"{count}: take a smaller patch, coarser cells or fewer polarizations"
-            )
 
     def _background_rows(self, all_rows: bool) -> int:
         """Return how many rows of the images the background is estimated on."""
