@@ -327,6 +327,13 @@ def test_lanes_that_are_stored_enter_with_those_that_are_simulated(tmp_path):
     mines = scores[(scores["group"] == "mines") & (scores["far_allowed"] == 0.4)].set_index("entry")
     assert list(mines["n_targets"]) == [3, 3]
     assert mines.loc["wang2007", "n_detected"] >= 1
+    write_score_tables([out], out)
+    page = (out / "index.html").read_text("utf-8")
+    assert "1 of the lanes is a run store that was there already" in page
+    assert "Lanes are simulated" not in page
+    assert (
+        page.count("<details class=fold open>") == 1
+    )  # a ground without tiers has no picture above
     assert read_manifest(out / "lanes" / "arid-lane-1.zarr") == read_manifest(
         sample_lane() / "run.zarr"
     )

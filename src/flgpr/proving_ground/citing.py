@@ -55,8 +55,7 @@ def licences(ground: Ground) -> list[Licence]:
     """Return the licences of the data of a packaged ground; none for one of somebody else."""
     if not is_packaged(ground):
         return []
-    has_stored_lane = any(lane.stored is not None for lane in ground.lanes.values())
-    return [DATA_LICENCE, SOFTWARE_LICENCE] if has_stored_lane else [DATA_LICENCE]
+    return [DATA_LICENCE, SOFTWARE_LICENCE] if ground.stored_lane_count else [DATA_LICENCE]
 
 
 def cite_ground(ground: Ground) -> str:

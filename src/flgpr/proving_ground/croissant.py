@@ -171,10 +171,12 @@ def _description(ground: Ground) -> str:
     of_tiers = ""
     if tiers:
         of_tiers = f" in {len(tiers)} tiers of one design ({'; '.join(tiers)})"
+    stored = ground.stored_lane_count
+    origin = f"The lanes, but for {stored} stored ones," if stored else "The lanes"
     return (
         f"{ground.title}: {len(ground.lanes)} lanes{of_tiers}, seen by the forward-looking "
         f"ground-penetrating radar {ground.table.sensor}, on which detectors of buried mines are "
-        "trained, frozen and scored side by side. The lanes are simulated from a declared "
+        f"trained, frozen and scored side by side. {origin} are simulated from a declared "
         "description and from seeds, and hosted nowhere: "
         f"`{_command(ground)}` of flgpr makes them, the same bits where library versions and "
         "processor agree, else alike to 1e-4 in the rms of the echoes. Truth of training and "

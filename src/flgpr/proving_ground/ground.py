@@ -272,6 +272,11 @@ class Ground:
         """All lanes by name."""
         return {lane.name: lane for lane in self._make_lanes()}
 
+    @property
+    def stored_lane_count(self) -> int:
+        """How many of its lanes are run stores that were there already."""
+        return sum(lane.stored is not None for lane in self.lanes.values())
+
     def matching(
         self, patterns: tuple[str, ...], without: tuple[str, ...] = ()
     ) -> list[GroundLane]:

@@ -530,6 +530,7 @@ def _page(
         ground=ground,
         opening=_opening(ground, scores),
         opening_split=opening_split(ground),
+        stored_lanes=ground.stored_lane_count,
         tiers=tiers,
         heads=heads,
         titles=titles,
