@@ -144,7 +144,7 @@ def test_a_pose_that_cannot_be_one_is_told_with_what_became_of_its_scan():
 
     def give(number, pose):
         intake.admit(encode_scan(number, samples, pose))
-        return intake.pose_fault
+        return intake.pose_report
 
     assert give(0, [0, 0, 2, 0, 0, 0]) == ""
     left_out = give(5, bad)

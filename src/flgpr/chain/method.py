@@ -6,9 +6,10 @@ detection takes the same steps (:mod:`flgpr.chain.steps`) with the background an
 the scans so far.
 
 The image of a scan is made when a pass asks for it (``chain/images.py``): A^H of its data
-(``imaging/operator.py``). The sum itself is compiled. On a CPU it is ``adjoint`` of
-``kernels/profiles.py``, by way of range profiles (``ProfileBackend`` in ``imaging/cpu.py``); where
-there are few terms, it is made term by term (``kernels/direct.py``).
+(``imaging/operator.py``). The sum itself is compiled; ``_make_backend`` there chooses it. On a CPU
+it is by default ``adjoint`` of ``kernels/profiles.py``, over range profiles that ``compress`` of
+``kernels/transform.py`` makes (``ProfileBackend`` in ``imaging/cpu.py``). Below 2000 terms a pair it
+is that of ``kernels/direct.py``, beyond single precision that of ``kernels/precise.py``.
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
     # What stages need of the raw data first, such as a field that stands still.
     passes = lane.stage_passes()
 
-    # The background: the self-signature with the gain of every scan (Eq. 2; with the recipe's
-    # self_signature = "none" the gain alone), and the gain background (Eq. 3 and 4), in units of
-    # which images are cleaned (clutter/streaming.py).
+    # The background (clutter/streaming.py): the self-signature with the gain of every scan (Eq. 2;
+    # with the recipe's self_signature = "none" the gain alone), and the gain background (Eq. 3 and
+    # 4), in units of which images are cleaned.
     passes.append(plan(lane, SelfSignaturePass))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
 

@@ -1,7 +1,7 @@
 """The background that a detection computes: all channels, in two passes, one scan in memory.
 
-:mod:`flgpr.clutter.background` has the equations one by one, :mod:`flgpr.kernels.background` the
-loops over pixels.
+:mod:`flgpr.clutter.background` has the equations one by one, to be read and used by themselves; a
+detection runs those of this module. :mod:`flgpr.kernels.background` has the loops over pixels.
 
 There are two normalisations. Each polarization and sub-band has its *own* gain, self-signature and
 background (Wang et al. 2007, Eq. 2-5), which serve magnitudes. The *shared* ones are common to the

@@ -116,7 +116,7 @@ class Intake:
         self._own_poses: list[NumberedPose] = []
         #: why the pose in the last frame cannot be one, and what became of its scan; "" if it can,
         #: or if the frame states that it has none
-        self.pose_fault = ""
+        self.pose_report = ""
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
         """Return a frame's scan; None, and a count, if it cannot be used.
@@ -137,7 +137,7 @@ class Intake:
             If the frame is damaged or of another run.
         """
         self.counts["received"] += 1
-        self.pose_fault = ""
+        self.pose_report = ""
         try:
             if fault is not None:
                 raise fault
@@ -169,7 +169,7 @@ class Intake:
         fault = pose_fault(frame)
         if fault:
             outcome = "it was filled in from its neighbours'" if filled else "the scan was left out"
-            self.pose_fault = f"scan {number}: {fault}; {outcome}"
+            self.pose_report = f"scan {number}: {fault}; {outcome}"
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
         """Count the outcome of an admitted scan.

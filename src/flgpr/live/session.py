@@ -5,8 +5,8 @@ Scans come from a folder, over sockets or from a recording, alarms go to a file 
 A frame becomes a scan, or is left out, in ``live/intake.py``: one without a pose, or with numbers that cannot be a pose
 (``pose_fault`` of ``store/scan_file.py``), has it filled in there from its neighbours', or is left out where they do
 not tell it. The detector (``live/detector.py``, ``add``) asks the gate of ``model/plausible.py`` whether to believe a
-pose, and takes the scan in, holds it back (``LiveDetector.held``) or leaves it out. What is said of it:
-``position_events`` in ``live/events.py``; how many: ``Intake.settled``.
+pose, and takes the scan in, leaves it out, or holds it back (``LiveDetector.held``) until others agree with it or it is
+dropped. What is said of it: ``position_events`` in ``live/events.py``; how many: ``Intake.settled``.
 """
 
 from __future__ import annotations
@@ -372,14 +372,14 @@ class LiveRun:
         scan, problem = _admitted(arrival, intake)
         if detector is None:
             if scan is None:
-                reasons = [problem] if problem else [intake.pose_fault, _NO_POSE]
+                reasons = [problem] if problem else [intake.pose_report, _NO_POSE]
                 problems = [problem_event(arrival.name, reason) for reason in reasons if reason]
                 events.append(problems)
                 return False
             recipe = self._fit_recipe(scan, intake.description, events)
             detector = self._build(recipe, intake, events, None)
-        if intake.pose_fault:
-            lines.append(problem_event(arrival.name, intake.pose_fault))
+        if intake.pose_report:
+            lines.append(problem_event(arrival.name, intake.pose_report))
         update = None
         if scan is not None:
             update, problem = self._judge(scan, detector, intake)

@@ -193,10 +193,12 @@ class RunViewSums(LaneSums):
 
     The n-th largest takes n arrays in descending order: a new value passes down through them
     (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a
-    pixel the smallest is shown (``_view``). The roadside's mask and the view before the background
-    is removed take this class, too. So another rank is a class of its own, which
-    ``Steps.view_sums`` (``chain/steps.py``) chooses by a name of ``RunViewTable.look``
-    (``chain/recipe_tables.py``).
+    pixel the last array that has a value is shown (``_view``). The roadside's mask and the view
+    before the background is removed take this class, too. So another rank is a class of its own,
+    with a name in the stub ``screen/__init__.pyi``. ``Steps.view_sums`` (``chain/steps.py``)
+    chooses it by a further name of ``RunViewTable.look`` (``chain/recipe_tables.py``), which has
+    its row in ``docs/guide/systems.md`` and in the schema that ``evidence/make_schemas.py`` writes.
+    Nothing else changes: passes, live detection and the cache follow.
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:

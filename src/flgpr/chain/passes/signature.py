@@ -19,7 +19,9 @@ class SelfSignaturePass(Pass):
     """The self-signature: what looks the same in all scans because it belongs to the vehicle.
 
     It is the clipped mean of all images, each over its gain (Eq. 2), their median, or zero, as the
-    recipe has it. The sums are those of :class:`flgpr.clutter.BackgroundEstimator` (``clutter/streaming.py``).
+    recipe has it. The sums are those of :class:`flgpr.clutter.BackgroundEstimator`
+    (``clutter/streaming.py``): ``measure`` gives the gain, ``add_signature`` the sum and
+    ``signature`` the mean.
 
     The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared``
     (polarization, subband, y, x), the latter with gains that the polarizations share.
