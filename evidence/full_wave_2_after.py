@@ -125,7 +125,7 @@ def print_tables(found: dict[str, pd.DataFrame]) -> None:
         print(f"| {' | '.join(cells)} |")
 
 
-def write_table(ground: Ground, folder: Path, path: Path) -> None:
+def write_score_table(ground: Ground, folder: Path, path: Path) -> None:
     """Write what the entries of a folder find, the best first, with intervals, chance and paired tests."""
     scores = read_columns(folder / "scores.csv")
     scores = scores[scores["split"] == SPLIT]
@@ -145,7 +145,9 @@ def write_table(ground: Ground, folder: Path, path: Path) -> None:
                 row[f"at {far:g}"] = f"{mines.loc[far, 'n_detected']:.0f}"
         for body, (words, _) in BODIES.items():
             row[words] = f"{counts[f'body {body}', ground.table.far]:.0f}"
-        row["against wang2007"] = paired_in_words(point) or "reference"
+        row["against wang2007"] = paired_in_words(point)
+        if entry == ground.table.reference:
+            row["against wang2007"] = "reference"
         rows.append((-point["n_detected"], row))
     rows.sort(key=lambda item: item[0])
     pd.DataFrame([row for _, row in rows]).to_csv(path, index=False)
@@ -244,7 +246,7 @@ def main() -> None:
             found[entry] = found_by(ground, truth, folder, entry)
     print_tables(found)
     if given.csv is not None:
-        write_table(ground, given.ground, given.csv)
+        write_score_table(ground, given.ground, given.csv)
     if given.figure is not None:
         draw(ground, found, given.figure)
 

@@ -58,7 +58,7 @@ def test_one_estimate_holds_for_any_rows(recipe):
     memory = lane_memory(SIZES, recipe, LANE)
     for rows in (None, 0, 1, 500):
         assert memory.needed(rows) == memory_needed(SIZES, recipe, LANE, rows)
-    assert memory.scan == thread_memory(SIZES, recipe)
+    assert memory.thread == thread_memory(SIZES, recipe)
     assert memory.view == recipe.run_view.grid(LANE)
     assert memory.background == 0
 

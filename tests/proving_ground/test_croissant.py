@@ -174,6 +174,15 @@ def test_a_stored_lane_is_under_the_licence_of_the_package():
     assert [one.split("/")[-1] for one in described["license"]] == ["", "BSD-3-Clause.html"]
 
 
+def test_stored_lanes_are_not_called_simulated():
+    described = describe_ground(load_ground(source="full-wave-2"))
+    assert "6 lanes are run stores that were there already" in described["description"]
+    assert "6 stored lanes" in described["measurementTechnique"]
+    simulated = describe_ground(load_ground())
+    assert "stored" not in simulated["measurementTechnique"]
+    assert "The lanes are simulated from a declared description" in simulated["description"]
+
+
 def test_the_reference_library_reads_it(made):
     croissant = pytest.importorskip("mlcroissant")
     for name in made.glob("lanes/*-truth.csv"):

@@ -9,6 +9,8 @@ import pytest
 
 from flgpr.chain.recipe import parse_recipe
 from flgpr.proving_ground import listing, load_ground, packaged_entries
+from flgpr.proving_ground.fingerprints import packaged_fingerprints
+from flgpr.proving_ground.ground import GROUNDS as PACKAGED
 from flgpr.simulate import draw_world
 from flgpr.store import open_run
 
@@ -218,11 +220,28 @@ def test_a_stored_lane_needs_its_truth_and_borders(tmp_path):
     (tmp_path / "ground.toml").write_text(text.replace('truth = "sample"\n', ""))
     with pytest.raises(ValueError, match="run, truth and borders must be given together"):
         load_ground(source=tmp_path / "ground.toml")
-    (tmp_path / "ground.toml").write_text(text.replace('run = "sample"', 'run = "nowhere.zarr"'))
+    elsewhere = text.replace('run = "sample"', 'run = "nowhere.zarr"')
+    with pytest.raises(ValueError, match=r'truth must be "sample" for a packaged lane.*nowhere'):
+        load_ground(source=elsewhere)
+    elsewhere = elsewhere.replace('truth = "sample"', 'truth = "nowhere.csv"')
+    (tmp_path / "ground.toml").write_text(elsewhere)
     ground = load_ground(source=tmp_path / "ground.toml")
     with pytest.raises(FileNotFoundError, match=r"nowhere\.zarr"):
         ground.lanes["arid-lane-1"].make(tmp_path / "lane.zarr")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ground.toml"]
+
+
+@pytest.mark.parametrize("name", ["../drive", "full-wave-2-7", ""])
+def test_a_packaged_lane_is_one_of_those_that_there_are(name):
+    text = load_ground(source="full-wave-2").text
+    with pytest.raises(ValueError, match=r"lanes\.solved-1.*run must be sample/ and one of lane-a"):
+        load_ground(source=text.replace("sample/full-wave-2-1", f"sample/{name}"))
+
+
+@pytest.mark.parametrize("name", PACKAGED)
+def test_the_lanes_of_every_packaged_ground_have_fingerprints(name):
+    known = packaged_fingerprints(load_ground(source=name))
+    assert set(known.index) == set(load_ground(source=name).lanes)
 
 
 def test_the_declared_track_of_solved_lanes_is_what_its_lanes_are():

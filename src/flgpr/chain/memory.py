@@ -101,7 +101,7 @@ class LaneMemory:
     were measured, see docs/evidence/robustness.md.
     """
 
-    scan: float  #: a scan at work and the sums of its block, once for every thread
+    thread: float  #: a scan at work and the sums of its block, once for every thread
     background: float  #: the images that a self-signature by the median holds
     stages: float  #: what the recipe's stages take
     view: Grid  #: pixels of the run-view of the lane
@@ -115,7 +115,7 @@ class LaneMemory:
         pixels = self.view.nx * (self.view.ny if rows is None else rows)
         alarms = self.density * pixels * self.view.dx * self.view.dy / self.alarm_area
         run_views = self.per_pixel * pixels + self.per_alarm * alarms
-        return _PROGRAM + self.scan + self.background + run_views + self.stages
+        return _PROGRAM + self.thread + self.background + run_views + self.stages
 
 
 def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMemory:
@@ -129,8 +129,13 @@ def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMem
         The recipe.
     lane : Lane
         The lane.
+
+    Returns
+    -------
+    LaneMemory
+        The estimate, by which bytes follow for any number of rows.
     """
-    scan = thread_memory(sizes, recipe)
+    thread = thread_memory(sizes, recipe)
     image = recipe.image.grid()
     view = recipe.run_view.grid(lane)
     bands = len(recipe.image.subbands)
@@ -151,7 +156,7 @@ def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMem
     for stage in recipe.named().values():
         stages += stage.stage_class.memory(stage.settings, sizes, image)
     return LaneMemory(
-        scan=scan,
+        thread=thread,
         background=background,
         stages=stages,
         view=view,

@@ -200,6 +200,18 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
 def parse_model(data: bytes, folder: str | Path) -> Model:
     """Return the model of the bytes that :func:`read_model` read from a folder.
 
+    Parameters
+    ----------
+    data : bytes
+        Content of the model's file.
+    folder : str or path
+        The folder, for what is said of a fault.
+
+    Returns
+    -------
+    Model
+        What the stages have learnt.
+
     Raises
     ------
     ValueError

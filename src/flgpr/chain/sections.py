@@ -163,7 +163,7 @@ def _rows_within(memory: LaneMemory, beyond: int, limit: int, most: int) -> int:
 
     # What is left beside the shortest section and a second thread makes sections longer.
     per_row = memory.needed(1) - memory.needed(0)
-    room = limit - least - memory.scan
+    room = limit - least - memory.thread
     longer = int(max(room, 0) / per_row)
     return min(most, shortest + longer)
 
@@ -196,7 +196,7 @@ def threads_within(
         rows = longest + 2 * margin(recipe)
     memory = lane_memory(sizes, recipe, lane)
     room = limit - memory.needed(rows)
-    return 1 + max(0, int(room / memory.scan))
+    return 1 + max(0, int(room / memory.thread))
 
 
 def section_note(lane: Lane, section: Section) -> dict[str, Any]:

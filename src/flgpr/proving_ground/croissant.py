@@ -119,7 +119,7 @@ def describe_ground(
         "conformsTo": CONFORMS_TO,
         "description": _description(ground),
         "version": f"{ground.table.version}.0.0",
-        "measurementTechnique": f"simulation by flgpr {flgpr.__version__}: `{_command(ground)}`",
+        "measurementTechnique": _technique(ground),
         "keywords": [
             "ground-penetrating radar",
             "forward-looking",
@@ -165,6 +165,15 @@ def _command(ground: Ground) -> str:
     return f"flgpr benchmark make --ground {name}{quick} -o ground"
 
 
+def _technique(ground: Ground) -> str:
+    """Return how the data came to be."""
+    simulation = f"simulation by flgpr {flgpr.__version__}: `{_command(ground)}`"
+    stored = ground.stored_lane_count
+    if not stored:
+        return simulation
+    return f"{simulation}; {stored} stored lanes, recorded or computed by another program"
+
+
 def _description(ground: Ground) -> str:
     """Return what the ground is and how its files come to be."""
     tiers = [f"{name}: {row.title}" for name, row in ground.table.tiers.items()]
@@ -172,11 +181,13 @@ def _description(ground: Ground) -> str:
     if tiers:
         of_tiers = f" in {len(tiers)} tiers of one design ({'; '.join(tiers)})"
     stored = ground.stored_lane_count
-    origin = f"The lanes, but for {stored} stored ones," if stored else "The lanes"
+    origin = "The lanes are simulated"
+    if stored:
+        origin = f"{stored} lanes are run stores that were there already; all others are simulated"
     return (
         f"{ground.title}: {len(ground.lanes)} lanes{of_tiers}, seen by the forward-looking "
         f"ground-penetrating radar {ground.table.sensor}, on which detectors of buried mines are "
-        f"trained, frozen and scored side by side. {origin} are simulated from a declared "
+        f"trained, frozen and scored side by side. {origin} from a declared "
         "description and from seeds, and hosted nowhere: "
         f"`{_command(ground)}` of flgpr makes them, the same bits where library versions and "
         "processor agree, else alike to 1e-4 in the rms of the echoes. Truth of training and "

@@ -73,6 +73,16 @@ class LaneRow(Table):
         """Refuse a stored lane that lacks one of its entries."""
         if bool(self.run) != (self.borders is not None) or bool(self.run) != bool(self.truth):
             raise ValueError("run, truth and borders must be given together")
+        is_packaged = self.run == "sample" or self.run.startswith(SAMPLE)
+        if is_packaged != (self.truth == "sample"):
+            raise ValueError(
+                'truth must be "sample" for a packaged lane, whose run is "sample" or '
+                f'"sample/NAME", and for no other, got {self.truth} for {self.run}'
+            )
+        name = self.run.removeprefix(SAMPLE)
+        if self.run.startswith(SAMPLE) and name not in SAMPLE_LANES:
+            known = ", ".join(SAMPLE_LANES)
+            raise ValueError(f"run must be sample/ and one of {known}, got {self.run}")
         return self
 
 
@@ -196,7 +206,7 @@ class GroundLane:
         return read_table(self.stored[1], "truth")
 
     def truth_with_bodies(self) -> pd.DataFrame:
-        """Return the table of its targets with the packaged ``body`` of each.
+        """Return the table of its targets with the ``body`` of each, as the scene or the file has it.
 
         It is empty for a generic mine of its kind.
         """
