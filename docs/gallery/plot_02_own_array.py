@@ -20,8 +20,8 @@ from flgpr.model import Grid, load_sensor
 from flgpr.screen import run_view
 from flgpr.simulate import Scene, simulate
 
-home = Path(tempfile.mkdtemp())
-(home / "bar.toml").write_text(
+folder = Path(tempfile.mkdtemp())
+(folder / "bar.toml").write_text(
     """
 name = "bar"
 source = "an example"
@@ -55,24 +55,24 @@ noise_range = 5.0
 noise_band = [0.5e9, 2.0e9]
 """
 )
-sensor = load_sensor(home / "bar.toml")
+sensor = load_sensor(folder / "bar.toml")
 tx, rx = sensor.pairs()
 frequency = sensor.tones.axis()
 print(f"{len(tx)} pairs, {frequency[0] / 1e9:g} to {frequency[-1] / 1e9:g} GHz")
 
 # %%
-# What does it resolve? The image of a point tells: model the point's data with the operator itself, and image them.
+# What does it resolve? Model the data of a point with the operator itself, and image them.
 # Range resolution is about c/2B over the cosine of the grazing angle; cross-range resolution follows from the width
 # of the array as the point sees it.
 
 up = np.array([0.0, 0.0, sensor.height])
-near = Grid.spanning((-1.0, 1.0), (3.5, 5.5), 0.02)
+patch = Grid.spanning((-1.0, 1.0), (3.5, 5.5), 0.02)
 point = np.array([[0.0, 4.5, 0.0]])
 echo = ImagingOperator(frequency, tx + up, rx + up, point).forward(
     np.ones((1, 1, 1), np.complex64)
 )
 operator = ImagingOperator(
-    frequency, tx + up, rx + up, near.points(), window="hann"
+    frequency, tx + up, rx + up, patch.points(), window="hann"
 )
 response = np.abs(operator.adjoint(echo)[0, 0])
 decibel = 20 * np.log10(response / response.max())
@@ -81,15 +81,17 @@ print(f"half-power width: {above.any(axis=0).sum() * 2} cm cross-track, ", end="
 print(f"{above.any(axis=1).sum() * 2} cm down-track")
 
 figure, axes = plt.subplots(figsize=(5.6, 4.4), layout="constrained")
-shown = axes.pcolormesh(near.x, near.y, decibel, vmin=-40, vmax=0, cmap="magma")
-axes.contour(near.x, near.y, decibel, [-3], colors="c")
+picture = axes.pcolormesh(
+    patch.x, patch.y, decibel, vmin=-40, vmax=0, cmap="magma"
+)
+axes.contour(patch.x, patch.y, decibel, [-3], colors="c")
 axes.set(xlabel="cross-track x (m)", ylabel="ahead y (m)", aspect="equal")
 axes.set_title("image of a point 4.5 m ahead")
-figure.colorbar(shown, label="dB; line: -3 dB")
+figure.colorbar(picture, label="dB; line: -3 dB")
 
 # %%
 # Now a lane for it: a metal mine 2 cm deep in dry sand and a plastic one lying on it, five scans half a metre apart.
-# The sensor's errors are those that the TOML states, here noise alone. The run-view keeps, for every place, the
+# The sensor's errors are those of the TOML, here noise alone. The run-view keeps, for every place, the
 # second largest response of all scans: what shines from everywhere stays, speckle that flashes once does not.
 
 scene = Scene(
@@ -113,11 +115,11 @@ figure, panels = plt.subplots(1, 2, figsize=(8, 4.4), layout="constrained")
 for axes, polarization in zip(panels, sensor.polarization, strict=True):
     level = view.sel(polarization=polarization, subband="all")
     level = 20 * np.log10(level / level.max())
-    shown = axes.pcolormesh(ground.x, ground.y, level, vmin=-25, vmax=0)
+    picture = axes.pcolormesh(ground.x, ground.y, level, vmin=-25, vmax=0)
     axes.plot(truth.x, truth.y, "wo", mfc="none", ms=22)
     axes.set(title=polarization, xlabel="x (m)", aspect="equal")
 panels[0].set_ylabel("y (m)")
-figure.colorbar(shown, ax=panels, label="dB of the run-view", shrink=0.7)
+figure.colorbar(picture, ax=panels, label="dB of the run-view", shrink=0.7)
 
 # %%
 # Neither mine shines at its centre. The one on the ground answers from its front edge, nearer to the radar; the buried

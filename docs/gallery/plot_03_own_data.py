@@ -16,10 +16,10 @@ import numpy as np
 from flgpr.formats import explain_file, import_mapped
 from flgpr.store import open_run, sample_lane, save_run
 
-home = Path(tempfile.mkdtemp())
+folder = Path(tempfile.mkdtemp())
 known = open_run(sample_lane() / "run.zarr")
 np.savez(
-    home / "log.npz",
+    folder / "log.npz",
     s=np.conj(
         known["signal"].transpose("frequency", "scan", "polarization", "pair")
     ),
@@ -34,20 +34,20 @@ np.savez(
 # %%
 # What is in it? ``flgpr info log.npz`` prints the same.
 
-told = explain_file(home / "log.npz")
-print(told.kind, *told.lines, sep="\n")
+explained = explain_file(folder / "log.npz")
+print(explained.kind, *explained.lines, sep="\n")
 
 # %%
 # It also drafts a mapping. What ends in a question mark is a guess, and the import refuses it until somebody who
 # knows the radar has taken the question mark away.
 
-print(told.mapping)
+print(explained.mapping)
 
 # %%
 # The finished mapping. This logger stores the conjugate field, its axes are in another order, and its positions are
-# in centimetres: each of these is said once, here.
+# in centimetres: the mapping says each of these once.
 
-(home / "log.toml").write_text(
+(folder / "log.toml").write_text(
     """
 title = "logger"
 files.data = "log.npz"
@@ -81,15 +81,15 @@ unit = "m"
 angle_unit = "deg"
 """
 )
-arrived = import_mapped(home / "log.toml")
-save_run(arrived.run, home / "lane.zarr")
+arrived = import_mapped(folder / "log.toml")
+save_run(arrived.run, folder / "lane.zarr")
 print(arrived.run)
 
 # %%
 # A look at the geometry and at the first image says more about a wrong sign or unit than any check: with the sign of
 # the phase wrong, nothing focuses.
 
-run = open_run(home / "lane.zarr")
+run = open_run(folder / "lane.zarr")
 figure, panels = plt.subplots(1, 2, figsize=(9, 5), layout="constrained")
 run.flgpr.plot.geometry(ax=panels[0])
 run.flgpr.plot.scan(0, "HH", ax=panels[1])

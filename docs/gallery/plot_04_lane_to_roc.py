@@ -18,13 +18,13 @@ from flgpr.scoring import band, match, pd_mean, pd_mean_interval
 from flgpr.simulate import load_scene
 from flgpr.trials import roc_figure
 
-home = Path(tempfile.mkdtemp())
+folder = Path(tempfile.mkdtemp())
 
 # %%
 # 1. The scene. A site gives soil, surface and clutter; what the scene states itself comes before it. The lane is short
 # so that this page builds quickly.
 
-(home / "scene.toml").write_text(
+(folder / "scene.toml").write_text(
     """
 name = "short lane"
 site = "arid-sand"
@@ -49,7 +49,7 @@ density = 40.0              # scatterers per m², thinned for speed
 step = [2.0, 3.0]
 """
 )
-scene = load_scene(home / "scene.toml")
+scene = load_scene(folder / "scene.toml")
 preview = preview_figure(scene, seed=3)
 
 # %%
@@ -57,7 +57,7 @@ preview = preview_figure(scene, seed=3)
 # lane.
 
 written = simulate_lane(
-    home / "scene.toml", sensor="sri-array", seed=3, output=home / "lane.zarr"
+    folder / "scene.toml", sensor="sri-array", seed=3, output=folder / "lane.zarr"
 )
 print(*(path.name for path in written.paths), sep="\n")
 
@@ -65,7 +65,10 @@ print(*(path.name for path in written.paths), sep="\n")
 # 3. Detection, by the recipe of Wang et al. 2007. Lane borders are given; truth is not.
 
 result = flgpr.detect(
-    home / "lane.zarr", "wang2007", home / "result", lane=home / "lane-lane.toml"
+    folder / "lane.zarr",
+    "wang2007",
+    folder / "result",
+    lane=folder / "lane-lane.toml",
 )
 alarms = result.detections[0].alarms
 alarms.head()
@@ -74,7 +77,7 @@ alarms.head()
 # 4. Scoring, by the halo rules: an alarm within 1 m of a mine detects it, further alarms there are ignored, and
 # everything else on the lane is false.
 
-_, scored = score_result(home / "result", home / "lane-truth.csv")
+_, scored = score_result(folder / "result", folder / "lane-truth.csv")
 curve = scored[0].curve
 curve[
     ["threshold", "pd", "pd_low", "pd_high", "far", "n_detected", "n_false"]

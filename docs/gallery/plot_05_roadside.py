@@ -25,17 +25,19 @@ band = {"all": (frequency[0], frequency[-1])}
 grid = Grid.spanning((-1.4, 1.4), (1.5, 5.8), 0.025)
 imager = ScanImager(run, grid, band, window="hann")
 scan = 0
-plain = imager.image(scan)
+uncleaned = imager.image(scan)
 
 # %%
 # The mask. The lane's borders, 1 m to either side, are known, the truth is not needed: whatever beside the lane outshines
 # everything in the lane is roadside, plus a margin.
 
-level = np.abs(plain.sel(subband="all")).max("polarization")
+level = np.abs(uncleaned.sel(subband="all")).max("polarization")
 inside = np.abs(level.x) <= 1.0
 bright = (level > level.where(inside).max()) & ~inside
-near = bright.rolling(x=13, y=13, center=True, min_periods=1).max().astype(bool)
-mask = (near & ~inside).transpose("y", "x").values
+with_margin = (
+    bright.rolling(x=13, y=13, center=True, min_periods=1).max().astype(bool)
+)
+mask = (with_margin & ~inside).transpose("y", "x").values
 points = grid.points()[mask]
 print(f"{bright.values.sum()} bright pixels, {len(points)} with their margin")
 
@@ -48,12 +50,12 @@ fit = suppress_by_model(
     imager.signal(scan), imager.operator_on(scan, points), 20, taper
 )
 cleaned = imager.image(scan, fit.data)
-levels = [
-    np.abs(one.sel(polarization="HH")).values[0][mask] for one in (plain, cleaned)
-]
-print(
-    f"peak under the mask: down by {20 * np.log10(levels[0].max() / levels[1].max()):.1f} dB"
-)
+peaks = []
+for image in (uncleaned, cleaned):
+    magnitude = np.abs(image.sel(polarization="HH", subband="all")).values
+    peaks.append(magnitude[mask].max())
+drop = 20 * np.log10(peaks[0] / peaks[1])
+print(f"peak under the mask: down by {drop:.1f} dB")
 
 # %%
 # Before, after, and what was subtracted, on one scale. Mines are circles. The arc that passes the second metal mine
@@ -62,14 +64,18 @@ print(
 figure, panels = plt.subplots(
     1, 3, figsize=(9.5, 5.2), sharey=True, layout="constrained"
 )
-top = float(np.abs(plain.sel(polarization="HH")).max())
-shown = {"before": plain, "after": cleaned, "subtracted": plain - cleaned}
+top = float(np.abs(uncleaned.sel(polarization="HH")).max())
+images = {
+    "before": uncleaned,
+    "after": cleaned,
+    "subtracted": uncleaned - cleaned,
+}
 places = lane_to_scan(
-    np.column_stack([truth.x, truth.y, 0 * truth.x]), plain.attrs["pose"]
+    np.column_stack([truth.x, truth.y, 0 * truth.x]), uncleaned.attrs["pose"]
 )
-for axes, (title, image) in zip(panels, shown.items(), strict=True):
-    one = image.sel(polarization="HH", subband="all")
-    decibel = 20 * np.log10(np.abs(one) / top + 1e-6)
+for axes, (title, image) in zip(panels, images.items(), strict=True):
+    in_hh = image.sel(polarization="HH", subband="all")
+    decibel = 20 * np.log10(np.abs(in_hh) / top + 1e-6)
     drawn = axes.pcolormesh(
         grid.x, grid.y, decibel, vmin=-45, vmax=0, cmap="magma"
     )

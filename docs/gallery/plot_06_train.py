@@ -20,8 +20,8 @@ from flgpr.commands.simulate import simulate_lane
 from flgpr.scoring import label_alarms, match, pd_mean, roc
 from flgpr.store import read_lane, read_table
 
-home = Path(tempfile.mkdtemp())
-(home / "scene.toml").write_text(
+folder = Path(tempfile.mkdtemp())
+(folder / "scene.toml").write_text(
     """
 site = "arid-sand"
 length = 30.0
@@ -43,10 +43,10 @@ step = [2.0, 3.0]
 )
 for name, seed in (("teach", 11), ("test", 12)):
     simulate_lane(
-        home / "scene.toml",
+        folder / "scene.toml",
         sensor="sri-array",
         seed=seed,
-        output=home / f"{name}.zarr",
+        output=folder / f"{name}.zarr",
     )
 
 # %%
@@ -55,36 +55,36 @@ for name, seed in (("teach", 11), ("test", 12)):
 # M_VV_F1 -o model``.
 
 trained_model = flgpr.train(
-    [home / "teach.zarr"],
-    [home / "teach-truth.csv"],
+    [folder / "teach.zarr"],
+    [folder / "teach-truth.csv"],
     "wang2007",
-    home / "model",
+    folder / "model",
     features=("C_HH_F1", "M_VV_F1"),
-    lanes=[home / "teach-lane.toml"],
+    lanes=[folder / "teach-lane.toml"],
 )
-print(*sorted(path.name for path in (home / "model").iterdir()), sep="\n")
+print(*sorted(path.name for path in (folder / "model").iterdir()), sep="\n")
 
 # %%
 # A model is words in JSON and arrays, each with its SHA-256: nothing in it is executed when it is loaded.
 
-model = load_model(home / "model")
+model = load_model(folder / "model")
 print(json.dumps(model.notes, indent=1)[:900])
 
 # %%
 # Detection with the model, on the lane it has not seen. The truth file is not among what it takes.
 
 result = flgpr.detect(
-    home / "test.zarr",
+    folder / "test.zarr",
     "wang2007",
-    home / "result",
-    lane=home / "test-lane.toml",
-    model=home / "model",
+    folder / "result",
+    lane=folder / "test-lane.toml",
+    model=folder / "model",
 )
-found = result.detections[0]
-truth = read_table(home / "test-truth.csv", "truth")
-lane = read_lane(home / "test-lane.toml")
-trained = roc(found.alarms, truth, lane)
-single = found.alarms.assign(confidence=found.features["C_HH_F1"])
+detection = result.detections[0]
+truth = read_table(folder / "test-truth.csv", "truth")
+lane = read_lane(folder / "test-lane.toml")
+trained = roc(detection.alarms, truth, lane)
+single = detection.alarms.assign(confidence=detection.features["C_HH_F1"])
 untrained = roc(single.dropna(subset=["confidence"]), truth, lane)
 for name, curve in (("trained", trained), ("C_HH of F1 alone", untrained)):
     print(f"PD_mean to 0.1 per m², {name}: {pd_mean(curve):.2f}, 8 mines")
@@ -93,13 +93,13 @@ for name, curve in (("trained", trained), ("C_HH of F1 alone", untrained)):
 # Where the alarms lie in the plane of the two features, and the direction the discriminant looks along. Eight mines
 # to learn from and eight to test on: this shows how it is done, and cannot say which of the two is better.
 
-label = label_alarms(match(found.alarms, truth, lane, halo=1.0))["label"]
+label = label_alarms(match(detection.alarms, truth, lane, halo=1.0))["label"]
 figure, axes = plt.subplots(figsize=(6, 4.4), layout="constrained")
 for kind, mark in (("false", "0.6"), ("detection", "C3"), ("ignored", "C1")):
     chosen = (label == kind).to_numpy()
     axes.loglog(
-        found.features["C_HH_F1"][chosen],
-        found.features["M_VV_F1"][chosen],
+        detection.features["C_HH_F1"][chosen],
+        detection.features["M_VV_F1"][chosen],
         "o",
         color=mark,
         ms=5,

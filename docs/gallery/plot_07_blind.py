@@ -16,7 +16,7 @@ import pandas as pd
 from flgpr.commands.plan import plan_lane, plan_mines
 from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 
-home = Path(tempfile.mkdtemp())
+folder = Path(tempfile.mkdtemp())
 
 # %%
 # How many mines does a claim take? To show a Pd of at least 0.8 at no more than 0.02 false alarms per m², with 95 %
@@ -30,19 +30,19 @@ plan
 # register. Every line of it holds the hash of the line before, so that no line can be changed later unnoticed. A page
 # for the crew and a sheet to fill in lie beside the plan. (``seed=None`` draws a seed that nobody can guess.)
 
-(home / "lane.toml").write_text(
+(folder / "lane.toml").write_text(
     "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 250.0\n"
 )
-(home / "sorts.csv").write_text(
+(folder / "sorts.csv").write_text(
     "kind,depth,count\nmetal,0.05,20\nplastic,0.05,20\n"
 )
-(home / "recipe.toml").write_text("# the recipe that will be scored\n")
+(folder / "recipe.toml").write_text("# the recipe that will be scored\n")
 truth, entry = plan_lane(
-    home / "lane.toml",
-    home / "sorts.csv",
+    folder / "lane.toml",
+    folder / "sorts.csv",
     seed=2024,
-    output=home / "plan.csv",
-    recipe=home / "recipe.toml",
+    output=folder / "plan.csv",
+    recipe=folder / "recipe.toml",
 )
 for name, value in entry.items():
     print(f"{name:9}{str(value)[:60]}")
@@ -54,19 +54,19 @@ truth.head()
 
 phrase = "a long passphrase"
 sealed = seal_truth_file(
-    home / "plan.csv", home / "lane.toml", home / "sealed", phrase
+    folder / "plan.csv", folder / "lane.toml", folder / "sealed", phrase
 )
 
 # %%
-# The detector's turn. It is played here by random numbers: most mines with an alarm near them, and false alarms.
+# The detector's turn. Random numbers stand for it here: most mines have an alarm near them, and there are false alarms.
 
 rng = np.random.default_rng(1)
-seen = truth[rng.random(len(truth)) < 0.9]
+detected = truth[rng.random(len(truth)) < 0.9]
 hits = pd.DataFrame(
     {
-        "x": seen.x + rng.normal(0, 0.2, len(seen)),
-        "y": seen.y + rng.normal(0, 0.2, len(seen)),
-        "confidence": rng.normal(3, 1, len(seen)),
+        "x": detected.x + rng.normal(0, 0.2, len(detected)),
+        "y": detected.y + rng.normal(0, 0.2, len(detected)),
+        "confidence": rng.normal(3, 1, len(detected)),
     }
 )
 noise = pd.DataFrame(
@@ -76,30 +76,30 @@ noise = pd.DataFrame(
         "confidence": rng.normal(0, 1, 40),
     }
 )
-pd.concat([hits, noise]).to_csv(home / "alarms.csv", index=False)
+pd.concat([hits, noise]).to_csv(folder / "alarms.csv", index=False)
 
 # %%
-# The score tells operating points and counts, never a position or a threshold, and logs every look before it tells
+# The score has operating points and counts, never a position or a threshold, and logs every look before it says
 # anything. (``flgpr score alarms.csv --sealed sealed --recipe recipe.toml --book plan.csv.register.jsonl``.)
 
-told = score_sealed(
-    home / "alarms.csv",
+score = score_sealed(
+    folder / "alarms.csv",
     sealed,
     phrase,
-    recipe=home / "recipe.toml",
-    register=home / "plan.csv.register.jsonl",
+    recipe=folder / "recipe.toml",
+    register=folder / "plan.csv.register.jsonl",
 )
-print(f"looks: {told.looks}, different alarm lists: {told.lists}")
-for name, value in told.counts.items():
+print(f"looks: {score.looks}, different alarm lists: {score.lists}")
+for name, value in score.counts.items():
     print(f"{name:13}{value:.2f}" if name == "area" else f"{name:13}{value}")
-told.points.round(3)
+score.points.round(3)
 
 # %%
 # Each operating point with its exact 95 % interval: what the whole test can say.
 
 figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
 for shift, (group, points) in zip(
-    (0.94, 1.0, 1.06), told.points.groupby("group"), strict=True
+    (0.94, 1.0, 1.06), score.points.groupby("group"), strict=True
 ):
     below = points.pd - points.pd_low
     above = points.pd_high - points.pd

@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 
 from flgpr.commands.simulate import simulate_lane
@@ -25,8 +26,8 @@ from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.store import read_table
 
-home = Path(tempfile.mkdtemp())
-(home / "scene.toml").write_text(
+folder = Path(tempfile.mkdtemp())
+(folder / "scene.toml").write_text(
     """
 site = "arid-sand"
 length = 30.0
@@ -43,15 +44,15 @@ step = [1.0, 1.3]           # m between scans: 4.2 m/s at about four scans a sec
 """
 )
 simulate_lane(
-    home / "scene.toml", sensor="sri-array", seed=5, output=home / "lane.zarr"
+    folder / "scene.toml", sensor="sri-array", seed=5, output=folder / "lane.zarr"
 )
 
 # %%
 # The radar's part: ``run.json`` with tones and antennas, then one file per scan, at last ``end.json``. A rate this high
 # plays it as fast as it can be read.
 
-count = feed(home / "lane.zarr", home / "incoming", rate=1e4)
-names = sorted(path.name for path in (home / "incoming").iterdir())
+count = feed(folder / "lane.zarr", folder / "incoming", rate=1e4)
+names = sorted(path.name for path in (folder / "incoming").iterdir())
 print(f"{count} scans:", *names[:2], "...", names[-1])
 
 # %%
@@ -60,9 +61,9 @@ print(f"{count} scans:", *names[:2], "...", names[-1])
 events = []
 options = LiveOptions(
     "wang2007",
-    home / "out",
-    home / "incoming",
-    lane=home / "lane-lane.toml",
+    folder / "out",
+    folder / "incoming",
+    lane=folder / "lane-lane.toml",
     vehicle=Vehicle(15 / 3.6, front=0.5),
 )
 report = LiveRun(options, lambda line: events.append(json.loads(line))).run()
@@ -71,25 +72,29 @@ for name, value in report.counts.items():
         print(f"{name:10}{value:4}")
 
 # %%
-# What was told. ``left_m`` is the way left to the alarm when the newest scan was taken, ``margin_m`` what remains of it
+# The alarms. ``left_m`` is the way left to the alarm when the newest scan was taken, ``margin_m`` what remains of it
 # after the stopping distance. An alarm may still move, rise or be withdrawn while scans come in.
 
-told = pd.DataFrame([one for one in events if one["event"] == "alarm"])
-told["state"].value_counts()
+alarms = pd.DataFrame([event for event in events if event["event"] == "alarm"])
+alarms["state"].value_counts()
 
 # %%
 # The confidence so far of the alarms at mines, over the way left. It need not rise: each scan adds a look, nearer and at
-# another angle. Right of the line the vehicle can no longer stop, so that what was told before is what counts.
+# another angle. Right of the line the vehicle can no longer stop, so that only what came before counts.
 
-truth = read_table(home / "lane-truth.csv", "truth")
+truth = read_table(folder / "lane-truth.csv", "truth")
 stop = 15 / 3.6 * 1.5 + (15 / 3.6) ** 2 / (2 * 3.0)
 figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
-for _, mine in truth.iterrows():
-    near = told[((told.x - mine.x) ** 2 + (told.y - mine.y) ** 2) < 1.0]
-    near = near[near.state.isin(["new", "update"])]
-    if len(near):
+for _, target in truth.iterrows():
+    distance = np.hypot(alarms.x - target.x, alarms.y - target.y)
+    of_target = alarms[distance < 1.0]
+    of_target = of_target[of_target.state.isin(["new", "update"])]
+    if len(of_target):
         axes.plot(
-            near.left_m, near.confidence, ".-", label=f"mine at {mine.y:.1f} m"
+            of_target.left_m,
+            of_target.confidence,
+            ".-",
+            label=f"mine at {target.y:.1f} m",
         )
 axes.axvline(stop, color="C3", ls="--", label=f"stopping distance, {stop:.1f} m")
 axes.set(xlabel="way left (m)", ylabel="confidence so far", ylim=(0, None))
@@ -101,4 +106,4 @@ axes.legend(fontsize=8)
 # resumes. `Detect while driving <../guide/live.html>`_ has the command,
 # `What a radar gets wrong <../guide/live-faults.html>`_ what is done about scans that are lost, late or broken.
 
-print(*sorted(path.name for path in (home / "out").iterdir()), sep="\n")
+print(*sorted(path.name for path in (folder / "out").iterdir()), sep="\n")

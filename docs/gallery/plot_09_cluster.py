@@ -21,8 +21,8 @@ import flgpr
 from flgpr.commands.simulate import simulate_lane
 from flgpr.results.result import read_result
 
-home = Path(tempfile.mkdtemp())
-(home / "scene.toml").write_text(
+folder = Path(tempfile.mkdtemp())
+(folder / "scene.toml").write_text(
     """
 site = "arid-sand"
 length = 8.0
@@ -38,11 +38,11 @@ step = [3.0, 4.0]
 )
 lanes = ("north", "south")
 for seed, name in enumerate(lanes):
-    scene = home / "scene.toml"
-    store = home / f"{name}.zarr"
+    scene = folder / "scene.toml"
+    store = folder / f"{name}.zarr"
     simulate_lane(scene, sensor="sri-array", seed=seed, output=store)
-runs = [home / f"{name}.zarr" for name in lanes]
-areas = [home / f"{name}-lane.toml" for name in lanes]
+runs = [folder / f"{name}.zarr" for name in lanes]
+areas = [folder / f"{name}-lane.toml" for name in lanes]
 
 # %%
 # The cluster: one scheduler, and a worker on every machine that helps. Runs, models and the output folder must have the
@@ -53,55 +53,63 @@ areas = [home / f"{name}-lane.toml" for name in lanes]
 #     dask worker --scheduler-file cluster.json --nthreads 1
 
 
-def start(*words):
+def start(*arguments):
     """Start one of Dask's commands beside this program."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen(
-        [sys.executable, "-m", "dask", *map(str, words)], **quiet
+        [sys.executable, "-m", "dask", *map(str, arguments)], **quiet
     )
 
 
-note = home / "cluster.json"
+scheduler_file = folder / "cluster.json"
 local = ("--host", "127.0.0.1", "--no-dashboard")
-helpers = [start("scheduler", "--scheduler-file", note, "--port", 0, *local)]
-while not note.exists():
+processes = [
+    start("scheduler", "--scheduler-file", scheduler_file, "--port", 0, *local)
+]
+while not scheduler_file.exists():
     time.sleep(0.1)
-helpers.append(
+processes.append(
     start(
-        "worker", "--scheduler-file", note, "--nthreads", 1, "--no-nanny", *local
+        "worker",
+        "--scheduler-file",
+        scheduler_file,
+        "--nthreads",
+        1,
+        "--no-nanny",
+        *local,
     )
 )
-address = json.loads(note.read_text())["address"]
+address = json.loads(scheduler_file.read_text())["address"]
 
 # %%
 # The same survey twice: in this process, and on the cluster, both lanes at once. Only small values travel through Dask;
 # arrays stay in a work folder beside the output, from which a survey that was stopped goes on.
 
-plain = flgpr.detect(runs, "wang2007", home / "here", areas, report=False)
-shared = flgpr.detect(
+in_process = flgpr.detect(runs, "wang2007", folder / "here", areas, report=False)
+on_cluster = flgpr.detect(
     runs,
     "wang2007",
-    home / "cluster",
+    folder / "cluster",
     areas,
     report=False,
     lanes_at_once=2,
     scheduler=address,
 )
-for helper in reversed(helpers):
-    helper.terminate()
-    helper.wait()
+for process in reversed(processes):
+    process.terminate()
+    process.wait()
 
 # %%
 # The manifests hold the SHA-256 of every file.
 
-for ours, theirs in zip(plain, shared, strict=True):
-    files = ours.manifest["files"]
-    others = theirs.manifest["files"]
-    different = [name for name in files if files[name] != others[name]]
-    print(ours.folder.name, len(files), "files,", len(different), "different")
+for own, other in zip(in_process, on_cluster, strict=True):
+    files = own.manifest["files"]
+    other_files = other.manifest["files"]
+    different = [name for name in files if files[name] != other_files[name]]
+    print(own.folder.name, len(files), "files,", len(different), "different")
 
 # %%
 # And ``survey.json`` says how each lane went. `Many workers <../guide/cluster.html>`_ says what happens to workers that
 # are lost, and `Many workers, measured <../evidence/workers.html>`_ what a cluster costs and gains.
 
-print((home / "cluster" / "survey.json").read_text()[:600])
+print((folder / "cluster" / "survey.json").read_text()[:600])

@@ -2,7 +2,7 @@
 On a GPU
 ========
 
-The imaging operator runs on an NVIDIA device when it is told ``device="cuda"``; nothing else
+The imaging operator runs on an NVIDIA device with ``device="cuda"``; nothing else
 changes. This page was built on a machine without one, as the output below may show: the code takes
 a device where there is one and the processor where there is none.
 
