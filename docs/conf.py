@@ -102,5 +102,5 @@ def _text_of_package(_, what, name, package, options, lines):
 
 def setup(app):
     """Leave out what scikit-learn and pydantic put into every class."""
-    app.connect("autodoc-skip-member", lambda *told: True if told[2] in _INHERITED else None)
+    app.connect("autodoc-skip-member", lambda *event: True if event[2] in _INHERITED else None)
     app.connect("autodoc-process-docstring", _text_of_package, priority=600)  # after numpydoc

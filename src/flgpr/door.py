@@ -177,7 +177,7 @@ class Folder:
         return b"".join(blocks)[start : start + length]
 
     def json(self, name: str, most: int = MOST_JSON) -> Any:
-        """Read a file of JSON, see :func:`parse_json`."""
+        """Read a file of JSON, see ``parse_json`` (``json_text.py``)."""
         data = self.read(name, most)
         try:
             return parse_json(data)

@@ -31,8 +31,7 @@ from flgpr.trials import content_hash, emplacement_plan, read_register
 from flgpr.trials.ledger import before_opening, enter
 
 PathLike = str | Path
-RegisterLine = dict[str, Any]
-"""A line of a register."""
+RegisterLine = dict[str, Any]  # a line of a register
 CREW_COLUMNS = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
 """Columns of the sheet that the crew fills in."""
 
