@@ -42,8 +42,8 @@ MINES = "mines"
 """Name of the group of all mines in the scores."""
 BODY = "body "
 """Prefix of the groups of targets with one packaged body."""
-SAMPLE = "sample/"
-"""What the name of a packaged full-wave lane stands after in place of a run store's path."""
+SAMPLE = "sample"
+"""What stands in place of paths for a packaged full-wave lane, alone or before "/" and its name."""
 
 
 class LaneRow(Table):
@@ -73,17 +73,24 @@ class LaneRow(Table):
         """Refuse a stored lane that lacks one of its entries."""
         if bool(self.run) != (self.borders is not None) or bool(self.run) != bool(self.truth):
             raise ValueError("run, truth and borders must be given together")
-        is_packaged = self.run == "sample" or self.run.startswith(SAMPLE)
-        if is_packaged != (self.truth == "sample"):
+        name = self.packaged_lane
+        if (name is not None) != (self.truth == SAMPLE):
             raise ValueError(
                 'truth must be "sample" for a packaged lane, whose run is "sample" or '
                 f'"sample/NAME", and for no other, got {self.truth} for {self.run}'
             )
-        name = self.run.removeprefix(SAMPLE)
-        if self.run.startswith(SAMPLE) and name not in SAMPLE_LANES:
+        if name is not None and name not in SAMPLE_LANES:
             known = ", ".join(SAMPLE_LANES)
             raise ValueError(f"run must be sample/ and one of {known}, got {self.run}")
         return self
+
+    @property
+    def packaged_lane(self) -> str | None:
+        """Name of the packaged full-wave lane that it takes; None for any other lane."""
+        if self.run == SAMPLE:
+            return SAMPLE_LANES[0]
+        prefix = f"{SAMPLE}/"
+        return self.run.removeprefix(prefix) if self.run.startswith(prefix) else None
 
 
 class Fold(Table):
@@ -206,9 +213,9 @@ class GroundLane:
         return read_table(self.stored[1], "truth")
 
     def truth_with_bodies(self) -> pd.DataFrame:
-        """Return the table of its targets with the ``body`` of each, as the scene or the file has it.
+        """Return the table of its targets with the ``body`` of each.
 
-        It is empty for a generic mine of its kind.
+        It is that of the scene or of the file, and empty for a generic mine of its kind.
         """
         truth = self.truth()
         if self.stored is not None:
@@ -376,12 +383,9 @@ def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) 
     """Return a lane of a run store and a truth that are there."""
     if row.borders is None:
         raise ValueError(f"lane {name} must have borders, for it is one that is there already")
-    if row.run == "sample":
-        files = sample_files()
-    elif row.run.startswith(SAMPLE):
-        files = sample_files(row.run.removeprefix(SAMPLE))
-    else:
-        files = (Path(row.run), Path(row.truth))
+    files = (Path(row.run), Path(row.truth))
+    if row.packaged_lane is not None:
+        files = sample_files(row.packaged_lane)
     return GroundLane(name, site, row.part, Lane(*row.borders), 0, Scene(), preset, files, tier)
 
 

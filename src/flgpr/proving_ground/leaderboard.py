@@ -109,7 +109,6 @@ def leaderboard_html(board: Board) -> str:
         titles.append((name, title))
     return render(
         "leaderboard.html",
-        stored_lanes=ground.stored_lane_count,
         ground=ground,
         split=split,
         split_title=ground.table.splits[split].title,

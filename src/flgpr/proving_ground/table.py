@@ -70,8 +70,8 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         FAR of comparison also mines that the entry alone finds (``only``), the reference alone
         (``reference_only``), and ``p`` of the paired test. Where targets lie too close to be moved
         clear of all halos, ``chance`` is that of alarms strewn at random at the same FAR. On a
-        ground with tiers there is also a ``tier``; where the truth names bodies, there are groups of
-        the targets with one packaged body, ``body BODY``.
+        ground with tiers there is also a ``tier``; where the truth names bodies, there are groups
+        of the targets with one body, ``body BODY``.
     costs : DataFrame
         A row per entry, and per ``tier`` where there are tiers: processor seconds per km in
         detection and of all trainings, the largest process in bytes.
@@ -265,7 +265,7 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
                 "n_detected": detected,
                 "n_targets": total,
                 # Alarms strewn by a Poisson process: one at least in the halo.
-                "chance": -math.expm1(-allowed * math.pi * halo**2),
+                "chance": float(random_pd(allowed, halo)),
                 "far": allowed,
                 "n_false": int(allowed * area),
                 "area": area,
@@ -530,7 +530,6 @@ def _page(
         ground=ground,
         opening=_opening(ground, scores),
         opening_split=opening_split(ground),
-        stored_lanes=ground.stored_lane_count,
         tiers=tiers,
         heads=heads,
         titles=titles,
