@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.memory import memory_needed
+from flgpr.chain.memory import lane_memory
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import plan_sections
 from flgpr.model import Lane
@@ -70,7 +70,7 @@ def main() -> None:
         print(
             f"{arguments.scans} scans, lane of {arguments.length:.0f} m in {len(folders)} sections: {cost:.1f} s"
         )
-        estimate = memory_needed(SIZES, recipe, lane, most) / 1e9
+        estimate = lane_memory(SIZES, recipe, lane).needed(most) / 1e9
         print(
             f"peak {peak / 1e9:.2f} GB, estimated {estimate:.2f} GB; in one piece {_whole(recipe, lane):.2f} GB"
         )
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def _whole(recipe, lane):
-    return memory_needed(SIZES, recipe, lane) / 1e9
+    return lane_memory(SIZES, recipe, lane).needed() / 1e9
 
 
 def _compare(folders, whole):

@@ -5,7 +5,7 @@ import math
 import pandas as pd
 import pytest
 
-from flgpr.chain.memory import memory_needed
+from flgpr.chain.memory import lane_memory
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import (
     Section,
@@ -93,7 +93,7 @@ def test_the_density_rule_leaves_the_strongest_and_a_screen_stage_decides_itself
 
 def test_a_lane_that_fits_stays_in_one_piece_and_a_limit_cuts_it(recipe):
     rows = recipe.run_view.grid(LONG).ny
-    needed = math.ceil(memory_needed(SIZES, recipe, LONG))
+    needed = math.ceil(lane_memory(SIZES, recipe, LONG).needed())
     assert plan_sections(SIZES, recipe, LONG, needed) == [Section(0, rows)]
     sections = plan_sections(SIZES, recipe, LONG, needed - 1)
     assert len(sections) > 1
@@ -117,7 +117,7 @@ def test_too_little_memory_says_what_would_suffice(recipe):
 
 def test_threads_share_what_is_left(recipe):
     sections = [Section(0, recipe.run_view.grid(LONG).ny)]
-    needed = math.ceil(memory_needed(SIZES, recipe, LONG))
+    needed = math.ceil(lane_memory(SIZES, recipe, LONG).needed())
     assert threads_within(SIZES, recipe, LONG, sections, needed) == 1
     counts = [threads_within(SIZES, recipe, LONG, sections, needed + k * 10**9) for k in (1, 2, 4)]
     assert counts == sorted(counts)

@@ -6,7 +6,6 @@ import pytest
 from flgpr.chain.memory import (
     check_scan_memory,
     lane_memory,
-    memory_needed,
     parse_size,
     sizes_of,
     thread_memory,
@@ -46,18 +45,22 @@ def test_sizes_of_a_run_are_the_lengths_of_its_dimensions():
 
 def test_memory_grows_with_rows_and_not_with_scans(recipe):
     more_scans = SIZES | {"scan": 10_000}
-    assert memory_needed(more_scans, recipe, LANE) == memory_needed(SIZES, recipe, LANE)
-    rows = [memory_needed(SIZES, recipe, LANE, count) for count in (10, 20, 30)]
+    assert (
+        lane_memory(more_scans, recipe, LANE).needed() == lane_memory(SIZES, recipe, LANE).needed()
+    )
+    rows = [lane_memory(SIZES, recipe, LANE).needed(count) for count in (10, 20, 30)]
     assert rows[0] < rows[1] < rows[2]
     assert rows[2] - rows[1] == pytest.approx(rows[1] - rows[0])
     whole = recipe.run_view.grid(LANE).ny
-    assert memory_needed(SIZES, recipe, LANE, whole) == memory_needed(SIZES, recipe, LANE)
+    assert (
+        lane_memory(SIZES, recipe, LANE).needed(whole) == lane_memory(SIZES, recipe, LANE).needed()
+    )
 
 
 def test_one_estimate_holds_for_any_rows(recipe):
     memory = lane_memory(SIZES, recipe, LANE)
     for rows in (None, 0, 1, 500):
-        assert memory.needed(rows) == memory_needed(SIZES, recipe, LANE, rows)
+        assert memory.needed(rows) == lane_memory(SIZES, recipe, LANE).needed(rows)
     assert memory.thread == thread_memory(SIZES, recipe)
     assert memory.view == recipe.run_view.grid(LANE)
     assert memory.background == 0
@@ -70,7 +73,7 @@ def test_a_self_signature_by_the_median_holds_all_images(recipe):
     grid = recipe.image.grid()
     channels = SIZES["polarization"] * len(recipe.image.subbands)
     images = 8 * SIZES["scan"] * channels * grid.nx * grid.ny
-    more = memory_needed(SIZES, median, LANE) - memory_needed(SIZES, recipe, LANE)
+    more = lane_memory(SIZES, median, LANE).needed() - lane_memory(SIZES, recipe, LANE).needed()
     assert more >= images
 
 
@@ -82,10 +85,10 @@ def test_thousands_of_columns_count(recipe):
     screen = recipe.prescreen
     view = recipe.run_view.grid(LANE)
     alarms = screen.density * view.nx * view.ny * view.dx * view.dy / (np.pi * screen.radius**2)
-    more = memory_needed(SIZES, many, LANE) - memory_needed(SIZES, recipe, LANE)
+    more = lane_memory(SIZES, many, LANE).needed() - lane_memory(SIZES, recipe, LANE).needed()
     assert more > columns * alarms * 8
     few = parse_recipe(recipe_text("wang2007") + stage + "parts = 1\ngaussians = 15\n")
-    less = memory_needed(SIZES, few, LANE) - memory_needed(SIZES, recipe, LANE)
+    less = lane_memory(SIZES, few, LANE).needed() - lane_memory(SIZES, recipe, LANE).needed()
     assert less == pytest.approx(more / 8)
 
 

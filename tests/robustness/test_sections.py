@@ -14,7 +14,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr.chain.memory import memory_needed
+from flgpr.chain.memory import lane_memory
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.commands.app import app
@@ -303,8 +303,9 @@ def test_a_lane_of_any_length_is_planned_within_the_memory():
     short = Lane(-1.5, 1.5, 0, 1200)
     long = Lane(-1.5, 1.5, 0, 200_000)
     assert plan_sections(SIZES, recipe, short) == [Section(0, 12001)]
-    assert memory_needed(SIZES | {"scan": 10**6}, recipe, short) == memory_needed(
-        SIZES, recipe, short
+    assert (
+        lane_memory(SIZES | {"scan": 10**6}, recipe, short).needed()
+        == lane_memory(SIZES, recipe, short).needed()
     )
     sections = plan_sections(SIZES, recipe, long)
     assert sections[0].start == 0
@@ -312,12 +313,12 @@ def test_a_lane_of_any_length_is_planned_within_the_memory():
     assert all(one.stop == other.start for one, other in pairwise(sections))
     most = max(section.stop - section.start for section in sections)
     assert (
-        memory_needed(SIZES, recipe, long, most)
+        lane_memory(SIZES, recipe, long).needed(most)
         <= 2e9
-        < memory_needed(SIZES, recipe, long, 2 * most)
+        < lane_memory(SIZES, recipe, long).needed(2 * most)
     )
     assert threads_within(SIZES, recipe, long, sections) == 2
-    one = memory_needed(SIZES, recipe, short)
+    one = lane_memory(SIZES, recipe, short).needed()
     several = [
         threads_within(SIZES, recipe, short, [Section(0, 12001)], int(k * one))
         for k in (0.5, 1, 2, 4)

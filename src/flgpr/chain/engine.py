@@ -2,10 +2,10 @@
 
 The state of a block depends on nothing but the run, the recipe and the results of earlier passes,
 and the states are merged in the order of the blocks. A block that was stopped half way goes on from
-its exact sums (``Gatherer.state``), and is rounded at its end alone. So the bits of a result depend neither on the
-number of workers nor on interruptions (``execution/checkpoint.py``). On processors of one kind and
-with equal versions they are the same on every machine. Linear algebra has one thread meanwhile, as
-its last bits depend on the number. The engine knows no pass by name: what a pass does stands in
+its exact sums (``Gatherer.state``), and is rounded at its end alone. So the bits of a result depend
+neither on the number of workers nor on interruptions (``execution/checkpoint.py``). On processors
+of one kind and with equal versions they are the same on every machine. Linear algebra has one
+thread meanwhile, as its last bits depend on the number. The engine knows no pass by name: what a pass does stands in
 ``chain/passes`` and in the stages.
 """
 

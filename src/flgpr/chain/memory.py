@@ -167,30 +167,6 @@ def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMem
     )
 
 
-def memory_needed(
-    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None
-) -> float:
-    """Estimate from above the bytes of a process that works on a lane, see :class:`LaneMemory`.
-
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Lengths of the run's dimensions.
-    recipe : Recipe
-        The recipe.
-    lane : Lane
-        The lane.
-    rows : int, optional
-        Rows of the run-view that are worked on at a time; by default all.
-
-    Returns
-    -------
-    float
-        Bytes.
-    """
-    return lane_memory(sizes, recipe, lane).needed(rows)
-
-
 def column_count(polarizations: int, recipe: Recipe, view: Grid) -> int:
     """Return how many columns the stages of a recipe have that have many.
 

@@ -140,7 +140,7 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = 
     --------
     >>> from flgpr.store import open_run, sample_lane
     >>> from flgpr.chain.recipe_for_run import fit_recipe
-    >>> from flgpr.chain.recipe import parse_recipe, recipe_text
+    >>> from flgpr.chain.recipe import parse_recipe
     >>> recipe = parse_recipe(fit_recipe(open_run(sample_lane() / "run.zarr")))
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.8, 8.45), 'HH', ['F1'])

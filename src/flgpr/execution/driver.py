@@ -203,7 +203,8 @@ class PassToRun:
     title: str  #: what it is called where progress is shown
     all_scans: bool  #: whether the sections of a lane share it
     numbers: list[int]  #: of its blocks
-    #: what its result depends on beside run, lane and version of the program; None if no other recipe can use it
+    #: what its result depends on beside run, lane and version of the program; None if no other
+    #: recipe can use it
     cache_key: Callable[[], dict[str, Any] | None] = not_shared
 
 

@@ -222,7 +222,10 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
 
 
 def _read_as_seen(job: LaneJob) -> tuple[bytes | None, bytes | None]:
-    """Refuse files that are not those that the driver saw; return those of model and truth, if any."""
+    """Refuse files that are not those that the driver saw.
+
+    Return the bytes of the model and of the truth, None where the job has none.
+    """
     seen = [("run", job.run, read_manifest(job.run)["sha256"], job.store_sha256)]
     for name, path, digest in job.others:
         seen.append((name, path, read_manifest(path)["sha256"], digest))

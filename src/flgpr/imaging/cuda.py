@@ -25,7 +25,7 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 GROUP = 16
 """Most channels that a thread keeps in registers."""
 STREAMS = 3
-"""Passes in flight: one going in, one being summed, one coming out."""
+"""Batches in flight: one going in, one being summed, one coming out."""
 BATCH_BYTES = 1 << 28
 """Memory for the profiles of a batch."""
 
