@@ -5,7 +5,7 @@ KILLS ?= 100
 CASES ?= 10000
 
 # What a change needs every time: it takes about a minute.
-QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_method.py chain/test_recipe.py \
+QUICK := model jit kernels features screen clutter calibrate scoring report method/test_method.py recipe/test_recipe.py \
     simulate/test_spread.py simulate/test_echoes.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
 
 # Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
@@ -52,7 +52,7 @@ lint: $(VENV)/.test
 	$(LINT)
 
 # Tests of what docs/evidence/robustness.md promises.
-ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_commands_errors.py \
+ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
     commands/test_implausible_poses.py detect/test_scorers.py \
     formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
@@ -67,11 +67,11 @@ robustness: $(VENV)/.test
 # imports, the demo, detection with its estimators, stores, formats, commands and live scans work with both.
 OLDEST_PYTHON ?= python3.11
 NEWEST_PYTHON ?= $(PYTHON)
-VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py chain detect formats geo live/test_session.py live/test_tcp.py \
+VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method recipe stages detect formats geo live/test_session.py live/test_tcp.py \
     report/test_score_page.py results scoring store systems/test_systems.py viewer/test_server.py \
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.
-NOT_VERSIONS := chain/test_goldens.py chain/test_recipe_for_run.py chain/test_recipe_like.py \
+NOT_VERSIONS := method/test_goldens.py recipe/test_recipe_for_run.py recipe/test_recipe_like.py \
     formats/test_fuzz_exchange.py formats/test_gpr_notes_property.py formats/test_notes_property.py \
     live/test_live_fuzz.py live/test_live_machines.py live/test_live_positions.py live/test_senders.py \
     scoring/test_bootstrap.py scoring/test_boxes.py scoring/test_chance_level.py scoring/test_comparison.py \

@@ -24,11 +24,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.commands.imaging_speed import bench_imaging, format_bench
 from flgpr.imaging import ImagingOperator
+from flgpr.method.method import detect
 from flgpr.model import Lane
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, write_whole
 from suite.data import STEP, write_noise_run
 

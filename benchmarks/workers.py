@@ -35,10 +35,10 @@ import numpy as np
 
 import flgpr
 import scaling
-from flgpr.chain.recipe import recipe_text
-from flgpr.execution.job import LaneJob, code_versions
-from flgpr.execution.pieces import do_block
-from flgpr.execution.workers import Cluster
+from flgpr.jobs.job import LaneJob, code_versions
+from flgpr.jobs.pieces import do_block
+from flgpr.jobs.workers import Cluster
+from flgpr.recipe.schema import recipe_text
 from suite.data import STEP, write_noise_run
 
 

@@ -43,7 +43,7 @@ nitpick_ignore = [
 ]
 nitpick_ignore_regex = [
     ("py:obj", r"flgpr\.(kernels|features|detect|clutter)\.\w+(\.\w+)*"),
-    ("py:obj", r"flgpr\.chain\.(recipe|recipe_tables|classifier|stages)\.\w+(\.\w+)*"),
+    ("py:obj", r"flgpr\.(recipe\.schema|recipe\.tables|method\.classifier|stages)\.\w+(\.\w+)*"),
 ]
 highlight_language = "none"  # a fence without a language is for the shell, or a drawing
 

@@ -26,9 +26,9 @@ import numba
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import load_recipe
+from flgpr.method.method import detect
 from flgpr.model import Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr.scoring import pd_mean, roc
 from flgpr.store import open_run
 

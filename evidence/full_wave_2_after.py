@@ -28,12 +28,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 sys.path.append(str(Path(__file__).parent))
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import parse_recipe
+from flgpr.method.method import detect
 from flgpr.proving_ground import load_ground, packaged_entries, run_benchmark, write_score_tables
 from flgpr.proving_ground.ground import Ground, GroundLane
 from flgpr.proving_ground.running import SEALED, passphrase
 from flgpr.proving_ground.table import paired_in_words
+from flgpr.recipe.schema import parse_recipe
 from flgpr.scoring import operating_row, roc_of
 from flgpr.store import open_run, read_table
 from flgpr.store.tables import read_columns

@@ -28,14 +28,14 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from flgpr.chain.classifier import Classifier
-from flgpr.chain.method import detect
-from flgpr.chain.model import load_model, save_model
-from flgpr.chain.recipe import load_recipe
 from flgpr.commands.simulate import simulate_lane
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.live.feeding import feed
+from flgpr.method.classifier import Classifier
+from flgpr.method.method import detect
+from flgpr.method.model import load_model, save_model
 from flgpr.model import Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr.store import open_run, read_table
 
 SCENE = """

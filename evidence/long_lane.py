@@ -27,10 +27,10 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.memory import lane_memory
-from flgpr.chain.recipe import load_recipe
-from flgpr.chain.sections import plan_sections
+from flgpr.method.memory import lane_memory
+from flgpr.method.sections import plan_sections
 from flgpr.model import Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 

@@ -21,14 +21,13 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
-from flgpr.chain.recipe import Recipe
-from flgpr.chain.stages import PACKAGED, find_stage
 from flgpr.formats.mapping import Mapping
 from flgpr.geo.anchor import _AnchorFile
 from flgpr.live.event_types import EVENTS, CountsEvent, EndEvent, ReportEntries
 from flgpr.live.intake import COUNTS
 from flgpr.model.sensor import Sensor
 from flgpr.model.tables import TRUTH_COLUMNS
+from flgpr.recipe.schema import Recipe
 from flgpr.scoring.score_entries import (
     BlindNotes,
     BlindScoreFile,
@@ -38,6 +37,7 @@ from flgpr.scoring.score_entries import (
     TargetOutcome,
 )
 from flgpr.simulate.scene.scene import Scene
+from flgpr.stages import PACKAGED, find_stage
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 FILES: dict[str, tuple[type[BaseModel], str]] = {

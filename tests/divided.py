@@ -2,13 +2,13 @@
 
 from functools import cache
 
-from flgpr.chain.lane_scan import LaneScan
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.passes.alarms import Maxima
-from flgpr.chain.passes.gain import SmoothGain
-from flgpr.chain.passes.run_view import RunView
-from flgpr.chain.passes.signature import SelfSignaturePass
-from flgpr.chain.recipe import parse_recipe
+from flgpr.method.lane_scan import LaneScan
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.passes.alarms import Maxima
+from flgpr.method.passes.gain import SmoothGain
+from flgpr.method.passes.run_view import RunView
+from flgpr.method.passes.signature import SelfSignaturePass
+from flgpr.recipe.schema import parse_recipe
 from small_lane import LANE, small_recipe, small_run
 
 SCANS = 13

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from command_inputs import PHRASE, write_inputs
-from flgpr.chain.progress import silent
 from flgpr.commands import simulation
 from flgpr.commands.app import app
 from flgpr.model import load_sensor
+from flgpr.progress import silent
 from flgpr.simulate import load_scene
 from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from flgpr.chain.recipe import recipe_text
 from flgpr.commands.simulate import simulate_lane
+from flgpr.recipe.schema import recipe_text
 from small_lane import cut_down
 from systems.lanes import SENSOR, SMALL
 

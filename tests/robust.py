@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from flgpr.chain.engine import blocks_of
-from flgpr.execution.job import make_job
+from flgpr.engine import blocks_of
+from flgpr.jobs.job import make_job
 from flgpr.results.result import Result, read_result
 from flgpr.store import open_run
 from small_lane import LANE

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flgpr.chain.recipe import recipe_text
 from flgpr.model import SPEED_OF_LIGHT, Lane, lane_to_scan, make_run, vehicle_to_scan
+from flgpr.recipe.schema import recipe_text
 
 LANE = Lane(-0.75, 0.75, 3.0, 10.0)
 LANE_TOML = "x_min = -0.75\nx_max = 0.75\ny_min = 3.0\ny_max = 10.0\n"

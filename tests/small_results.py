@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.detection import Detection
-from flgpr.chain.recipe import recipe_text
+from flgpr.method.detection import Detection
 from flgpr.model import Lane
+from flgpr.recipe.schema import recipe_text
 from flgpr.results.result import write_result
 
 LANE = Lane(-1.0, 1.0, 2.0, 4.0)

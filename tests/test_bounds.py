@@ -9,18 +9,18 @@ import pytest
 from pydantic import BaseModel, ValidationError
 from typer.testing import CliRunner
 
-from flgpr.chain.recipe import Recipe, load_recipe, recipe_names
-from flgpr.chain.stages import PACKAGED, find_stage
 from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, sensor_presets
 from flgpr.model.bounds import LARGEST, Entries, Largest
 from flgpr.model.faults import describe_fault
 from flgpr.proving_ground.ground import GROUNDS, Description, load_ground
+from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene, draw_world
 from flgpr.simulate.bodies.signature import load_body, packaged_bodies
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr.simulate.effort import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 from flgpr.simulate.scene.scene import sites
+from flgpr.stages import PACKAGED, find_stage
 
 SETTINGS = [find_stage(kind, name).Settings for kind, names in PACKAGED.items() for name in names]
 EXTREME = [0, -1, 1e9, 10**9, 1e300, math.inf, -math.inf, math.nan, 10**400]
@@ -234,7 +234,7 @@ def test_force_goes_beyond(tmp_path, monkeypatch):
     ],
 )
 def test_a_recipe_that_no_image_could_be_made_of_is_refused(tmp_path, old, new, words):
-    from flgpr.chain.recipe import recipe_text
+    from flgpr.recipe.schema import recipe_text
 
     text = recipe_text("wang2007")
     assert old in text

@@ -18,6 +18,8 @@ ROOT = Path(flgpr.__file__).parent
 PAPERS = ROOT.parent / "flgpr_papers"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
+METHOD = {"engine", "progress", "stages", "recipe", "method"}
+BELOW_METHOD = {"model", "jit", "kernels", "store", "engine", "progress", "stages", "recipe"}
 FILES = {"store", "formats", "geo"}
 BELOW = NUMBERS | FILES | {"trials"}
 ALLOWED = {
@@ -38,20 +40,25 @@ ALLOWED = {
     "formats": {"model", "store", "geo"},
     "io": FILES,
     "trials": {"model", "scoring", "append_log"},
-    "chain": {"model", "jit", "kernels", "store"} | STAGES,
-    "results": {"model", "store", "geo", "scoring", "trials", "chain"},
-    "design": {"model", "kernels", "imaging", "simulate", "chain"},
-    "report": {"model", "screen", "scoring", "trials", "chain", "results", "design"} | FILES,
-    "execution": {"model", "jit", "store", "chain", "results", "report", "simulate", "live"},
-    "live": {"model", "store", "geo", "chain", "append_log"} | STAGES,
-    "proving_ground": BELOW | {"chain", "results", "report", "execution"},
-    "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
+    "engine": {"model", "jit", "kernels", "progress"},
+    "progress": set(),
+    "stages": {"model", "jit", "kernels", "store", "engine", "progress"} | STAGES,
+    "recipe": {"model", "store", "stages"} | STAGES,
+    "method": BELOW_METHOD | STAGES,
+    "chain": {"stages"},
+    "results": {"model", "store", "geo", "scoring", "trials", *METHOD},
+    "design": {"model", "kernels", "imaging", "simulate", *METHOD},
+    "report": {"model", "screen", "scoring", "trials", *METHOD, "results", "design"} | FILES,
+    "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live"},
+    "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
+    "proving_ground": BELOW | {*METHOD, "results", "report", "jobs"},
+    "accessor": {"model", "imaging", "calibrate", "screen", *METHOD, "results"},
     "viewer": {"model"} | FILES,
     "notebook": {"commands", "results", "viewer"},
     "commands": BELOW
-    | {"chain", "results", "report", "design", "execution", "live", "viewer", "proving_ground"},
+    | {*METHOD, "results", "report", "design", "jobs", "live", "viewer", "proving_ground"},
     "__main__": {"commands"},
-    "__init__": {"chain", "results", "notebook", "commands"} | BELOW,
+    "__init__": {*METHOD, "results", "notebook", "commands"} | BELOW,
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 HEAVY = {
@@ -130,15 +137,15 @@ def test_no_module_imports_itself_by_a_detour():
 
 
 def test_the_engine_knows_no_pass_and_a_pass_no_other_way_through():
-    """The engine is handed passes; what they do stands under chain/passes, which only the method puts together."""
-    assert not {name for name in imported(ROOT / "chain" / "engine.py") if "passes" in name}
+    """The engine is handed passes; what they do stands under method/passes, which only the method puts together."""
+    assert not {name for name in imported(ROOT / "engine.py") if "passes" in name}
     users = {
         str(path.relative_to(ROOT))
         for path in modules()
-        if any(name.startswith("flgpr.chain.passes") for name in imported(path))
+        if any(name.startswith("flgpr.method.passes") for name in imported(path))
     }
-    others = {name for name in users if not name.startswith("chain/passes/")}
-    assert others == {"chain/method.py", "chain/detection.py"}
+    others = {name for name in users if not name.startswith("method/passes/")}
+    assert others == {"method/method.py", "method/detection.py"}
 
 
 def test_the_system_does_not_rest_on_the_studies():
@@ -169,7 +176,7 @@ def test_only_execution_imports_dask():
         for p in modules()
         if {"dask", "distributed"} & {name.split(".")[0] for name in imported(p)}
     }
-    assert {p.relative_to(ROOT).parts[0] for p in users} <= {"execution"}
+    assert {p.relative_to(ROOT).parts[0] for p in users} <= {"jobs"}
 
 
 def test_nothing_pickles():

@@ -9,9 +9,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import load_recipe
 from flgpr.live.feeding import feed
+from flgpr.method.method import detect
+from flgpr.recipe.schema import load_recipe
 from flgpr.store import lane_text, open_run
 
 from .data import lane_of, size, write_noise_run

@@ -15,8 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import flgpr
-from flgpr.chain.model import load_model
 from flgpr.commands.simulate import simulate_lane
+from flgpr.method.model import load_model
 from flgpr.scoring import label_alarms, match, pd_mean, roc
 from flgpr.store import read_lane, read_table
 

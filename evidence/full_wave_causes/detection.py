@@ -7,12 +7,12 @@ import itertools
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import Model
-from flgpr.chain.recipe import Recipe
-from flgpr.chain.stages.likelihood import LikelihoodMap
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.method import detection_of, engine_of
+from flgpr.method.model import Model
+from flgpr.recipe.schema import Recipe
 from flgpr.scoring import label_alarms, match
+from flgpr.stages.likelihood import LikelihoodMap
 from full_wave_causes.lanes import (
     LANE,
     OWN,

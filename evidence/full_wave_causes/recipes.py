@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
+from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 
 CLEAR = 0.6  # m about targets in which no clutter is learnt: the lane is 2 m wide
 EARLY = '[[clutter]]\nstage = "early"\n'

@@ -7,12 +7,12 @@ import itertools
 import numpy as np
 import xarray as xr
 
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.stages.body_signatures import Bodies, Imaging, signatures
 from flgpr.clutter import early_basis, subtract_early
 from flgpr.imaging import ImagingOperator, ScanImager
+from flgpr.method.lane_setup import LaneSetup
 from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, load_sensor
 from flgpr.simulate import Simulator
+from flgpr.stages.body_signatures import Bodies, Imaging, signatures
 from full_wave_causes.lanes import LANE, OWN, SURFACES, LaneData, full_wave, twin, twin_scene
 from full_wave_causes.recipes import CLEAR, contrast_recipe, fused_recipe
 from simulate import fullwave_difference as difference

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import engine_of
-from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.chain.stages.likelihood import LikelihoodSettings, contrasts
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.method import engine_of
 from flgpr.model import Grid, load_sensor
 from flgpr.proving_ground.ground import GroundLane, LaneRow, load_ground
 from flgpr.proving_ground.oracle import STEP, chips_at, places_in_sight
+from flgpr.recipe.schema import parse_recipe, recipe_text
+from flgpr.stages.likelihood import LikelihoodSettings, contrasts
 from flgpr.store import open_run
 
 BANDS = {

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flgpr.chain.stages.likelihood import LikelihoodSettings
-from flgpr.chain.stages.textured_clutter import ratio
+from flgpr.stages.likelihood import LikelihoodSettings
+from flgpr.stages.textured_clutter import ratio
 from fused_maps.lanes import METRES, NEAREST, Lane
 from fused_maps.signatures import CLASSES, Signatures
 

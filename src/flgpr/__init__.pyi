@@ -1,4 +1,3 @@
-from flgpr.chain.recipe import Recipe, load_recipe
 from flgpr.commands.detect import detect
 from flgpr.commands.replay import replay
 from flgpr.commands.score import score
@@ -10,6 +9,7 @@ from flgpr.model.lane import Lane
 from flgpr.model.run import make_run
 from flgpr.model.sensor import Sensor, load_sensor
 from flgpr.notebook import view
+from flgpr.recipe.schema import Recipe, load_recipe
 from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
 from flgpr.simulate.scene.scene import Scene, load_scene

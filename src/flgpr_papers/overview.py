@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import Executor, InProcess, Processes
+from flgpr.jobs.workers import Executor, InProcess, Processes
+from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import log_if_unchanged, study_html

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from flgpr.chain.progress import Track, silent
+from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import read_findings
 from flgpr_papers.kit.page import log_if_unchanged

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.calibrate.permittivity import estimate_permittivity
-from flgpr.chain.progress import silent
+from flgpr.progress import silent
 
 TRIALS = (3.0, 4.0, 5.0, 6.5, 8.0, 10.0)
 

@@ -2,10 +2,10 @@
 
 import pandas as pd
 
-from flgpr.chain.method import detect
-from flgpr.chain.progress import silent
-from flgpr.chain.recipe import parse_recipe, recipe_names, recipe_text
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
+from flgpr.method.method import detect
+from flgpr.progress import silent
+from flgpr.recipe.schema import parse_recipe, recipe_names, recipe_text
 from flgpr.store import open_run, sample_lane
 
 

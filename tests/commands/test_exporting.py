@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.chain.detection import Detection
-from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.commands import exporting
 from flgpr.commands.imports import import_cphd
 from flgpr.formats.mapped import import_mapped
 from flgpr.geo.anchor import read_anchor
+from flgpr.method.detection import Detection
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
 from flgpr.store import open_run, sample_lane, save_run

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.chain.recipe import parse_recipe, seen_lane
 from flgpr.commands.app import app
+from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.results.result import read_result
 from flgpr.store import open_run, save_run
 from live_lane import make_lane_run, small_recipe

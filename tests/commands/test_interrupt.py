@@ -84,7 +84,7 @@ def test_these_commands_go_on():
 
 @pytest.mark.slow("interrupts commands that run in processes of their own")
 def test_an_interrupted_detection_goes_on_to_the_same_bytes(lane, tmp_path, monkeypatch):
-    from flgpr.execution import driver
+    from flgpr.jobs import driver
 
     words = ["detect", lane / "lane.zarr", "--recipe", lane / "small.toml", "-o"]
     output = tmp_path / "result"
@@ -104,7 +104,7 @@ def test_an_interrupted_detection_goes_on_to_the_same_bytes(lane, tmp_path, monk
 
 
 def test_an_interrupted_training_leaves_no_model(lane, tmp_path, monkeypatch):
-    from flgpr.execution import driver
+    from flgpr.jobs import driver
 
     words = ["train", lane / "lane.zarr", "--truth", lane / "truth.csv", "--lane"]
     words += [lane / "lane.toml", "--recipe", lane / "small.toml", "-o", tmp_path / "model"]
@@ -215,7 +215,7 @@ import multiprocessing
 import sys
 from pathlib import Path
 
-from flgpr.execution.workers import Processes
+from flgpr.jobs.workers import Processes
 
 
 def make_lock_and_count(folder, limit):

@@ -3,7 +3,6 @@
 import pandas as pd
 import pytest
 
-from flgpr.chain.recipe import recipe_text
 from flgpr.commands.registering import (
     check_registered,
     default_register,
@@ -14,6 +13,7 @@ from flgpr.commands.registering import (
     recipe_hash,
     registration_of,
 )
+from flgpr.recipe.schema import recipe_text
 from flgpr.trials import content_hash, head_of, read_register, register
 from small_results import small_result
 

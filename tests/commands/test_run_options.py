@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from flgpr.commands.run_options import run_options
-from flgpr.execution.workers import RunOptions
+from flgpr.jobs.workers import RunOptions
 
 
 def test_what_is_not_given_keeps_its_default():

@@ -100,7 +100,7 @@ def test_a_full_disk_is_told_in_a_line_and_the_same_command_goes_on(
 
     command = "detect", RUN, "--recipe", "demo", "-o", tmp_path / "result", "--quiet"
     with monkeypatch.context() as patch:
-        patch.setattr("flgpr.execution.checkpoint.write_bundle", write)
+        patch.setattr("flgpr.jobs.checkpoint.write_bundle", write)
         result = call(*command)
     assert not (tmp_path / "result").exists()
     assert result.exit_code == 2

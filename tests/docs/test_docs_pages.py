@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import typer
 
-from flgpr.chain.recipe import recipe_names
 from flgpr.commands.app import app
 from flgpr.commands.export import FORMATS
 from flgpr.model import sensor_presets
+from flgpr.recipe.schema import recipe_names
 from flgpr.simulate import sites
 from flgpr_papers import PAPERS
 from reading import EXAMPLES, FENCE, PAGES, ROOT, identify, program_lines, read, shell_fences

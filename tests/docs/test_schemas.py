@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow("checks of pages")
 
 SOURCES = ROOT / "src"
 FOLDERS = {
-    "recipe": [SOURCES / "flgpr" / "chain" / "recipes"],
+    "recipe": [SOURCES / "flgpr" / "recipe" / "packaged"],
     "scene": [SOURCES / "flgpr" / "simulate" / "scene" / "sites"],
     "sensor": [SOURCES / "flgpr" / "model" / "presets"],
     "mapping": [ROOT / "tests" / "data" / "mappings"],

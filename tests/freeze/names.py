@@ -8,8 +8,8 @@ from pathlib import Path
 from types import ModuleType
 
 import flgpr
-from flgpr.chain.recipe import Recipe, load_recipe, recipe_names
 from flgpr.model import Sensor
+from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene
 from freeze.frozen import DATA
 

@@ -225,7 +225,7 @@ def killed(words: list[str], suffix: str, count: int) -> int:
     returned.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["flgpr.execution.preload"])
+    context.set_forkserver_preload(["flgpr.jobs.preload"])
     process = context.Process(target=_run_and_die, args=(words, suffix, count))
     process.start()
     process.join()

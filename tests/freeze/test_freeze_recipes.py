@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.commands.app import app
+from flgpr.recipe.schema import load_recipe, recipe_names
 from freeze.frozen import check_table, machine, machine_key, read_digests
 from freeze.lanes import make_lanes
 from freeze.recipes import (

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numba import config, cuda
 
-from flgpr.chain.images import imager_of
-from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.commands import imaging_cases as bench_cases
 from flgpr.commands import imaging_peers as bench_peers
 from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as backend
+from flgpr.method.images import imager_of
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, sample_lane
 
 TONES = 500e6 + 40e6 * np.arange(20)

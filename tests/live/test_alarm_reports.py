@@ -6,12 +6,12 @@ import math
 import pytest
 from test_forecast import KNOWN, RECIPE, trained
 
-from flgpr.chain.model import Model, save_model
 from flgpr.live.feeding import feed
 from flgpr.live.forecast import NAME
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.vehicle import Vehicle
+from flgpr.method.model import Model, save_model
 from flgpr.store import save_run
 from live_lane import LANE, make_lane_run
 

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.chain.recipe_tables import PrescreenTable
 from flgpr.live.density import SeenDensity
 from flgpr.model import Lane
+from flgpr.recipe.tables import PrescreenTable
 from flgpr.screen import density_threshold
 
 LANE = Lane(-1.0, 1.0, 0.0, 10.0)

@@ -7,19 +7,19 @@ import pandas as pd
 import pytest
 from scipy.spatial import cKDTree
 
-from flgpr.chain.alarm_sums import AlarmSums
-from flgpr.chain.classifier import Classifier, make_training_set
-from flgpr.chain.estimators import train_estimator
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.chain.stages import ClutterStage, FeatureStage
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.intake import Intake
 from flgpr.live.state import (
     take_snapshot,
 )
+from flgpr.method.alarm_sums import AlarmSums
+from flgpr.method.classifier import Classifier, make_training_set
+from flgpr.method.estimators import train_estimator
+from flgpr.method.method import detect
 from flgpr.model import lane_to_scan
+from flgpr.recipe.schema import load_recipe, parse_recipe
+from flgpr.stages import ClutterStage, FeatureStage
 from flgpr.store import Scan, describe_for_live
 from live_lane import LANE, SCANS, STEP, TARGETS, make_lane_run, small_recipe
 
@@ -236,7 +236,7 @@ def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(
             continue
         with monkeypatch.context() as patch:
             patch.setattr(
-                "flgpr.chain.alarm_sums.AlarmSums.add",
+                "flgpr.method.alarm_sums.AlarmSums.add",
                 lambda *_: (_ for _ in ()).throw(ValueError("no")),
             )
             with pytest.raises(ValueError, match="no"):
@@ -353,7 +353,7 @@ class Quiet(ClutterStage):
 def test_a_stage_that_cannot_be_causal_is_refused_with_its_reason(
     run, monkeypatch, kind, stage, table, reason
 ):
-    monkeypatch.setattr("flgpr.chain.stages.find_stage", lambda *_: stage)
+    monkeypatch.setattr("flgpr.stages.find_stage", lambda *_: stage)
     recipe = parse_recipe(small_recipe() + f'\n[[{table}]]\nstage = "own"\n')
     with pytest.raises(ValueError, match=f"cannot run live: {reason}"):
         start(run, recipe)

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import parse_recipe
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import RECIPE_FILE, LiveRun
 from flgpr.live.state import SNAPSHOT_FILE
+from flgpr.recipe.schema import parse_recipe
 from flgpr.store import save_run
 from live_lane import make_lane_run
 

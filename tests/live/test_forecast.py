@@ -8,11 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.classifier import TrainingSet
-from flgpr.chain.estimators import train_estimator
-from flgpr.chain.model import Model, load_model, save_model
-from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.forecast import (
     NAME,
@@ -25,6 +20,11 @@ from flgpr.live.forecast import (
     foresees,
     learn,
 )
+from flgpr.method.classifier import TrainingSet
+from flgpr.method.estimators import train_estimator
+from flgpr.method.model import Model, load_model, save_model
+from flgpr.recipe.schema import parse_recipe
+from flgpr.recipe.tables import DetectorTable
 from flgpr.store import describe_for_live
 from live_lane import LANE, make_lane_run, small_recipe
 from small_lane import cut_down

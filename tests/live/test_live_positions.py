@@ -6,7 +6,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import parse_recipe
 from flgpr.live import session
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
@@ -14,6 +13,7 @@ from flgpr.live.intake import Intake
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.state import restore_snapshot, take_snapshot
+from flgpr.recipe.schema import parse_recipe
 from flgpr.store import Scan, decode_frame, describe_for_live, encode_frame, encode_scan, save_run
 from live_lane import LANE, make_lane_run, small_recipe
 

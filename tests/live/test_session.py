@@ -269,7 +269,7 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
         "3",
     ]
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["flgpr.execution.preload"])
+    context.set_forkserver_preload(["flgpr.jobs.preload"])
     for line in (12, 45, 70):
         process = context.Process(target=run_command, args=([*words, "--quiet"],), daemon=True)
         process.start()

@@ -6,10 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.classifier import make_training_set
-from flgpr.chain.estimators import train_estimator
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import parse_recipe
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.state import (
@@ -19,6 +15,10 @@ from flgpr.live.state import (
     take_snapshot,
     write_snapshot,
 )
+from flgpr.method.classifier import make_training_set
+from flgpr.method.estimators import train_estimator
+from flgpr.method.method import detect
+from flgpr.recipe.schema import parse_recipe
 from flgpr.store import Scan, canonical_json, describe_for_live
 from live_lane import LANE, SCANS, TARGETS, make_lane_run, small_recipe
 

@@ -5,9 +5,9 @@ from importlib import resources
 
 import pytest
 
-from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.formats.mapping import parse_mapping
 from flgpr.model import load_sensor
+from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.simulate import load_scene
 
 

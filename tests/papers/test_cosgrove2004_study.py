@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.model import load_model
 from flgpr.clutter import ClutterWhitener
+from flgpr.method.model import load_model
 from flgpr_papers.cosgrove2004 import findings as findings_module
 from flgpr_papers.cosgrove2004 import images as images_module
 from flgpr_papers.cosgrove2004 import study as cosgrove2004

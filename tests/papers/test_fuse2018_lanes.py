@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.chain.recipe import load_recipe
+from flgpr.recipe.schema import load_recipe
 
 pytestmark = pytest.mark.slow("studies of papers")
 

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.progress import silent
 from flgpr.clutter import equal_cost, standing_field, subtract_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
+from flgpr.progress import silent
 from flgpr.scoring import pd_mean
 from flgpr.simulate import draw_world
 from flgpr_papers.fuse2018 import results as fuse2018_results

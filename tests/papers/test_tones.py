@@ -2,8 +2,8 @@
 
 import pytest
 
-from flgpr.chain.recipe import parse_recipe
 from flgpr.model import check_tones
+from flgpr.recipe.schema import parse_recipe
 from flgpr.store import open_run, sample_lane
 from flgpr_papers.cosgrove2004.images import study_sensor
 from flgpr_papers.cosgrove2004.recipe import study_recipe

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.recipe import load_recipe
 from flgpr.model import Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr_papers.wang2007.analysis import (
     MINES,
     LaneResult,

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.chain.classifier import CLASSIFIER_A
-from flgpr.chain.progress import silent
-from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ScanImager
+from flgpr.method.classifier import CLASSIFIER_A
 from flgpr.model import Lane
+from flgpr.progress import silent
+from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.scoring import pd_mean, roc_of
 from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
 from flgpr.simulate import Simulator

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import flgpr_papers
 from flgpr.commands.app import app
-from flgpr.execution.workers import InProcess, RunOptions
+from flgpr.jobs.workers import InProcess, RunOptions
 from flgpr.scoring import clopper_pearson
 from flgpr_papers import worlds as maps
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, row_of

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.execution.workers import InProcess
+from flgpr.jobs.workers import InProcess
 from flgpr.simulate import Scene
 from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds, worlds

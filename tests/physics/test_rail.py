@@ -17,15 +17,15 @@ from flgpr.calibrate import (
     synthetic_aperture,
     with_track,
 )
-from flgpr.chain.method import detect
-from flgpr.chain.recipe import parse_recipe
-from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.clutter import subtract_mean_scan
 from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
+from flgpr.method.method import detect
 from flgpr.model import SPEED_OF_LIGHT as C
 from flgpr.model import way_weights
 from flgpr.model.track import poses_at
+from flgpr.recipe.make import fit_recipe
+from flgpr.recipe.schema import parse_recipe
 
 MAPPING = Path(__file__).parent.parent / "data" / "mappings" / "rail.toml"
 

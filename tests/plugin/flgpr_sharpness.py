@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flgpr.chain.stages import FeatureStage, Positive, Table
 from flgpr.screen import sample_scan
+from flgpr.stages import FeatureStage, Positive, Table
 
 
 class SharpnessSettings(Table):

@@ -5,10 +5,10 @@ import warnings
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.chain.recipe_fit import check_fit
-from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.proving_ground import find_entry, load_ground, packaged_entries
+from flgpr.recipe.fit import check_fit
+from flgpr.recipe.make import fit_recipe
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run
 
 FIRST = {quick: load_ground(quick, "proving-ground-1") for quick in (False, True)}

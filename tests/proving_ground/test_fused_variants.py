@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import load_recipe
-from flgpr.chain.stages.textured_clutter import ratio
+from flgpr.recipe.schema import load_recipe
+from flgpr.stages.textured_clutter import ratio
 
 sys.path.append(str(Path(__file__).parents[2] / "evidence"))
 import fused_variants

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import parse_recipe
 from flgpr.proving_ground import listing, load_ground, packaged_entries
 from flgpr.proving_ground.fingerprints import packaged_fingerprints
 from flgpr.proving_ground.ground import GROUNDS as PACKAGED
+from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import draw_world
 from flgpr.store import open_run
 

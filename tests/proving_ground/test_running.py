@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.commands.app import app
-from flgpr.execution.workers import RunOptions
+from flgpr.jobs.workers import RunOptions
 from flgpr.proving_ground import (
     load_ground,
     make_ground,

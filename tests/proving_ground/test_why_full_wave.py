@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.stages.early import EarlyEchoes
+from flgpr.stages.early import EarlyEchoes
 
 sys.path.append(str(Path(__file__).parents[2] / "evidence"))
 from full_wave_causes import detection, figure, lanes, recipes, signatures, tables

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.detection import Detection
-from flgpr.chain.recipe import load_recipe
+from flgpr.method.detection import Detection
 from flgpr.model import Grid, Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr.report import geometry_figure, report_html
 from flgpr.report.figures import run_view_figure
 from flgpr.results.result import Result

@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from flgpr.chain.detection import MAIN
 from flgpr.door import listed_files
+from flgpr.method.detection import MAIN
 from flgpr.results.detection_files import parse_detection, parse_view, read_detection_files
 from flgpr.results.errors import ResultError
 from flgpr.results.manifest import read_result_manifest

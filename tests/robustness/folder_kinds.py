@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from test_flips import learnt_stage, make_result, small_classifier
 
-from flgpr.chain.model import describe_model, load_model, save_model
 from flgpr.commands.registering import find_entrant
 from flgpr.formats import gprmax_decks
 from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
+from flgpr.method.model import describe_model, load_model, save_model
 from flgpr.model import Lane, make_run
 from flgpr.proving_ground.running import read_costs, read_ground
 from flgpr.results.manifest import read_result_manifest

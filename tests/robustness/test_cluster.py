@@ -100,7 +100,7 @@ def test_the_messages_do_not_grow_with_the_images(lane):
     """What goes through the scheduler per piece: the job, the stage and a number one way, a report the other."""
     from distributed.protocol import serialize_bytes
 
-    from flgpr.execution.pieces import do_block
+    from flgpr.jobs.pieces import do_block
     from robust import small_job
 
     job = small_job(lane, lane.home / "other")
@@ -108,7 +108,7 @@ def test_the_messages_do_not_grow_with_the_images(lane):
 
 
 def test_no_scheduler_is_said_plainly(lane, tmp_path, monkeypatch):
-    monkeypatch.setattr("flgpr.execution.workers._PATIENCE", "0.5s")
+    monkeypatch.setattr("flgpr.jobs.workers._PATIENCE", "0.5s")
     with pytest.raises(ValueError, match="scheduler must be the address"):
         flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9")
     with pytest.raises(ValueError, match="exclude"):

@@ -25,12 +25,12 @@ from damage import (
     sparse,
 )
 from flgpr import door
-from flgpr.chain.model import load_model
 from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, read_named
-from flgpr.execution.checkpoint import Checkpoint, begin
 from flgpr.formats import gprmax_decks
+from flgpr.jobs.checkpoint import Checkpoint, begin
 from flgpr.json_text import parse_json
+from flgpr.method.model import load_model
 from flgpr.results.result import add_files, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import (

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import flgpr
-from flgpr.chain.classifier import Classifier
-from flgpr.chain.model import MODEL_FILE, Model, load_model, save_model
-from flgpr.chain.stages.forms import learnt_of
 from flgpr.commands.replay import replay
 from flgpr.detect import HistogramNormalizer
 from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
+from flgpr.method.classifier import Classifier
+from flgpr.method.model import MODEL_FILE, Model, load_model, save_model
 from flgpr.results import result as result_module
 from flgpr.results.result import ResultError, add_files, read_result
+from flgpr.stages.forms import learnt_of
 from flgpr.store import Bundle, json_with_digest, open_run, save_run, write_bundle
 from flgpr.viewer.session import open_source
 from robust import digests

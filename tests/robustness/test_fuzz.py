@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 from test_flips import learnt_stage, small_classifier
 
 from damage import CASES, FUZZ, damaged, refusal
-from flgpr.chain.model import MODEL_FILE, load_model, save_model
-from flgpr.chain.recipe import load_recipe, recipe_text
 from flgpr.commands.scoring import read_lanes
 from flgpr.formats.fullwave import import_fullwave
 from flgpr.json_text import canonical_json
 from flgpr.live.state import read_snapshot, write_snapshot
+from flgpr.method.model import MODEL_FILE, load_model, save_model
 from flgpr.model import load_sensor, make_run
+from flgpr.recipe.schema import load_recipe, recipe_text
 from flgpr.results.result import read_result
 from flgpr.simulate import load_scene
 from flgpr.store import (

@@ -21,7 +21,7 @@ import io_gpr
 from archives import read_archive
 from every_command import make_cheap, make_inputs
 from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
-from flgpr.execution import checkpoint
+from flgpr.jobs import checkpoint
 from flgpr.results.result import ResultError, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run
@@ -72,7 +72,7 @@ class Killer:
         self.home = home
         self.work = work
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["flgpr.execution.preload", "every_command", *LATE])
+        self.context.set_forkserver_preload(["flgpr.jobs.preload", "every_command", *LATE])
         self.kills = 0
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")

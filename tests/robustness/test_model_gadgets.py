@@ -15,14 +15,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.chain.classifier import TrainingSet, train
-from flgpr.chain.estimator_classes import ALLOWED
-from flgpr.chain.estimators import train_estimator
-from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, save_model
-from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info
 from flgpr.detect.scorers.checks import Checked
+from flgpr.method.classifier import TrainingSet, train
+from flgpr.method.estimators import train_estimator
+from flgpr.method.model import MODEL_FILE, Model, describe_model, load_model, save_model
+from flgpr.recipe.estimator_classes import ALLOWED
+from flgpr.recipe.tables import DetectorTable
 from flgpr.store import (
     Bundle,
     json_with_digest,

@@ -14,17 +14,17 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr.chain.memory import lane_memory
-from flgpr.chain.recipe import load_recipe
-from flgpr.chain.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_alarms, score_result
-from flgpr.execution import checkpoint
-from flgpr.execution.checkpoint import finish
-from flgpr.execution.driver import detect_lane
-from flgpr.execution.workers import InProcess
+from flgpr.jobs import checkpoint
+from flgpr.jobs.checkpoint import finish
+from flgpr.jobs.driver import detect_lane
+from flgpr.jobs.workers import InProcess
+from flgpr.method.memory import lane_memory
+from flgpr.method.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.model import Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr.results.result import ResultError, join_sections, read_result
 from flgpr.results.sections import results_at
 from flgpr.viewer.session import open_source

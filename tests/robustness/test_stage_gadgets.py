@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.chain.model import Model, save_model
-from flgpr.chain.recipe import recipe_text
-from flgpr.chain.stages import PACKAGED, Named, Stage, Table, find_stage, make_stage
 from flgpr.commands.app import app
+from flgpr.method.model import Model, save_model
 from flgpr.model import Grid
+from flgpr.recipe.schema import recipe_text
+from flgpr.stages import PACKAGED, Named, Stage, Table, find_stage, make_stage
 from flgpr.store import sample_lane
 
 SETUP = SimpleNamespace(

@@ -30,8 +30,8 @@ BY_NAME = {
     "lazy.py": "names of a package's own stub",
     "io/__init__.py": "the rooms of files, which a constant names",
     "store/extras.py": "packages of the extras, by constants of its callers",
-    "chain/estimators.py": "the classes of a table, for training alone",
-    "chain/stages/__init__.py": "packaged stages by a table, and what installed distributions offer",
+    "method/estimators.py": "the classes of a table, for training alone",
+    "stages/__init__.py": "packaged stages by a table, and what installed distributions offer",
     "detect/scorers/__init__.py": "the scorers of a table",
 }
 """Modules that may find code by a name that is no constant, and where the name comes from."""
@@ -139,7 +139,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "proving_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
     "proving_ground/board.py packaged_board": ({"read_bytes"}, OWN),
     "proving_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
-    "chain/recipe.py recipe_text": ({"read_text"}, OWN),
+    "recipe/schema.py recipe_text": ({"read_text"}, OWN),
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
     "model/faults.py load_preset": ({"read_bytes"}, OWN),
@@ -193,7 +193,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "store/run_writer.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
     "trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
-    "execution/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
+    "jobs/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
 }
 READS = {
     "read_bytes",

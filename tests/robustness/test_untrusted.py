@@ -14,13 +14,13 @@ import zarr
 from zarr.codecs import BytesCodec, Crc32cCodec
 
 import flgpr
-from flgpr.chain.memory import parse_size
-from flgpr.chain.recipe import load_recipe
-from flgpr.chain.sections import plan_sections
 from flgpr.commands.imports import import_fullwave
 from flgpr.formats.arrays import open_arrays
 from flgpr.json_text import canonical_json
+from flgpr.method.memory import parse_size
+from flgpr.method.sections import plan_sections
 from flgpr.model import Lane
+from flgpr.recipe.schema import load_recipe
 from flgpr.results.result import ResultError, read_result
 from flgpr.store import (
     RunStoreError,

@@ -14,14 +14,14 @@ import pandas as pd
 import pytest
 
 import flgpr
-from flgpr.chain import engine
-from flgpr.chain.engine import Engine
-from flgpr.execution import checkpoint
-from flgpr.execution.checkpoint import WorkError, begin
-from flgpr.execution.driver import detect_lane, passes_of_lane
-from flgpr.execution.pieces import do_block
-from flgpr.execution.workers import InProcess, LostWorkersError, Processes
+from flgpr import engine
+from flgpr.engine import Engine
 from flgpr.imaging import ScanImager
+from flgpr.jobs import checkpoint
+from flgpr.jobs.checkpoint import WorkError, begin
+from flgpr.jobs.driver import detect_lane, passes_of_lane
+from flgpr.jobs.pieces import do_block
+from flgpr.jobs.workers import InProcess, LostWorkersError, Processes
 from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
 
@@ -80,7 +80,7 @@ def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_pa
         assert threading.current_thread() is threading.main_thread()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("flgpr.execution.survey.detect_lane", interrupted)
+    monkeypatch.setattr("flgpr.jobs.survey.detect_lane", interrupted)
     second = tmp_path / "second.zarr"
     shutil.copytree(lane.run, second)
     with pytest.raises(KeyboardInterrupt):
@@ -117,8 +117,8 @@ def test_the_demo_has_the_same_bytes_whoever_works_and_after_a_stop(recipe, tmp_
 
 
 def test_detection_in_memory_finds_the_same(lane):
-    from flgpr.chain.method import detect
-    from flgpr.chain.recipe import load_recipe
+    from flgpr.method.method import detect
+    from flgpr.recipe.schema import load_recipe
     from flgpr.store import open_run
 
     found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)
@@ -297,7 +297,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
             raise KeyboardInterrupt
         return passes_of_lane(job, *rest, **names)
 
-    monkeypatch.setattr("flgpr.execution.training.passes_of_lane", stopped)
+    monkeypatch.setattr("flgpr.jobs.training.passes_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
         flgpr.train(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1-1.work"]

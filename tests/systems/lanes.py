@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from flgpr.chain.recipe import recipe_text
 from flgpr.commands.simulate import simulate_lane
+from flgpr.recipe.schema import recipe_text
 from flgpr.store import open_run, save_run
 from small_lane import cut_down
 

@@ -5,7 +5,7 @@ import pytest
 
 import flgpr
 from few_mines import MINES, counts_of, follow, resized
-from flgpr.chain.recipe import parse_recipe, recipe_names
+from flgpr.recipe.schema import parse_recipe, recipe_names
 
 pytestmark = pytest.mark.slow("trains every packaged recipe")
 

@@ -11,11 +11,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 import flgpr
-from flgpr.chain.recipe import parse_recipe
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
+from flgpr.recipe.schema import parse_recipe
 from flgpr.store import read_table
 from systems.lanes import small_recipe
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 import flgpr
-from flgpr.chain.model import load_model
+from flgpr.method.model import load_model
 from small_lane import cut_down
 from systems.lanes import small_recipe
 

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.commands.app import app
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
@@ -18,6 +17,7 @@ from flgpr.commands.scoring import score_result
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
+from flgpr.recipe.schema import load_recipe, recipe_names
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 from flgpr.store import Scan, describe_for_live, open_run, read_lane

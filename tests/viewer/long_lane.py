@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.detection import Detection
-from flgpr.chain.recipe import recipe_text
+from flgpr.method.detection import Detection
 from flgpr.model import Lane
+from flgpr.recipe.schema import recipe_text
 from flgpr.results.result import add_files, read_result, write_result
 from flgpr.results.score import VIEW_SCORE, score_detections, view_score
 

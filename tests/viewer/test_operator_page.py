@@ -11,11 +11,11 @@ import xarray as xr
 from PIL import Image
 from watching import viridis
 
-from flgpr.chain.classifier import Classifier
-from flgpr.chain.detection import Detection
-from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
+from flgpr.method.classifier import Classifier
+from flgpr.method.detection import Detection
 from flgpr.model import Lane
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.results.result import write_result
 from flgpr.results.view_files import shown_stage
 from small_results import small_result

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.chain.detection import Detection
-from flgpr.chain.evidence import MOST_SCANS, EvidenceSums
-from flgpr.chain.look_samples import decibels, focused_trace, range_kernel
 from flgpr.features import PatchShape
+from flgpr.method.detection import Detection
+from flgpr.method.evidence import MOST_SCANS, EvidenceSums
+from flgpr.method.look_samples import decibels, focused_trace, range_kernel
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.results.result import read_result
 from flgpr.results.view_files import TILE_ROWS, plain_json, pyramid

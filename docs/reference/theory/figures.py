@@ -20,7 +20,6 @@ from quantities import (
     scan_images,
 )
 
-from flgpr.chain.recipe import load_recipe
 from flgpr.clutter import gain_background, remove_background, scan_gain, self_signature
 from flgpr.detect import RelevanceVectorClassifier
 from flgpr.features import entropy_alpha
@@ -32,6 +31,7 @@ from flgpr.model.refraction import (
     two_way_attenuation,
     two_way_transmission,
 )
+from flgpr.recipe.schema import load_recipe
 from flgpr.scoring import clopper_pearson, roc
 from flgpr.simulate import Scene
 from flgpr.simulate.ground.roughness import surface_backscatter

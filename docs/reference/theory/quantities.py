@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.recipe import load_recipe
 from flgpr.detect import DeflectionDetector, NeymanPearsonDetector
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
 from flgpr.model.refraction import reflection
+from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.rims import cylinder, rim_amplitude, visible_rims
 from flgpr.simulate.bodies.signature import packaged_table

@@ -1,1 +1,1 @@
-"""The engine: recipes, passes, and the chain that every recipe is made of."""
+"""The former place of stages, whose names other distributions import from here."""

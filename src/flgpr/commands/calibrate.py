@@ -331,8 +331,8 @@ def calibrate_permittivity(
         If no permittivity stands out, or the best lies at the edge of the limits.
     """
     from flgpr.calibrate.permittivity import estimate_permittivity
-    from flgpr.chain.progress import silent
     from flgpr.imaging.section import LineSection
+    from flgpr.progress import silent
     from flgpr.store import open_run
 
     low, high = limits

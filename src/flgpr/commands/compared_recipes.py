@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, TypeVar
 if TYPE_CHECKING:
     import xarray as xr
 
-    from flgpr.chain.detection import Detection
-    from flgpr.chain.progress import Track
+    from flgpr.method.detection import Detection
     from flgpr.model import Lane
+    from flgpr.progress import Track
 
 T = TypeVar("T")
 DEMO_COMPARISONS = ("mean-self-signature", "median-self-signature", "roadside-suppressed")
@@ -39,8 +39,8 @@ def detect_compared(run: xr.Dataset, name: str, text: str, lane: Lane, track: Tr
     Detection
         The detection, under its name.
     """
-    from flgpr.chain.method import detect
-    from flgpr.chain.recipe import parse_recipe
+    from flgpr.method.method import detect
+    from flgpr.recipe.schema import parse_recipe
 
     def track_with_name(items: Iterable[T], label: str, total: int) -> Iterable[T]:
         return track(items, f"{name}: {label}", total)

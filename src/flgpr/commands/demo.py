@@ -18,7 +18,7 @@ from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.chain.detection import Detection
+    from flgpr.method.detection import Detection
     from flgpr.results.result import Result
     from flgpr.scoring import Score
     from flgpr.scoring.score_entries import ScoreSummary
@@ -154,11 +154,11 @@ def demo(
         If something that is no result lies at the output, or another result that is not to be
         overwritten.
     """
-    from flgpr.chain.method import detect
-    from flgpr.chain.progress import silent
-    from flgpr.chain.recipe import parse_recipe, recipe_text
-    from flgpr.chain.recipe_fit import area_of
     from flgpr.commands.scoring import score_result
+    from flgpr.method.method import detect
+    from flgpr.progress import silent
+    from flgpr.recipe.fit import area_of
+    from flgpr.recipe.schema import parse_recipe, recipe_text
     from flgpr.results.description import describe_run
     from flgpr.results.result import check_free, write_result
     from flgpr.store import open_run, sample_lane

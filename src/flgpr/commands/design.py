@@ -158,10 +158,10 @@ def design(
         # The page has one depth; a table may have several.
         page_depth = depth[0] if depth else _DEPTH
         return _pages(sensors, output, (band, window, site, page_depth, rms), track)
-    from flgpr.chain.progress import silent
     from flgpr.commands.designing import signal_to_clutter_tables
     from flgpr.design.grounds import ground_model
     from flgpr.design.signal_to_clutter import Viewing
+    from flgpr.progress import silent
 
     ground = ground_model(
         site,
@@ -186,8 +186,8 @@ def _pages(
     sensors: Sequence[PathLike], output: PathLike, question: tuple[Any, ...], track: Any
 ) -> list[Any]:
     """Compare arrays and write the page."""
-    from flgpr.chain.progress import silent
     from flgpr.design.array import Question
+    from flgpr.progress import silent
     from flgpr.report import design_report
 
     return design_report(sensors, output, Question(*question), track or silent)

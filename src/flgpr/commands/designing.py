@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from flgpr.chain.progress import Track, silent
 from flgpr.design.grounds import GroundModel
 from flgpr.design.signal_to_clutter import (
     DEPTHS,
@@ -16,6 +15,7 @@ from flgpr.design.signal_to_clutter import (
     measure_signal_to_clutter,
 )
 from flgpr.model import load_sensor
+from flgpr.progress import Track, silent
 from flgpr.simulate.bodies.signature import packaged_bodies
 
 

@@ -1,7 +1,7 @@
 """``flgpr detect``: raise alarms on runs.
 
-Runs and options become jobs. What is computed stands in ``chain/method.py``; how it is divided
-among threads, processes and sections, in ``execution/driver.py``.
+Runs and options become jobs. What is computed stands in ``method/method.py``; how it is divided
+among threads, processes and sections, in ``jobs/driver.py``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.execution.workers import RunOptions
+    from flgpr.jobs.workers import RunOptions
     from flgpr.model import Lane
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
@@ -175,8 +175,8 @@ def detect(
     FileExistsError
         If another result is there, and it is not to be overwritten, or something that is no result.
     """
-    from flgpr.chain.recipe_for_run import recipe_or_fitted
-    from flgpr.execution.survey import detect_survey, lane_names
+    from flgpr.jobs.survey import detect_survey, lane_names
+    from flgpr.recipe.make import recipe_or_fitted
     from flgpr.results.survey import Survey
 
     run_list = one_or_more(runs)
@@ -229,10 +229,10 @@ def _detect_lane(
     overwrite: bool,
 ) -> None:
     """Detect on one stored run, in one piece or in sections."""
-    from flgpr.chain.recipe import parse_recipe
-    from flgpr.chain.recipe_for_run import recipe_or_fitted
-    from flgpr.execution.driver import detect_lane
-    from flgpr.execution.job import job_of_run
+    from flgpr.jobs.driver import detect_lane
+    from flgpr.jobs.job import job_of_run
+    from flgpr.recipe.make import recipe_or_fitted
+    from flgpr.recipe.schema import parse_recipe
 
     text = recipe_or_fitted(recipe, locations.run, model, options.max_memory)
     job = job_of_run(

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.detection import Detection
 from flgpr.commands.importing import check_parent_folder
 from flgpr.commands.positions import needed_anchor
 from flgpr.door import read_named
@@ -23,6 +22,7 @@ from flgpr.geo import qgis
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.imsma import imsma_table
+from flgpr.method.detection import Detection
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import open_run, sha256

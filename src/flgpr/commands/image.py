@@ -248,10 +248,10 @@ def image(
     if scan is not None and scans is not None:
         raise ValueError("give scan or scans, got both")
 
-    from flgpr.chain.progress import silent
     from flgpr.commands.picture import make_picture
     from flgpr.commands.slices import make_slices
     from flgpr.imaging import View
+    from flgpr.progress import silent
 
     view = View(
         x=_extent("x", x, at_x),

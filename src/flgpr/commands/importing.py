@@ -11,7 +11,6 @@ import pandas as pd
 import xarray as xr
 
 from flgpr import __version__
-from flgpr.chain.progress import Track, silent
 from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run, track_of
 from flgpr.door import Folder
 from flgpr.formats import (
@@ -30,6 +29,7 @@ from flgpr.geo import anchor_from_fixes
 from flgpr.geo.anchor import Anchor
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
+from flgpr.progress import Track, silent
 from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError, is_stored

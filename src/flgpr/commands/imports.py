@@ -127,9 +127,9 @@ def import_gprmax(
     FileExistsError
         If another run is at the output.
     """
-    from flgpr.chain.progress import silent
     from flgpr.commands.importing import import_gprmax_decks
     from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
+    from flgpr.progress import silent
     from flgpr.store import save_run
     from flgpr.store.notes import log_note
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from flgpr.chain.progress import Track
     from flgpr.model import Lane
+    from flgpr.progress import Track
     from flgpr.results.result import Result
 
 PathLike = str | Path
@@ -116,7 +116,7 @@ def size_in_bytes(size: str | int) -> int:
     """Return a size in bytes of a text such as "2GB", or of a number of bytes."""
     if isinstance(size, int):
         return size
-    from flgpr.chain.memory import parse_size
+    from flgpr.method.memory import parse_size
 
     return parse_size(size)
 

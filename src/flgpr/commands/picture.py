@@ -13,11 +13,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.calibrate.peaks import image_peaks
-from flgpr.chain.progress import Track, silent
 from flgpr.geo.anchor import read_anchor
 from flgpr.geo.export import write_geotiff
 from flgpr.imaging.focus import CHOSEN_PIXELS, focus
 from flgpr.imaging.view_axes import View, chosen_scans
+from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.extras import optional
 from flgpr.store.outputs import atomic_output

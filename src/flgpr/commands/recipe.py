@@ -12,7 +12,7 @@ from flgpr.commands.options import PathLike, RunArgument, ShellType, output_opti
 from flgpr.commands.shell import Arguments, RawText, command
 
 if TYPE_CHECKING:
-    from flgpr.chain.recipe import Recipe
+    from flgpr.recipe.schema import Recipe
 
 RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file."), ShellType(str)]
 
@@ -34,7 +34,7 @@ def list_recipes() -> dict[str, str]:
     """
     import tomllib
 
-    from flgpr.chain.recipe import recipe_names, recipe_text
+    from flgpr.recipe.schema import recipe_names, recipe_text
 
     descriptions = {}
     for name in recipe_names():
@@ -56,7 +56,7 @@ def show_recipe(name: RecipeArgument) -> str:
     str
         Its TOML.
     """
-    from flgpr.chain.recipe import recipe_text
+    from flgpr.recipe.schema import recipe_text
 
     return recipe_text(name)
 
@@ -87,7 +87,7 @@ def recipe_for(
     Returns
     -------
     str
-        TOML of the recipe, see :func:`flgpr.chain.recipe_for_run.fit_recipe`.
+        TOML of the recipe, see :func:`flgpr.recipe.make.fit_recipe`.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def recipe_for(
     FileExistsError
         If another file is at the output.
     """
-    from flgpr.chain.recipe_for_run import recipe_for as write_recipe
+    from flgpr.recipe.make import recipe_for as write_recipe
 
     return write_recipe(run, output, like=like)
 
@@ -120,6 +120,6 @@ def check_recipe(name: RecipeArgument) -> Recipe:
     ValueError
         If the recipe breaks a rule; the message names the line and the rule.
     """
-    from flgpr.chain.recipe import load_recipe
+    from flgpr.recipe.schema import load_recipe
 
     return load_recipe(name)

@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.detection import Detection
-from flgpr.chain.look_samples import decibels
 from flgpr.commands.exporting import alarm_channel, named_detection
 from flgpr.commands.importing import check_parent_folder
 from flgpr.door import Folder
@@ -27,6 +25,8 @@ from flgpr.geo import own_anchor, read_anchor
 from flgpr.geo.export import STATEMENT
 from flgpr.json_text import parse_json
 from flgpr.live.events import EVENT_FILE, add_places_on_earth
+from flgpr.method.detection import Detection
+from flgpr.method.look_samples import decibels
 from flgpr.results.result import Result, read_result
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output

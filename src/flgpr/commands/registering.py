@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from flgpr.chain.model import MODEL_FILE, read_model
-from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
 from flgpr.json_text import parse_json
+from flgpr.method.model import MODEL_FILE, read_model
+from flgpr.recipe.schema import recipe_names, recipe_text
 from flgpr.results.manifest import read_result_manifest
 from flgpr.results.result import MODEL
 from flgpr.results.sections import SECTIONS, read_sections, results_at

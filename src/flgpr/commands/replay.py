@@ -15,7 +15,7 @@ from flgpr.commands.shell import Arguments, command
 if TYPE_CHECKING:
     import xarray as xr
 
-    from flgpr.chain.progress import Track
+    from flgpr.progress import Track
     from flgpr.results.result import Result
 
 
@@ -65,7 +65,7 @@ def replay(
     """
     from tempfile import TemporaryDirectory
 
-    from flgpr.chain.progress import silent
+    from flgpr.progress import silent
     from flgpr.results.description import describe_run, described_store
     from flgpr.results.result import read_result
     from flgpr.store import open_run
@@ -94,8 +94,8 @@ def _detect_again(
     old: Result, run: xr.Dataset, description: dict[str, Any], folder: Path, track: Track
 ) -> None:
     """Detect by the recipes of a result and write the new result."""
-    from flgpr.chain.method import detect
-    from flgpr.chain.sections import noted_section
+    from flgpr.method.method import detect
+    from flgpr.method.sections import noted_section
     from flgpr.results.result import write_result
 
     model = old.model()

@@ -70,7 +70,7 @@ def reproduce(
     ValueError
         If the paper is not known, or an option does not go with it.
     """
-    from flgpr.chain.progress import silent
+    from flgpr.progress import silent
 
     if paper not in (*PAPERS, "all", "worlds", "reasons"):
         raise ValueError(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from flgpr.commands.options import PathLike, size_in_bytes
 
 if TYPE_CHECKING:
-    from flgpr.chain.progress import Track
-    from flgpr.execution.workers import RunOptions
+    from flgpr.jobs.workers import RunOptions
+    from flgpr.progress import Track
 
 
 def run_options(
@@ -41,7 +41,7 @@ def run_options(
     RunOptions
         The options.
     """
-    from flgpr.execution.workers import RunOptions
+    from flgpr.jobs.workers import RunOptions
 
     reporting: dict[str, Any] = {}
     if track is not None:

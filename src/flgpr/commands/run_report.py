@@ -11,8 +11,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.calibrate import channel_health, health_summary
-from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
-from flgpr.chain.recipe_fit import fit_faults
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.imaging.ground import covered_ground, grid_ahead
@@ -25,6 +23,8 @@ from flgpr.model import (
     unambiguous_path,
 )
 from flgpr.model.motion import judge_run, plausible_run
+from flgpr.recipe.fit import fit_faults
+from flgpr.recipe.schema import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.results.description import describe_run, plausible_poses
 from flgpr.store import open_run
 from flgpr.store.outputs import atomic_output
@@ -183,11 +183,11 @@ def _write_plot(
 def model_info(folder: PathLike) -> dict[str, Any]:
     """Return what a model, or the model of a result, holds, without loading it.
 
-    It is the dict of :func:`flgpr.chain.model.describe_model`; for a result, ``result`` is its
+    It is the dict of :func:`flgpr.method.model.describe_model`; for a result, ``result`` is its
     folder. A result that was made without a model is a ValueError.
     """
     # Loads the detectors, which reports of runs do without.
-    from flgpr.chain.model import MODEL_FILE, describe_model
+    from flgpr.method.model import MODEL_FILE, describe_model
     from flgpr.results.result import MODEL
 
     path = Path(folder)

@@ -412,8 +412,8 @@ def _score_single(
     track: Any,
 ) -> Scored:
     """Score a result by its recipe's rules, or an alarm list by the rules of the options."""
-    from flgpr.chain.progress import silent
     from flgpr.commands.scoring import Scored, score_alarms, score_folder, score_result
+    from flgpr.progress import silent
 
     # The list inside a result is scored with the result, by its recipe's rules.
     is_list = alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file()

@@ -14,7 +14,6 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.chain.progress import Track, silent
 from flgpr.commands.doubts import tell_doubts
 from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_registered_truth
@@ -23,6 +22,7 @@ from flgpr.commands.trial_card import TrialCard, ranking_notes
 from flgpr.door import Folder, read_named
 from flgpr.model import Lane
 from flgpr.model.faults import faults_of
+from flgpr.progress import Track, silent
 from flgpr.report import comparison_html, score_files
 from flgpr.results.notebook_html import curve_html, outcomes_html
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result

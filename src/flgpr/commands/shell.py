@@ -33,7 +33,7 @@ from flgpr.commands.signatures import (
 )
 
 if TYPE_CHECKING:
-    from flgpr.chain.progress import Track
+    from flgpr.progress import Track
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -247,7 +247,7 @@ def _shows_progress(described: Command) -> bool:
 def progress_bars(silent: bool) -> Iterator[Track]:
     """Show bars on the error stream, or nothing."""
     if silent:
-        from flgpr.chain.progress import silent as no_bars
+        from flgpr.progress import silent as no_bars
 
         yield no_bars
         return

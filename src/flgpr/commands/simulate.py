@@ -14,8 +14,8 @@ from flgpr.commands.options import PathLike, Progress, output_option
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.chain.progress import Track
     from flgpr.model import Sensor
+    from flgpr.progress import Track
 
 ENGINES = ("flgpr", "gprmax")
 
@@ -103,7 +103,7 @@ def simulate_lane(
     FileExistsError
         If another lane is at the output.
     """
-    from flgpr.chain.progress import silent
+    from flgpr.progress import silent
 
     if str(scene) == "signature":
         return _signature(body, output, workers, track or silent)
@@ -114,7 +114,7 @@ def simulate_lane(
     if output is None and preview is None:
         raise ValueError("simulate needs --output or --preview, got neither")
     from flgpr.commands.simulation import write_gprmax_decks, write_preview
-    from flgpr.execution.simulated_lane import simulate_to_store
+    from flgpr.jobs.simulated_lane import simulate_to_store
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
 
@@ -155,8 +155,8 @@ def _array(sensor: str) -> Sensor:
 
     if not Path(sensor).is_dir():
         return load_sensor(sensor)
-    from flgpr.chain.recipe_for_run import sensor_for
     from flgpr.model.faults import faults_of
+    from flgpr.recipe.make import sensor_for
     from flgpr.store import open_run
 
     run = open_run(sensor)

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from flgpr.chain.progress import Track, silent
 from flgpr.model import Sensor
+from flgpr.progress import Track, silent
 from flgpr.report.scene_preview import scene_figure
 from flgpr.simulate import Decks, Scene, World, draw_world, make_decks
 from flgpr.simulate.bodies.signature import (

@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.progress import Track, silent
 from flgpr.imaging.focus import focus
 from flgpr.imaging.view_axes import View
+from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.outputs import atomic_output
 

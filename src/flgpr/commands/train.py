@@ -26,7 +26,7 @@ from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.chain.model import Model
+    from flgpr.method.model import Model
 
 
 def _lines(_: Model, call: Arguments) -> Iterator[Path]:
@@ -89,8 +89,8 @@ def train(
     FileExistsError
         If another model is there and is not to be overwritten.
     """
-    from flgpr.chain.recipe import parse_recipe, recipe_text
-    from flgpr.execution.training import learns_detector, train_on_lanes, training_lanes
+    from flgpr.jobs.training import learns_detector, train_on_lanes, training_lanes
+    from flgpr.recipe.schema import parse_recipe, recipe_text
 
     if len(runs) != len(truths) or not runs:
         raise ValueError(

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.progress import Track, silent
 from flgpr.design.grounds import GroundModel, ground_model
 from flgpr.design.point_spread import PointSpread, ground_plane
 from flgpr.design.signal_to_clutter import Viewing, expected_signal_to_clutter
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
+from flgpr.progress import Track, silent
 from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]

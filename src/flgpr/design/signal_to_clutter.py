@@ -17,8 +17,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from flgpr.chain.progress import Track as Progress
-from flgpr.chain.progress import silent
 from flgpr.design.grounds import GroundModel
 from flgpr.design.point_spread import PointSpread
 from flgpr.imaging import ImagingOperator
@@ -26,6 +24,8 @@ from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, Sensor
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import apparent_shift
+from flgpr.progress import Track as Progress
+from flgpr.progress import silent
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.echoes import LayeredGround, incidence
 from flgpr.simulate.bodies.signature import FREQUENCY, find_table

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flgpr.chain.images import imager_of
-from flgpr.chain.model import Model
-from flgpr.chain.recipe import RANKS, Recipe, course_lane
-from flgpr.chain.stages import FeatureStage, Setup, Stage, make_stages
-from flgpr.chain.steps import Steps, check_confidence
 from flgpr.features import FEATURES, POLARIMETRIC
+from flgpr.method.images import imager_of
+from flgpr.method.model import Model
+from flgpr.method.steps import Steps, check_confidence
 from flgpr.model import Lane
+from flgpr.recipe.schema import RANKS, Recipe, course_lane
+from flgpr.stages import FeatureStage, Setup, Stage, make_stages
 from flgpr.store import RunDescription, Scan, as_run
 
 WITHOUT_END = 1e9  # m, length of a lane whose end nobody has given

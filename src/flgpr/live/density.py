@@ -11,8 +11,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe_tables import PrescreenTable
 from flgpr.model import Lane
+from flgpr.recipe.tables import PrescreenTable
 from flgpr.screen import counts, density_threshold
 
 

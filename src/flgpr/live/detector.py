@@ -20,28 +20,28 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_sums import AlarmSums
-from flgpr.chain.engine import Arrays
-from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.recipe import Recipe, course_lane
-from flgpr.chain.recipe_fit import alias_faults, check_channels
-from flgpr.chain.stages import MapStage, Stage
-from flgpr.chain.steps import CleanedScan
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
+from flgpr.engine import Arrays
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
 from flgpr.live.density import SeenDensity
 from flgpr.live.event_types import ViewGrid
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
+from flgpr.method.alarm_sums import AlarmSums
+from flgpr.method.model import Detector, Model, as_model, unlearnt
+from flgpr.method.steps import CleanedScan
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
+from flgpr.recipe.fit import alias_faults, check_channels
+from flgpr.recipe.schema import Recipe, course_lane
 from flgpr.screen import (
     look_weight,
     seen_along,
     view_array,
 )
+from flgpr.stages import MapStage, Stage
 from flgpr.store import RunDescription, Scan
 
 FloatArray = NDArray[np.float64]

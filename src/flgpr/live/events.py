@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.append_log import write_all
-from flgpr.chain.look_samples import decibels
 from flgpr.door import open_own
 from flgpr.live.event_rate import BURST, EventRate
 from flgpr.live.event_types import (
@@ -34,6 +33,7 @@ from flgpr.live.event_types import (
 )
 from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
 from flgpr.live.vehicle import Vehicle
+from flgpr.method.look_samples import decibels
 from flgpr.model.plausible import MotionStep
 
 if TYPE_CHECKING:

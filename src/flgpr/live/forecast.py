@@ -24,14 +24,14 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.engine import Arrays
-from flgpr.chain.estimators import TrainedEstimator
-from flgpr.chain.model import Model
-from flgpr.chain.recipe import Recipe
+from flgpr.engine import Arrays
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import ForecastEntries
 from flgpr.live.updates import LiveAlarm
+from flgpr.method.estimators import TrainedEstimator
+from flgpr.method.model import Model
 from flgpr.model import complete_scans
+from flgpr.recipe.schema import Recipe
 from flgpr.store import Scan
 
 NAME = "live.forecast"

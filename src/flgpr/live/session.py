@@ -24,10 +24,6 @@ from typing import Any, cast
 import numpy as np
 
 import flgpr
-from flgpr.chain.memory import check_scan_memory
-from flgpr.chain.model import Model, parse_model, read_model, unlearnt
-from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
-from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.door import Folder
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live.alarm_reports import AlarmReporter
@@ -68,7 +64,11 @@ from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
+from flgpr.method.memory import check_scan_memory
+from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.model import Lane
+from flgpr.recipe.make import fit_recipe
+from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 from flgpr.store import (
     RunDescription,
     Scan,

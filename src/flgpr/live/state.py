@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.steps import CleanedScan
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
+from flgpr.method.steps import CleanedScan
 from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 
 SNAPSHOT_FILE = "snapshot.bundle"

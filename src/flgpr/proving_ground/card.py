@@ -8,11 +8,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationError, field_validator
 
-from flgpr.chain.stages import Table
 from flgpr.door import Folder
 from flgpr.model.bounds import Largest, NotNegative
 from flgpr.model.faults import describe_fault
 from flgpr.model.printable import printable
+from flgpr.stages import Table
 from flgpr.store import sha256
 from flgpr.toml_text import parse_toml
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.chain.radar_setup import RadarSetup, radar_setup
-from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.chain.recipe_choice import figures_of
-from flgpr.chain.recipe_like import like_text, load_model_recipe
 from flgpr.model import vehicle_to_scan
 from flgpr.proving_ground.ground import Ground
+from flgpr.recipe.choice import figures_of
+from flgpr.recipe.like import like_text, load_model_recipe
+from flgpr.recipe.radar_setup import RadarSetup, radar_setup
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.simulate.scene.world import draw_track
 from flgpr.store import open_run
 

@@ -15,12 +15,12 @@ from typing import Annotated, Any, Literal
 import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
-from flgpr.chain.stages import Positive, Table
 from flgpr.door import read_named
-from flgpr.execution.simulated_lane import simulate_to_store
+from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault, faults_of
 from flgpr.simulate import Scene, draw_world
+from flgpr.stages import Positive, Table
 from flgpr.store import (
     SAMPLE_LANES,
     lane_text,

@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import engine_of
-from flgpr.chain.recipe import load_recipe
-from flgpr.execution.workers import DEFAULTS, Report, RunOptions
+from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.method import engine_of
 from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import SEALED, passphrase, read_ground
+from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
 from flgpr.trials import open_truth

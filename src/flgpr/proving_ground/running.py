@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.door import Folder
-from flgpr.execution.job import code_versions
-from flgpr.execution.survey import detect_survey
-from flgpr.execution.training import train_on_lanes, training_lanes
-from flgpr.execution.workers import DEFAULTS, Report, RunOptions
+from flgpr.jobs.job import code_versions
+from flgpr.jobs.survey import detect_survey
+from flgpr.jobs.training import train_on_lanes, training_lanes
+from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
 from flgpr.proving_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished

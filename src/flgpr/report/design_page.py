@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from flgpr.chain.progress import Track, silent
 from flgpr.design.array import KINDS, Design, Question, expected_in_words, study
 from flgpr.model import load_sensor
+from flgpr.progress import Track, silent
 from flgpr.report.kit import render
 from flgpr.store.outputs import write_new
 

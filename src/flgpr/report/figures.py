@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
-from flgpr.chain.detection import Detection
+from flgpr.method.detection import Detection
 from flgpr.model import Lane
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned

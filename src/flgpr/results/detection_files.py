@@ -14,8 +14,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.archive import Archive
-from flgpr.chain.detection import MAIN, Detection
 from flgpr.door import Folder
+from flgpr.method.detection import MAIN, Detection
 from flgpr.results.errors import ResultError
 from flgpr.store import sha256
 from flgpr.store.files import write_whole

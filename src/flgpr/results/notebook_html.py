@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flgpr.chain.detection import Detection
+    from flgpr.method.detection import Detection
     from flgpr.model import Lane
 
 _RANGE = 40.0  # dB

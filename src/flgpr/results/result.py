@@ -17,11 +17,11 @@ import pandas as pd
 import xarray as xr
 
 import flgpr
-from flgpr.chain.detection import MAIN, Detection
-from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
-from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder, listed_files
+from flgpr.method.detection import MAIN, Detection
+from flgpr.method.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.model import Lane
+from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.detection_files import parse_detection, read_detection_files, write_detection
 from flgpr.results.errors import ResultError
 from flgpr.results.manifest import (
@@ -108,7 +108,7 @@ def write_result(
     model : Model or Detector, optional
         What the recipe's stages had learnt.
     section : dict, optional
-        Which section of a longer lane it is, see :func:`flgpr.chain.sections.section_note`.
+        Which section of a longer lane it is, see :func:`flgpr.method.sections.section_note`.
 
     Raises
     ------

@@ -18,11 +18,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.detection import MAIN, Detection
-from flgpr.chain.evidence import Evidence
-from flgpr.chain.look_samples import decibels
-from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.method.detection import MAIN, Detection
+from flgpr.method.evidence import Evidence
+from flgpr.method.look_samples import decibels
 from flgpr.model import Lane
+from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
 

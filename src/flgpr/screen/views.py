@@ -195,8 +195,8 @@ class RunViewSums(LaneSums):
     (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a
     pixel the last array that has a value is shown (``_view``). The roadside's mask and the view
     before the background is removed take this class, too. So another rank is a class of its own,
-    with a name in the stub ``screen/__init__.pyi``. ``Steps.view_sums`` (``chain/steps.py``)
-    chooses it by a further name of ``RunViewTable.look`` (``chain/recipe_tables.py``), which has
+    with a name in the stub ``screen/__init__.pyi``. ``Steps.view_sums`` (``method/steps.py``)
+    chooses it by a further name of ``RunViewTable.look`` (``recipe/tables.py``), which has
     its row in ``docs/guide/systems.md`` and in the schema that ``evidence/make_schemas.py`` writes.
     Nothing else changes: passes, live detection and the cache follow.
     """

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.stages.forms import samples_at
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
     ChipDetector,
@@ -23,6 +22,7 @@ from flgpr.detect import (
 from flgpr.features import range_cuts, stack_channels
 from flgpr.kernels.moments import LEAST_OGK, sample_moments
 from flgpr.scoring import offset_boxes
+from flgpr.stages.forms import samples_at
 from flgpr_papers.cosgrove2004.images import Look
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.stages.forms import samples_at
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import DeflectionDetector
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.progress import Track, silent
 from flgpr.scoring import pd_at, peak_roc
+from flgpr.stages.forms import samples_at
 from flgpr_papers.cosgrove2004.detect import (
     Training,
     chip_detector,

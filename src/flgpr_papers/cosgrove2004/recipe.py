@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.stages.forms import CutSettings
 from flgpr.model import Grid
+from flgpr.stages.forms import CutSettings
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 

@@ -15,11 +15,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import find_peaks
 
-from flgpr.chain.stages.forms import samples_at
 from flgpr.clutter import ClutterWhitener
 from flgpr.design.point_spread import half_power
 from flgpr.features import range_cuts
 from flgpr.scoring import offset_boxes
+from flgpr.stages.forms import samples_at
 from flgpr_papers.cosgrove2004.detect import box_values
 from flgpr_papers.cosgrove2004.images import WIDE_MINES, Look
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe

@@ -16,10 +16,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from flgpr.chain.model import Model, save_model
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.stages.forms import learnt_of
 from flgpr.detect import ChipDetector
+from flgpr.method.model import Model, save_model
+from flgpr.progress import Track, silent
+from flgpr.stages.forms import learnt_of
 from flgpr.store import write_whole
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (

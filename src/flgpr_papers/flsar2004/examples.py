@@ -11,13 +11,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.stages import TrainingView
-from flgpr.chain.stages.clusters import (
-    ClusterScreen,
-    ClusterSettings,
-    TemplateSettings,
-    templates_of,
-)
 from flgpr.features import (
     SurveyOffset,
     align_phases,
@@ -31,6 +24,13 @@ from flgpr.features import (
 from flgpr.model import Grid, Lane
 from flgpr.screen import energy_ratio, find_clusters
 from flgpr.screen.clusters import Rule
+from flgpr.stages import TrainingView
+from flgpr.stages.clusters import (
+    ClusterScreen,
+    ClusterSettings,
+    TemplateSettings,
+    templates_of,
+)
 from flgpr_papers.flsar2004.lanes import Pass, Settings
 
 FloatArray = NDArray[np.float64]

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.progress import Track, silent
 from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
 from flgpr.imaging import ImagingOperator
@@ -25,6 +24,7 @@ from flgpr.model import (
     load_sensor,
     vehicle_to_scan,
 )
+from flgpr.progress import Track, silent
 from flgpr.simulate import Scene
 from flgpr.simulate.scene.scene import SceneObject, Surface, TargetDraw
 from flgpr.simulate.scene.scene import Track as Drive

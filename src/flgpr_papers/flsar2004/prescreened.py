@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.chain.stages.clusters import ClusterScreen
+from flgpr.stages.clusters import ClusterScreen
 from flgpr_papers.flsar2004.examples import (
     POLARIZATIONS,
     Site,

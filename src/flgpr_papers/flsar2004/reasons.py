@@ -18,8 +18,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
-from flgpr.chain.progress import Track, silent
 from flgpr.features import mean_template, principal_templates
+from flgpr.progress import Track, silent
 from flgpr.screen import find_clusters
 from flgpr_papers.flsar2004.examples import (
     MAIN,

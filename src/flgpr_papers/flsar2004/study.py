@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 
 import flgpr
-from flgpr.chain.progress import Track, silent
+from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join

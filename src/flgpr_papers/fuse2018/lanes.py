@@ -17,14 +17,14 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.engine import Arrays, Engine
-from flgpr.chain.images import RunImages
-from flgpr.chain.model import Model
-from flgpr.chain.progress import Track
-from flgpr.chain.recipe import Recipe, recipe_text
-from flgpr.chain.stages.masks import MaskedSuppression
+from flgpr.engine import Arrays, Engine
+from flgpr.method.images import RunImages
+from flgpr.method.model import Model
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
+from flgpr.progress import Track
+from flgpr.recipe.schema import Recipe, recipe_text
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, world_description
+from flgpr.stages.masks import MaskedSuppression
 from flgpr.store import open_run
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged

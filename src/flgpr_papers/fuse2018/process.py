@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from flgpr.chain.progress import Track
 from flgpr.clutter import measured_coherence
 from flgpr.model import ground_points, lane_to_scan
+from flgpr.progress import Track
 from flgpr.screen import MeanViewSums
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe
 from flgpr_papers.fuse2018.records import (

@@ -19,9 +19,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.imaging import ImagingOperator
+from flgpr.progress import Track, silent
+from flgpr.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr_papers.fuse2018.findings import KEPT
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, simulate_lane
 from flgpr_papers.fuse2018.powers import own_changes

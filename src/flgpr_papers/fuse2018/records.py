@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.engine import Arrays
 from flgpr.clutter import TABLE_II, fundamental_mask
+from flgpr.engine import Arrays
 from flgpr.model import Grid, ground_points, scan_to_lane
 from flgpr.screen import frame_alarms
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe import recipe_text
 from flgpr.clutter import above, extended_mask, fundamental_mask, roadside_level
+from flgpr.recipe.schema import recipe_text
 from flgpr.store import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.records import (

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.chain.progress import Track, silent
+from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.fuse2018.findings import all_findings, paper_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.engine import Arrays
-from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.clutter import (
     TABLE_II,
     Iterated,
@@ -20,6 +18,8 @@ from flgpr.clutter import (
     fallen_back,
     suppress_by_model,
 )
+from flgpr.engine import Arrays
+from flgpr.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr_papers.fuse2018.lanes import Frames, trained
 
 BoolArray = NDArray[np.bool_]

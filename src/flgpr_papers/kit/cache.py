@@ -11,9 +11,9 @@ from typing import Any
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.progress import Track
-from flgpr.execution.simulated_lane import simulate_to_store
+from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.model import Lane
+from flgpr.progress import Track
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
 

@@ -12,9 +12,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import count_mines, duplication, label_lanes
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
+from flgpr.method.classifier import count_mines, duplication, label_lanes
 from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
 from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores

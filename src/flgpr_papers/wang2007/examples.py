@@ -10,11 +10,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.cleaned import CleanedRun
-from flgpr.chain.recipe import Recipe
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
+from flgpr.method.cleaned import CleanedRun
 from flgpr.model import lane_to_scan
+from flgpr.recipe.schema import Recipe
 from flgpr_papers.kit.cache import write_arrays
 
 _AHEAD = 11.0  # m before the array at which an example target is shown

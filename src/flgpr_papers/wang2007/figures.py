@@ -13,9 +13,9 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe import Recipe
 from flgpr.detect import HistogramNormalizer
 from flgpr.model import Sensor
+from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, random_pd, roc_of
 from flgpr_papers.wang2007.analysis import AREA, LaneResult
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
-from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
+from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
+from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match
 from flgpr_papers.kit.findings import MARGIN, Finding, difference_of_shares, parts_larger
 from flgpr_papers.kit.page import detections_at

@@ -9,11 +9,11 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.chain.progress import Track
-from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.model import Sensor
+from flgpr.progress import Track
+from flgpr.recipe.schema import Recipe
 from flgpr_papers.kit.cache import read_arrays
 from flgpr_papers.kit.findings import SHARE, Finding, by_chance, spread
 from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from flgpr.chain.recipe import Recipe
+from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match
 from flgpr_papers.kit.findings import Finding, Interval, parts_larger, together
 from flgpr_papers.wang2007.analysis import (

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 import flgpr
-from flgpr.chain.cleaned import CleanedRun
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import detect, engine_of
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
+from flgpr.method.cleaned import CleanedRun
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.method import detect, engine_of
 from flgpr.model import lane_to_scan
+from flgpr.progress import Track, silent
+from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 from flgpr.scoring import assign, clopper_pearson, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate

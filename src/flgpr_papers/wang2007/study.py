@@ -14,14 +14,14 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.cleaned import CleanedRun
-from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
+from flgpr.method.cleaned import CleanedRun
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.method import detection_of, engine_of
 from flgpr.model import Lane, check_tones
+from flgpr.progress import Track, silent
+from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result

@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, count_mines, make_training_set
-from flgpr.chain.recipe import Recipe
 from flgpr.design.point_spread import PointSpread
+from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, count_mines, make_training_set
 from flgpr.model import Sensor
+from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, pd_mean, roc_of
 from flgpr_papers.kit.page import detections_at
 from flgpr_papers.wang2007 import figures

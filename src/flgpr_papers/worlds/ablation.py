@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import Executor
+from flgpr.jobs.workers import Executor
+from flgpr.progress import Track, silent
 from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr_papers.kit.worlds import DECLARED, in_soil_of, on_soil_of
 from flgpr_papers.worlds.effects import block_differences

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 from scipy.special import expit
 
-from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import Executor
+from flgpr.jobs.workers import Executor
+from flgpr.progress import Track, silent
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
 from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
 from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares

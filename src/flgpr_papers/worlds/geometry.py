@@ -12,8 +12,8 @@ from pathlib import Path
 import pandas as pd
 from scipy.special import stdtrit
 
-from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import Executor
+from flgpr.jobs.workers import Executor
+from flgpr.progress import Track, silent
 from flgpr.scoring import clopper_pearson
 from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED

@@ -21,11 +21,11 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.method import detect
-from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
-from flgpr.execution.workers import Executor
+from flgpr.jobs.workers import Executor
+from flgpr.method.method import detect
 from flgpr.model import Sensor, load_sensor
+from flgpr.progress import Track, silent
+from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
 from flgpr.store import write_whole

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.execution.workers import DEFAULTS, RunOptions
+from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.store import write_whole
 from flgpr_papers.kit.page import log_if_unchanged
 from flgpr_papers.worlds import ablation, detection, geometry, statements

@@ -27,8 +27,8 @@ import pandas as pd
 from scipy.special import stdtrit
 
 import flgpr
-from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import Executor
+from flgpr.jobs.workers import Executor
+from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import (

@@ -1,1 +1,0 @@
-"""Running a chain: here, on several processes or a cluster, in sections, and on after a stop."""

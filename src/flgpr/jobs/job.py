@@ -1,0 +1,347 @@
+"""A job: a detection on one lane as plain values, which can be sent anywhere.
+
+Its lane is opened in ``jobs/pieces.py``, its work folder in ``jobs/checkpoint.py``.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+
+import flgpr
+from flgpr.door import read_named
+from flgpr.engine import BLOCK
+from flgpr.method.model import parse_model, read_model
+from flgpr.method.sections import Section
+from flgpr.model import Lane
+from flgpr.recipe.fit import area_of
+from flgpr.recipe.schema import Recipe
+from flgpr.store import (
+    MAX_MEMORY,
+    open_run,
+    read_lane,
+    read_manifest,
+    sha256,
+)
+from flgpr.store.tables import lane_file_of
+
+PathLike = str | Path
+WORK_SUFFIX = ".work"
+"""Ending of the work folder beside an output."""
+_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
+
+
+@dataclass(frozen=True)
+class LaneJob:
+    """A detection as plain values, so that it can be sent anywhere."""
+
+    run: str  #: run store
+    recipe: str  #: its text
+    lane: tuple[float, float, float, float]  #: x_min, x_max, y_min, y_max, m
+    model: str | None  #: folder of a trained model; None without one
+    output: str  #: result folder to make
+    report: bool  #: whether to write ``report.html``
+    store_sha256: str  #: digest of the run's manifest
+    model_sha256: str  #: that of the model, "" without one
+    code: tuple[tuple[str, str], ...]  #: versions of the program and of the libraries
+    cpu: str  #: processor of the machine that drives
+    max_memory: int = MAX_MEMORY  #: bytes that reading the run may take
+    section: Section | None = None  #: rows of the lane that are worked on; None takes all
+    shared: str = ""  #: the work folder with what all sections share; "" of a lane in one piece
+    #: name, store and digest of every run taken together with it
+    others: tuple[tuple[str, str, str], ...] = ()
+    truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
+    explains: bool = True  #: whether what explains alarms is gathered
+    lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
+    #: folder of passes that jobs of other recipes share (``jobs/pass_cache.py``); "" for none
+    pass_cache: str = ""
+
+    @property
+    def folder(self) -> Path:
+        """The result folder to make."""
+        return Path(self.output)
+
+    @property
+    def name(self) -> str:
+        """Name of the lane where work is reported: that of its result folder."""
+        return self.folder.name
+
+    @property
+    def work(self) -> Path:
+        """The work folder beside the result folder."""
+        return self.folder.with_name(self.name + WORK_SUFFIX)
+
+    @property
+    def largest(self) -> int:
+        """Bytes that a file of the work folder may have.
+
+        What a process wrote there it held in memory.
+        """
+        return max(self.max_memory, MAX_MEMORY)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """All that the bits of the result depend on, as JSON holds it.
+
+        Of the program it is the version, not the sources: after an edit of the arithmetic, delete
+        OUTPUT.work and the cache of passes. The threshold of a section is no part of it, as it
+        follows from the rest.
+        """
+        rows = None if self.section is None else [self.section.start, self.section.stop]
+        return {
+            "rows": rows,
+            "run": self.store_sha256,
+            "recipe": sha256(self.recipe.encode()),
+            "lane": list(self.lane),
+            "model": self.model_sha256,
+            "code": dict(self.code),
+            "cpu": self.cpu,
+            "block": BLOCK,
+            "others": {name: digest for name, _, digest in self.others},
+            "truth": self.truth[1],
+            "explains": self.explains,
+        }
+
+    @property
+    def lasting_identity(self) -> dict[str, Any]:
+        """What a result must have been made of to stand for the job.
+
+        Neither the versions of the program nor the machine are part of it.
+        """
+        identity = self.identity
+        return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
+
+
+def choose_lane(
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe
+) -> tuple[Lane | None, str]:
+    """Return the lane that a run is searched in, and where its borders come from.
+
+    A lane that is given comes first, then the recipe's, then ``NAME-lane.toml`` beside the run.
+    Without any the lane is None and its source "": the ground that the run sees is searched.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    given : path or Lane, optional
+        Lane that is given, or its file.
+    recipe : Recipe
+        Recipe whose lane comes before that beside the run.
+
+    Raises
+    ------
+    ValueError
+        If a file is no lane; the error names it.
+    """
+    if isinstance(given, Lane):
+        return given, "as given"
+    if given is not None:
+        return read_lane(given), f"{Path(given).name}, as given"
+    if recipe.lane is not None:
+        return None, ""
+    beside = lane_file_of(run)
+    if beside.is_file():
+        return read_lane(beside), f"{beside.name} beside the run"
+    return None, ""
+
+
+def searched_area(
+    run: PathLike, given: PathLike | Lane | None, recipe: Recipe, max_memory: int = MAX_MEMORY
+) -> tuple[Lane, str]:
+    """Check that a recipe fits a stored run, and return the lane that is searched.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    given : str, path or Lane, optional
+        The lane's borders, or their file.
+    recipe : Recipe
+        The recipe.
+    max_memory : int
+        Bytes that reading the run may take.
+
+    Returns
+    -------
+    lane : Lane
+        That of :func:`choose_lane`; without any, the ground that the run sees.
+    source : str
+        Where its borders come from; "" is the recipe or the run.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit, or a run or a file is not valid.
+    """
+    lane, source = choose_lane(run, given, recipe)
+    return area_of(open_run(run, max_memory), recipe, lane), source
+
+
+def job_of_run(
+    run: PathLike,
+    recipe: Recipe,
+    recipe_text: str,
+    output: PathLike,
+    given_lane: PathLike | Lane | None = None,
+    others: Mapping[str, PathLike] | None = None,
+    model: PathLike | None = None,
+    report: bool = True,
+    max_memory: int = MAX_MEMORY,
+    pass_cache: PathLike | None = None,
+) -> LaneJob:
+    """Choose the lane that a run is searched in, and describe the detection as a job.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : Recipe
+        The recipe.
+    recipe_text : str
+        Its TOML text.
+    output : str or path
+        Result folder to make.
+    given_lane : str, path or Lane, optional
+        The lane's borders, or their file.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    model : str or path, optional
+        Folder of a trained model.
+    report : bool
+        Whether to write a report.
+    max_memory : int
+        Bytes that reading the run may take.
+    pass_cache : str or path, optional
+        Folder of passes that jobs of other recipes share.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or a run, the lane or the model is not valid.
+    """
+    area, lane_source = searched_area(run, given_lane, recipe, max_memory)
+    return make_job(
+        run,
+        recipe_text,
+        area,
+        output,
+        report=report,
+        model=model,
+        max_memory=max_memory,
+        others=others,
+        pass_cache=pass_cache,
+        lane_source=lane_source,
+    )
+
+
+def make_job(
+    run: str | Path,
+    recipe: str,
+    lane: Lane,
+    output: str | Path,
+    report: bool = True,
+    model: str | Path | None = None,
+    max_memory: int = MAX_MEMORY,
+    others: Mapping[str, str | Path] | None = None,
+    truth: str | Path | None = None,
+    pass_cache: str | Path | None = None,
+    lane_source: str = "",
+) -> LaneJob:
+    """Describe a detection as plain values.
+
+    Parameters
+    ----------
+    run : str or path
+        Run store.
+    recipe : str
+        TOML text of the recipe.
+    lane : Lane
+        Borders of the lane.
+    output : str or path
+        Result folder to make.
+    report : bool
+        Whether to write ``report.html``.
+    model : str or path, optional
+        Folder of a trained model.
+    max_memory : int
+        Bytes that reading the run may take.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    truth : str or path, optional
+        File of a training lane's targets.
+    pass_cache : str or path, optional
+        Folder of passes that jobs of other recipes share.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError
+        If a run or the model is not valid.
+    """
+    other_runs = []
+    for name, path in (others or {}).items():
+        other_runs.append((name, _absolute(path), read_manifest(path)["sha256"]))
+    truth_and_digest = ("", "")
+    if truth is not None:
+        truth_and_digest = (_absolute(truth), sha256(read_named(truth)))
+    return LaneJob(
+        run=_absolute(run),
+        recipe=recipe,
+        lane=(lane.x_min, lane.x_max, lane.y_min, lane.y_max),
+        model=None if model is None else _absolute(model),
+        output=_absolute(output),
+        report=report,
+        store_sha256=read_manifest(run)["sha256"],
+        model_sha256="" if model is None else model_digest(model),
+        code=code_versions(),
+        cpu=processor(),
+        max_memory=max_memory,
+        others=tuple(other_runs),
+        truth=truth_and_digest,
+        lane_source=lane_source,
+        pass_cache="" if pass_cache is None else _absolute(pass_cache),
+    )
+
+
+def _absolute(path: str | Path) -> str:
+    """Return a path that means the same in every process."""
+    return str(Path(path).resolve())
+
+
+def model_digest(model: str | Path) -> str:
+    """Return the SHA-256 of a model's file; a ValueError if the model is not valid."""
+    data = read_model(model)
+    parse_model(data, model)
+    return sha256(data)
+
+
+@lru_cache
+def code_versions() -> tuple[tuple[str, str], ...]:
+    """Return the versions of what computes: equal ones give equal bits on equal processors."""
+    versions = [("flgpr", flgpr.__version__), ("python", platform.python_version())]
+    for name in _LIBRARIES:
+        versions.append((name, version(name)))
+    return tuple(versions)
+
+
+@lru_cache
+def processor() -> str:
+    """Return the name of the processor, as the compiler sees it."""
+    return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"

@@ -1,0 +1,424 @@
+"""Training: every stage of a recipe that learns, in order, and then its detector."""
+
+from __future__ import annotations
+
+import glob
+import re
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from flgpr.door import read_named
+from flgpr.engine import Arrays
+from flgpr.jit.threads import blas_on_one_thread
+from flgpr.jobs.driver import passes_of_lane
+from flgpr.jobs.job import code_versions, make_job, searched_area
+from flgpr.jobs.pieces import report
+from flgpr.jobs.workers import Executor, RunOptions
+from flgpr.live import forecast
+from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
+from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
+from flgpr.method.detection import rank_alarms
+from flgpr.method.estimators import train_estimator
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.model import (
+    MODEL_FILE,
+    Detector,
+    Model,
+    check_free_model,
+    load_model,
+    save_model,
+)
+from flgpr.model import Lane
+from flgpr.recipe.schema import RANKS, Recipe, parse_recipe
+from flgpr.recipe.tables import DetectorTable
+from flgpr.stages import TrainingView
+from flgpr.stages.too_few import (
+    TooFewExamplesError,
+    cannot_be_trained,
+    count_in_views,
+    count_targets,
+    share_changes,
+)
+from flgpr.store import (
+    canonical_json,
+    describe_for_live,
+    open_run,
+    read_manifest,
+    read_table,
+    sha256,
+)
+from flgpr.store.files import replaced_by
+from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
+
+PathLike = str | Path
+
+
+def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
+    """Return whether training a recipe makes a detector, beside what its stages learn."""
+    if recipe.detector is not None:
+        return True
+    if features:
+        return recipe.features is not None or bool(recipe.columns)
+    # The detector that is trained by default reads some of the ten features. With any other rank
+    # a column of a stage ranks the alarms.
+    return recipe.confidence in RANKS and recipe.features is not None
+
+
+def training_lanes(
+    recipe: Recipe,
+    runs: Sequence[PathLike],
+    truths: Sequence[PathLike],
+    borders: Sequence[PathLike] | None,
+    others: Sequence[Mapping[str, PathLike]],
+    max_memory: int,
+) -> list[TrainingLane]:
+    """Return the lanes of a training.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    runs : sequence of str or path
+        Run stores.
+    truths : sequence of str or path
+        Files of their targets.
+    borders : sequence of str or path, optional
+        Files of their borders.
+    others : sequence of mapping
+        For each run those taken together with it, by the names that the recipe gives them.
+    max_memory : int
+        Bytes that reading a run may take.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit a run, or a file is not valid.
+    """
+    tables = [read_table(truth, "truth") for truth in truths]
+    lanes = []
+    for number, run in enumerate(runs):
+        lane_file = None if borders is None else borders[number]
+        area, _ = searched_area(run, lane_file, recipe, max_memory)
+        lanes.append(TrainingLane(run, truths[number], tables[number], area, others[number]))
+    return lanes
+
+
+def train_on_lanes(
+    text: str,
+    lanes: Sequence[TrainingLane],
+    output: Path,
+    features: Sequence[str],
+    label_radius: float,
+    options: RunOptions,
+    overwrite: bool,
+) -> Model:
+    """Train a recipe on lanes and write its model.
+
+    Parameters
+    ----------
+    text : str
+        TOML text of the recipe.
+    lanes : sequence of TrainingLane
+        The training lanes.
+    output : Path
+        Folder of the model.
+    features : sequence of str
+        Columns that the detector reads in place of the recipe's.
+    label_radius : float
+        r_label, m.
+    options : RunOptions
+        Who does the work.
+    overwrite : bool
+        Whether another model is overwritten. Otherwise a model of the same inputs is left as it is.
+
+    Returns
+    -------
+    Model
+        What was learnt, or the model that is there.
+
+    Raises
+    ------
+    ValueError
+        If there are too few examples.
+    FileExistsError
+        If the output holds something else and is not to be overwritten.
+    """
+    recipe = parse_recipe(text)
+    check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
+    notes = {
+        "recipe": recipe.name,
+        "recipe_sha256": sha256(text.encode()),
+        "runs": [read_manifest(lane.run)["sha256"] for lane in lanes],
+        "made_of": _inputs_digest(lanes, features, label_radius),
+    }
+    if not overwrite and _holds_model(output, notes):
+        _clear_work_folders(output, options)
+        log_finished(output, OVERWRITE)
+        return load_model(output)
+    # The output is held open for one training at a time.
+    with atomic_output(output, replace=True) as partial, options.executor() as executor:
+        training = _Training(recipe, text, lanes, output, executor, options)
+        training.learn_stages()
+        if learns_detector(recipe, features):
+            training.train_detector(features, label_radius)
+            training.learn_forecast()
+        save_model(training.model, partial, notes)
+    _clear_work_folders(output, options)
+    return training.model
+
+
+def _inputs_digest(
+    lanes: Sequence[TrainingLane], features: Sequence[str], label_radius: float
+) -> str:
+    """Return a digest of what a model depends on beside the recipe and the runs."""
+    inputs = []
+    for lane in lanes:
+        other_runs = {}
+        for name, run in lane.others.items():
+            other_runs[name] = read_manifest(run)["sha256"]
+        inputs.append(
+            {
+                "truth": sha256(read_named(lane.truth)),
+                "lane": asdict(lane.area),
+                "others": other_runs,
+            }
+        )
+    return sha256(canonical_json([inputs, list(features), label_radius, code_versions()]))
+
+
+def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
+    """Return whether a whole model of these notes is there; another one is a FileExistsError."""
+    if not (folder / MODEL_FILE).is_file():
+        return False
+    try:
+        present = load_model(folder).notes
+    except ValueError:
+        present = {}
+    if any(present.get(name) != value for name, value in notes.items()):
+        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
+    return True
+
+
+def _clear_work_folders(output: Path, options: RunOptions) -> None:
+    """Delete the work folders beside a model that is written."""
+    for work in output.parent.glob(f"{glob.escape(output.name)}-*-*.work*"):
+        if re.fullmatch(r"-\d+-\d+\.work(\.done)?", work.name.removeprefix(output.name)):
+            shutil.rmtree(work, ignore_errors=True)
+    folders = [_work_folder(output, "training"), replaced_by(output)]
+    if options.pass_cache is None:
+        folders.append(_work_folder(output, "images"))
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _work_folder(output: Path, kind: str) -> Path:
+    """Return the path of a folder beside a model that is being trained."""
+    return output.with_name(f"{output.name}.{kind}")
+
+
+@dataclass(frozen=True)
+class TrainingLane:
+    """A training lane."""
+
+    run: PathLike  #: run store
+    truth: PathLike  #: file of its targets
+    targets: pd.DataFrame  #: what the file holds
+    area: Lane  #: its borders
+    others: Mapping[str, PathLike]  #: runs taken together with it
+
+
+class _Training:
+    """A training: its lanes, and what has been learnt so far."""
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        text: str,
+        lanes: Sequence[TrainingLane],
+        output: Path,
+        executor: Executor,
+        options: RunOptions,
+    ) -> None:
+        self.recipe = recipe
+        self.text = text
+        self.output = output
+        self.model = Model()
+        self.lanes = lanes
+        self._executor = executor
+        self._options = options
+        self._views: list[TrainingView] = []
+        self._step = 0
+
+    @property
+    def _pass_cache(self) -> PathLike | None:
+        """Folder of images that the steps share, if there are several."""
+        if self._options.pass_cache:
+            return self._options.pass_cache
+        has_several_steps = bool(self.recipe.learning())
+        return _work_folder(self.output, "images") if has_several_steps else None
+
+    @property
+    def _learnt(self) -> Path:
+        """Folder of what the stages have learnt so far."""
+        return _work_folder(self.output, "training")
+
+    def learn_stages(self) -> None:
+        """Fit all learning stages, each with what those before it have learnt."""
+        stages = self.recipe.named()
+        for name in self.recipe.learning():
+            if stages[name].stage_class.kind in ("screen", "features"):
+                self._views = self._views or self._training_views()
+                examples: list[Any] = self._views
+            else:
+                examples = []
+                for setup, _ in self._lane_setups(truth=True):
+                    examples.append(dict(setup.results[f"learn.{name}"]))
+            with self._counted(name):
+                arrays, notes = self._fit(name, examples)
+            self.model = replace(
+                self.model,
+                stages=self.model.stages | {name: arrays},
+                notes=self.model.notes | {name: notes},
+            )
+
+    def _training_views(self) -> list[TrainingView]:
+        """Return the run-views of all lanes, with their targets."""
+        views = []
+        for setup, lane in self._lane_setups(truth=True):
+            views.append(TrainingView(setup.view(), lane.targets, lane.area))
+        return views
+
+    def _fit(self, name: str, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+        """Fit a stage; the error of too few examples counts what each step left."""
+        stage = self.recipe.named()[name]
+        try:
+            return stage.stage_class.fit(stage.settings, examples)
+        except ValueError as error:
+            counts = [count_targets([lane.targets for lane in self.lanes])]
+            if stage.stage_class.kind in ("screen", "features"):
+                used = stage.stage_class.targets_used_for_training(stage.settings, self._views)
+                counts += count_in_views(self._views, used)
+            if isinstance(error, TooFewExamplesError):
+                raise error.of_stage(name, counts) from None
+            changes = share_changes(stage.settings, name)
+            raise cannot_be_trained(name, str(error), counts, changes) from None
+
+    def train_detector(self, features: Sequence[str], label_radius: float) -> None:
+        """Train the detector on the alarms of all lanes."""
+        lanes: list[LaneOfAlarms] = []
+        raised = 0
+        for number, (setup, lane) in enumerate(self._lane_setups(truth=False), 1):
+            name = f"{number}:{Path(lane.run).stem}"
+            ranked = rank_alarms(setup)
+            lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
+            raised += len(setup.alarms())
+        table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
+        first_features = lanes[0][2]
+        patterns = list(features) or list(table.features)
+        table = table.model_copy(update={"features": tuple(patterns)})
+        columns = _matching(patterns, list(first_features.columns))
+        with self._counted("detector"):
+            spent = self._spent()
+            spent_by_lane = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]
+            examples = make_training_set(lanes, label_radius, columns, spent_by_lane)
+            detector: Detector
+            try:
+                if table.estimator == "fisher":
+                    detector = train(examples, columns)
+                else:
+                    detector = train_estimator(examples, table, columns)
+            except TooFewExamplesError as error:
+                steps = count_alarm_steps(lanes, raised, spent, columns, label_radius)
+                raise steps.error(error, self.recipe, table.on) from None
+        self.model = replace(self.model, detector=detector)
+
+    def learn_forecast(self) -> None:
+        """Learn what becomes of the alarms that live detection raises on the lanes.
+
+        Hits and false alarms count alike.
+        """
+        if not forecast.foresees(self.recipe, self.model):
+            return
+        settings = LiveSettings(looks=2)  # so that the step from two looks to three counts, too
+        with self._counted(forecast.NAME):
+            followed: list[forecast.Followed] = []
+            for lane in self.lanes:
+                run = open_run(lane.run, self._options.max_memory)
+                detector = LiveDetector(
+                    describe_for_live(run), self.recipe, lane.area, self.model, settings
+                )
+                followed.extend(forecast.follow(detector, run))
+            arrays, notes = forecast.learn(followed)
+        stages = dict(self.model.stages)
+        if arrays:
+            stages[forecast.NAME] = arrays
+        notes_of_stages = self.model.notes | {forecast.NAME: notes}
+        self.model = replace(self.model, stages=stages, notes=notes_of_stages)
+
+    @contextmanager
+    def _counted(self, name: str) -> Iterator[None]:
+        """Report what learning itself costs, without the passes.
+
+        Linear algebra has one thread meanwhile, on which its last bits depend.
+        """
+        begun = time.perf_counter(), time.process_time()
+        with blas_on_one_thread():
+            yield
+        self._options.note(report(self.output.name, name, -1, begun, 0))
+
+    def _spent(self) -> dict[str, list[pd.DataFrame]]:
+        """Return, by stage, the rows of every lane's truth that it has learnt from."""
+        spent = {}
+        for name, stage in self.recipe.named().items():
+            if stage.stage_class.learns:
+                rows = stage.stage_class.targets_used_for_training(stage.settings, self._views)
+                if rows:
+                    spent[name] = rows
+        return spent
+
+    def _lane_setups(self, truth: bool) -> Iterator[tuple[LaneSetup, TrainingLane]]:
+        """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
+        self._step += 1
+        model = save_model(self.model, self._learnt) if self.model.stages else None
+        options = self._options
+        for number, lane in enumerate(self.lanes, 1):
+            job = make_job(
+                run=lane.run,
+                recipe=self.text,
+                lane=lane.area,
+                output=self.output.with_name(f"{self.output.name}-{number}-{self._step}"),
+                report=False,
+                model=model,
+                max_memory=options.max_memory,
+                others=lane.others,
+                truth=lane.truth if truth else None,
+                pass_cache=self._pass_cache,
+            )
+            label = f"{Path(lane.run).stem}: "
+            with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
+                yield setup, lane
+
+
+def _matching(patterns: list[str], columns: list[str]) -> list[str]:
+    """Return the columns that match patterns; refuse a pattern that none matches."""
+    matching: list[str] = []
+    missing = []
+    for pattern in patterns:
+        names = [name for name in columns if fnmatchcase(name, pattern)]
+        matching += names
+        if not names:
+            missing.append(pattern)
+    if missing or not matching:
+        raise ValueError(
+            f"features must be columns of the feature table, got {', '.join(missing) or 'none'}"
+        )
+    return list(dict.fromkeys(matching))

@@ -1,0 +1,174 @@
+"""What a recipe found on a lane: alarms with their confidence, ranked, and what explains them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.engine import group_of
+from flgpr.jit.threads import blas_on_one_thread
+from flgpr.method.estimators import TrainedEstimator
+from flgpr.method.evidence import Evidence, confidence_contributions, in_order
+from flgpr.method.lane_setup import LaneSetup, array_table
+from flgpr.method.passes.frames import alarms_by_frame
+from flgpr.model import ALARM_COLUMNS, empty_table
+from flgpr.stages import FloatArray
+
+MAIN = "main"
+"""Name of a result's own detection; others may stand beside it, by the name of their recipe."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What one recipe found."""
+
+    name: str  #: "main" for a result's own recipe
+    title: str  #: the words for it where several detections stand side by side
+    #: alarm table, the most mine-like first; stages may have added columns to it
+    alarms: pd.DataFrame
+    view: xr.DataArray  #: run-view (polarization, subband, y, x) in units of the gain background
+    notes: dict[str, Any] = field(default_factory=dict)  #: figures worth reporting
+    channel: tuple[str, str] | None = None  #: polarization and sub-band the alarms were raised on
+    features: pd.DataFrame | None = None  #: features of every alarm
+    contributions: pd.DataFrame | None = (
+        None  #: what each feature adds to the confidence, per alarm
+    )
+    training: pd.DataFrame | None = None  #: features of the training alarms, with their ``label``
+    evidence: Evidence | None = None  #: what explains the alarms, for the viewer
+    before: xr.DataArray | None = None  #: run-view before clutter suppression, for the viewer
+    #: alarms of every scan's own image, and the pose of each scan by its number, where the recipe
+    #: scores by frames
+    frames: tuple[pd.DataFrame, dict[int, FloatArray]] | None = None
+    recipe_text: str = ""  #: TOML of its recipe, where that is not the result's own
+
+
+@dataclass(frozen=True)
+class RankedAlarms:
+    """Alarms with a confidence, the most mine-like first."""
+
+    alarms: pd.DataFrame
+    features: pd.DataFrame  #: of the same index
+    rows: NDArray[np.intp]  #: their numbers among the alarms that were raised
+
+
+@blas_on_one_thread()
+def rank_alarms(lane: LaneSetup) -> RankedAlarms:
+    """Score the alarms of a lane with the recipe's detector and rank them.
+
+    Needs the results of the passes "alarms" and "features".
+
+    Parameters
+    ----------
+    lane : LaneSetup
+        The lane.
+
+    Returns
+    -------
+    RankedAlarms
+        The alarms that have a confidence.
+    """
+    features = lane.results["features"]
+    if lane.explains:
+        features = group_of(features, "features")
+    alarms = lane.alarms()
+    view_columns = [name for name in alarms.columns if name not in ("x", "y", "magnitude")]
+    table = pd.concat([array_table(features), alarms[view_columns]], axis=1)
+
+    alarms["confidence"] = lane.steps.confidence(table, alarms["magnitude"])
+    alarms["scans"] = table["scans"]
+    ranked = rank(alarms, table)
+    if lane.recipe.features is None:
+        with_magnitude = ranked.features.assign(magnitude=ranked.alarms["magnitude"])
+        ranked = RankedAlarms(ranked.alarms, with_magnitude, ranked.rows)
+    return ranked
+
+
+def rank(alarms: pd.DataFrame, features: pd.DataFrame) -> RankedAlarms:
+    """Drop alarms without a confidence, sort and name the rest, and keep their features in step.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Alarms with the column ``confidence``.
+    features : DataFrame
+        Their features, of the same index.
+
+    Returns
+    -------
+    RankedAlarms
+        The most confident first; equal ones stay in their order.
+    """
+    table = alarms[alarms["confidence"].notna()]
+    table = table.sort_values("confidence", ascending=False, kind="stable")
+    features = features.loc[table.index].reset_index(drop=True)
+    rows = table.index.to_numpy()
+    table = table.reset_index(drop=True)
+    table["alarm_id"] = [f"alarm-{number}" for number in range(1, len(table) + 1)]
+    columns = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
+    if not len(table):
+        table = empty_table(ALARM_COLUMNS)
+    return RankedAlarms(table[columns], features, rows)
+
+
+@blas_on_one_thread()
+def assemble(lane: LaneSetup, ranked: RankedAlarms) -> Detection:
+    """Return the ranked alarms of a lane with its run-view and what explains them.
+
+    Needs the results of all passes. What explains alarms is there only where the lane gathers it.
+    """
+    alarms = ranked.alarms
+    for stage in lane.columns:
+        for name in stage.alarm_columns:
+            alarms = alarms.assign(**{name: ranked.features[name]})
+    frames = alarms_by_frame(lane) if "frames" in lane.results else None
+    entries: dict[str, Any] = {
+        "notes": _notes(lane),
+        "features": ranked.features,
+        "frames": frames,
+    }
+    if lane.explains:
+        screen = lane.recipe.prescreen
+        evidence = _evidence(lane, ranked)
+        entries |= {
+            "channel": (screen.polarization, screen.subband),
+            "contributions": _contributions(lane, ranked, evidence),
+            "evidence": evidence,
+            "before": lane.view("before"),
+        }
+    return Detection(MAIN, lane.recipe.description, alarms, lane.view(), **entries)
+
+
+def _evidence(lane: LaneSetup, ranked: RankedAlarms) -> Evidence:
+    """Return what explains the alarms, in their order."""
+    sums = lane.evidence_sums()
+    sums.merge(group_of(lane.results["features"], "explain"))
+    return in_order(sums.result(), ranked.rows)
+
+
+def _contributions(lane: LaneSetup, ranked: RankedAlarms, evidence: Evidence) -> pd.DataFrame:
+    """Return what adds up to the confidence of every alarm."""
+    detector = lane.model.detector
+    confidence = ranked.alarms["confidence"]
+    if detector is None:
+        return pd.DataFrame({lane.steps.single: confidence.to_numpy()})
+    linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
+    if linear and evidence.adds:
+        at_zero, at_one = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
+        return confidence_contributions(evidence, at_one - at_zero, confidence)
+    return detector.contributions(ranked.features)
+
+
+def _notes(lane: LaneSetup) -> dict[str, Any]:
+    """Return figures worth reporting, and what the confidence is made of."""
+    notes: dict[str, Any] = {}
+    detector = lane.model.detector
+    if detector is not None:
+        notes["confidence"] = " + ".join(detector.features)
+    elif lane.recipe.features is not None:
+        notes["confidence"] = lane.steps.single
+    return notes | lane.stage_notes()

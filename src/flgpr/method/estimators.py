@@ -1,0 +1,290 @@
+"""Estimators that a recipe may name as its detector.
+
+They are trained by their libraries, and a model holds arrays and settings of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from importlib import import_module
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.detect.scorers import restored_scorer, scorer_of
+from flgpr.detect.scorers.checks import StoredScorer
+from flgpr.method.classifier import (
+    FloatArray,
+    TrainingSet,
+    check_entries,
+    checked_names,
+    feature_values,
+)
+from flgpr.recipe.estimator_classes import ALLOWED, GROUPED
+from flgpr.recipe.tables import DetectorTable
+from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
+
+_OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
+_NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
+LAYOUT = 2
+"""Version of the layout of a trained estimator in a model.
+
+The first was a file of skops, which could name what to call.
+"""
+
+
+def find_estimator(name: str) -> Any:
+    """Return the class of an estimator in ``ALLOWED``.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If it is one of PyOD, and that library is not installed.
+    """
+    module, _, kind = ALLOWED[name].rpartition(".")
+    try:
+        return getattr(import_module(module), kind)
+    except ModuleNotFoundError as error:
+        if not module.startswith("pyod"):
+            raise
+        raise ModuleNotFoundError(
+            f"estimator {name} needs PyOD: pip install 'flgpr[benchmark]'"
+        ) from error
+
+
+@dataclass(frozen=True)
+class TrainedEstimator:
+    """What a fitted estimator scores with."""
+
+    name: str  #: its name in ``ALLOWED``
+    features: tuple[str, ...]  #: columns that it reads, in order
+    centre: FloatArray  #: (feature,) is subtracted from the features
+    scale: FloatArray  #: (feature,) divides them then
+    scorer: StoredScorer
+    notes: dict[str, Any] = field(default_factory=dict)  #: what it was trained on
+    unlike: bool = False  #: whether what is unlike the training examples scores high
+
+    def confidence(self, features: pd.DataFrame) -> FloatArray:
+        """Score alarms.
+
+        Parameters
+        ----------
+        features : DataFrame
+            A row per alarm, with all columns that the estimator reads.
+
+        Returns
+        -------
+        (alarm,) ndarray
+            Higher for what is more like a mine; NaN where a feature is missing.
+
+        Raises
+        ------
+        ValueError
+            If a column is missing.
+        """
+        values, complete = feature_values(features, self.features)
+        confidence = np.full(len(values), np.nan)
+        if complete.any():
+            outward = self.name in _OUTWARD
+            sign = 1 if self.unlike == outward else -1
+            scaled = (values[complete] - self.centre) / self.scale
+            confidence[complete] = sign * self.scorer(scaled)
+        return confidence
+
+    @property
+    def linear_in_magnitude(self) -> bool:
+        """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
+        # Where examples were weighted, the scores are the odds of other frequencies than theirs.
+        unweighted = bool(getattr(self.scorer, "unweighted", False))
+        return self.name == "logistic" and self.features == ("magnitude",) and unweighted
+
+    @property
+    def border(self) -> float:
+        """Confidence that separates mines from clutter.
+
+        It is PyOD's own threshold, and zero for all other estimators.
+        """
+        sign = 1 if self.unlike else -1
+        return sign * self.scorer.threshold
+
+    def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
+        """Return the confidences under the estimator's name.
+
+        What is not linear cannot be split into what single features add.
+        """
+        confidence = self.confidence(features) if len(features) else np.zeros(0)
+        return pd.DataFrame({self.name: confidence})
+
+    def about(self) -> dict[str, Any]:
+        """Return the entries that a model's head holds of it."""
+        return {
+            "estimator": self.name,
+            "layout": LAYOUT,
+            "features": list(self.features),
+            "unlike": self.unlike,
+            "settings": self.scorer.settings(),
+        }
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that a model holds of it."""
+        return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
+
+    @classmethod
+    def restored(
+        cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
+    ) -> TrainedEstimator:
+        """Return the estimator of what :meth:`about` and :meth:`arrays` returned.
+
+        Nothing but numbers is read.
+
+        Raises
+        ------
+        ValueError
+            If the layout is an earlier one, or an entry or array breaks a rule of the estimator.
+        """
+        name = about["estimator"]
+        if about.get("layout") != LAYOUT:
+            raise ValueError(
+                f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a "
+                "form that is no "
+                "longer read: train it again with `flgpr train`"
+            )
+        check_entries(about, ("estimator", "layout", "features", "unlike", "settings"))
+        features = checked_names(about["features"])
+        unlike = about.get("unlike")
+        if type(unlike) is not bool:
+            raise ValueError(f"detector.unlike must be true or false, got {str(unlike)[:60]!r}")
+        unread = dict(arrays)
+        centre = _take_vector("centre", unread, len(features))
+        scale = _take_vector("scale", unread, len(features))
+        if not (scale > 0).all():
+            raise ValueError(f"detector.scale must be positive, got {float(scale.min()):g}")
+        try:
+            scorer = restored_scorer(name, about["settings"], unread, len(features))
+        except ValueError as error:
+            raise ValueError(f"detector {str(name)[:60]!r}: {error}") from None
+        return cls(name, features, centre, scale, scorer, notes, unlike)
+
+
+def _take_vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArray:
+    """Remove an array of a finite number per feature from the arrays and return it."""
+    value = arrays.pop(name, None)
+    if (
+        value is None
+        or value.dtype != np.float64
+        or value.shape != (length,)
+        or not np.isfinite(value).all()
+    ):
+        got = "none" if value is None else f"{value.dtype} {value.shape}"
+        raise ValueError(
+            f"detector.{name} must hold a finite float64 number for each of {length} features, "
+            f"got {got}"
+        )
+    return value
+
+
+def train_estimator(
+    examples: TrainingSet, table: DetectorTable, features: Sequence[str]
+) -> TrainedEstimator:
+    """Train the estimator that a recipe names.
+
+    Parameters
+    ----------
+    examples : TrainingSet
+        Labelled alarms.
+    table : DetectorTable
+        The table ``detector`` of the recipe.
+    features : sequence of str
+        Columns that the estimator reads.
+
+    Returns
+    -------
+    TrainedEstimator
+        What scores alarms.
+
+    Raises
+    ------
+    ValueError
+        If a class has no example, the options do not fit the estimator, or with them it cannot be
+        written as plain arrays.
+    """
+    values, _ = feature_values(examples.features, features)
+    mines = examples.label == 1
+    chosen = {"all": np.ones_like(mines), "mines": mines, "clutter": ~mines}[table.on]
+    _check_examples(table, int(mines.sum()), int((~mines).sum()))
+
+    X = values[chosen]
+    centre = np.zeros(X.shape[1])
+    scale = np.ones(X.shape[1])
+    if table.scale == "standard":
+        deviation = X.std(axis=0)
+        centre = X.mean(axis=0)
+        scale = np.where(deviation > 0, deviation, 1.0)
+    scaled = (X - centre) / scale
+    estimator = _make_estimator(table, features)
+    if table.on == "all":
+        estimator.fit(scaled, examples.label)
+    else:
+        estimator.fit(scaled)
+
+    try:
+        scorer = scorer_of(table.estimator, estimator)
+    except ValueError as error:
+        raise ValueError(f"detector {table.estimator} cannot be kept: {error}") from None
+    notes = {
+        "hits": int(mines.sum()),
+        "false_alarms": int((~mines).sum()),
+        "lanes": np.unique(examples.lane).tolist(),
+    }
+    unlike = table.on == "clutter"
+    return TrainedEstimator(
+        table.estimator, tuple(features), centre, scale, scorer, notes, unlike=unlike
+    )
+
+
+def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
+    """Make the estimator that a recipe names, with its options, before it is fitted."""
+    options: dict[str, Any] = dict(table.options)
+    if table.estimator in GROUPED:
+        if "groups" in options:
+            raise ValueError(
+                f"detector.options of {table.estimator} must not hold groups, as every entry of "
+                f"detector.features is one, got {options['groups']!r}"
+            )
+        options["groups"] = _group_sizes(features, table.features)
+    try:
+        return find_estimator(table.estimator)(**options)
+    except TypeError as error:
+        raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
+
+
+def _group_sizes(features: Sequence[str], patterns: Sequence[str]) -> tuple[int, ...]:
+    """Return the sizes of the groups of columns that the entries of a detector's features name.
+
+    A column belongs to the first entry that names it, and a group are those that follow one
+    another. A column that no entry names is a group of its own.
+    """
+    entries = []
+    for name in features:
+        entries.append(next((entry for entry in patterns if fnmatchcase(name, entry)), name))
+    return tuple(len(list(group)) for _, group in groupby(entries))
+
+
+def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:
+    """Refuse fewer examples than an estimator can be trained with."""
+    check_classes(table.on, hits, false_alarms)
+    shown = {"all": hits + false_alarms, "mines": hits, "clutter": false_alarms}[table.on]
+    neighbours = int(table.options.get("n_neighbors", _NEIGHBOURS))
+    least = {"mixture": 2, "lda": 3, "knn": neighbours + 1}.get(table.estimator, 1)
+    if shown >= least:
+        return
+    changes = []
+    if table.estimator == "knn" and shown > 1:
+        changes = [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")]
+    needed = f"{least} examples or more for {table.estimator}, got {shown}"
+    raise TooFewExamplesError(needed, changes=changes)

@@ -1,0 +1,142 @@
+"""The method on one page: what a recipe does with the scans of a lane, pass by pass.
+
+The steps are those of Wang et al. 2007; where other recipes differ, their stages say how. A run in
+memory, worker processes, sections of a long lane and training all run this list of passes. Live
+detection takes the same steps (:mod:`flgpr.method.steps`) with the background and the run-view of
+the scans so far.
+
+The image of a scan is made when a pass asks for it (``method/images.py``): A^H of its data
+(``imaging/operator.py``). The sum itself is compiled; ``_make_backend`` there chooses it. On a CPU
+it is by default ``adjoint`` of ``kernels/profiles.py``, over range profiles that ``compress`` of
+``kernels/transform.py`` makes (``ProfileBackend`` in ``imaging/cpu.py``). Below 2000 terms a pair it
+is that of ``kernels/direct.py``, beyond single precision that of ``kernels/precise.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import xarray as xr
+
+from flgpr.engine import Engine, PlannedPass, blocks_of
+from flgpr.method.detection import Detection, assemble, rank_alarms
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.model import Detector, Model
+from flgpr.method.passes.alarms import Maxima
+from flgpr.method.passes.explain import Explain
+from flgpr.method.passes.features import Features
+from flgpr.method.passes.frames import FrameAlarms
+from flgpr.method.passes.gain import GAIN_BACKGROUND
+from flgpr.method.passes.run_view import PlainRunView, RunView
+from flgpr.method.passes.signature import SelfSignaturePass
+from flgpr.method.passes.training import until_examples
+from flgpr.method.passes.traversal import plan
+from flgpr.method.sections import Section
+from flgpr.model import Lane
+from flgpr.progress import Track, silent
+from flgpr.recipe.fit import area_of
+from flgpr.recipe.schema import Recipe
+
+
+def passes_of(lane: LaneSetup) -> list[PlannedPass]:
+    """Return the passes of a recipe over a lane, in their order.
+
+    For training they end where the first stage that has not learnt yet has its examples.
+    """
+    # What stages need of the raw data first, such as a field that stands still.
+    passes = lane.stage_passes()
+
+    # The background (clutter/streaming.py): the self-signature with the gain of every scan (Eq. 2;
+    # with the recipe's self_signature = "none" the gain alone), and the gain background (Eq. 3 and
+    # 4), in units of which images are cleaned.
+    passes.append(plan(lane, SelfSignaturePass))
+    passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
+
+    # What a map needs to know of the whole lane, such as its clutter.
+    mapper = lane.mapper
+    if mapper is not None and mapper.surveys:
+        passes.append(
+            PlannedPass(
+                "survey",
+                "survey of the lane",
+                lambda _: mapper.survey(lane.cleaned.coherent),
+                ("gain",),
+                all_scans=True,
+            )
+        )
+
+    # Cleaned images, or the recipe's map of them, laid over one another on the lane: the second
+    # largest value of all looks at a place (Sec. II-B), or what else of screen/views.py the recipe
+    # names.
+    passes.append(plan(lane, RunView, PlainRunView))
+    if lane.recipe.score.area == "frames":
+        passes.append(plan(lane, FrameAlarms))
+
+    # Local maxima of the run-view are alarms, as many as the density rule leaves (Sec. II-B).
+    passes.append(plan(lane, Maxima))
+
+    # The features of every alarm, mean over the scans that see it (Eq. 5 to 17).
+    passes.append(plan(lane, Features, Explain))
+
+    return until_examples(lane, passes) if lane.untrained else passes
+
+
+def engine_of(lane: LaneSetup) -> Engine:
+    """Return the engine that runs the passes of a lane."""
+    passes = passes_of(lane)
+    scans = len(lane.imager)
+    numbers = lane.block_numbers(blocks_of(scans))
+    return Engine(passes, scans, lane.results, lane.concurrent, numbers)
+
+
+def detection_of(lane: LaneSetup) -> Detection:
+    """Score the alarms of a lane whose passes are done, and return them with what explains them."""
+    # The detector turns the features of every alarm into its confidence (Sec. II-D).
+    ranked = rank_alarms(lane)
+    return assemble(lane, ranked)
+
+
+def detect(
+    run: xr.Dataset,
+    recipe: Recipe,
+    lane: Lane | None = None,
+    track: Track = silent,
+    model: Model | Detector | None = None,
+    section: Section | None = None,
+    others: Mapping[str, xr.Dataset] | None = None,
+) -> Detection:
+    """Run a recipe on a run, in memory. Truth is not among its inputs.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run that the recipe fits, see :func:`flgpr.recipe.fit.check_fit`.
+    recipe : Recipe
+        The recipe.
+    lane : Lane, optional
+        Lane in place of the recipe's.
+    track : Track
+        Shows progress.
+    model : Model or its detector, optional
+        What the recipe's stages have learnt. The score of its detector is the confidence; by
+        default the local contrast is.
+    section : Section, optional
+        Rows of the lane to work on; by default all.
+    others : mapping of str to xarray.Dataset, optional
+        Runs taken together with this one, such as a second band, by the names that the recipe gives
+        them.
+
+    Returns
+    -------
+    Detection
+        The ranked alarms, and what explains them.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or needs a model that is not given.
+    """
+    area = area_of(run, recipe, lane)
+    setup = LaneSetup(run, recipe, area, model, section=section, others=others)
+    engine_of(setup).run(track)
+    return detection_of(setup)

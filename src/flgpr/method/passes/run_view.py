@@ -1,0 +1,90 @@
+"""The run-view: what the scans that see a place of the lane show there (Wang et al., Sec. II-B).
+
+That is the second largest look at every place, or the mean look, or one look for each of several
+ranges, as the recipe has it. ``Steps.view_sums`` (``method/steps.py``) chooses among the looks that
+``screen/views.py`` takes; the recipe's names for them stand in ``recipe/tables.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.engine import Arrays
+from flgpr.method.cache_key import view_key
+from flgpr.method.lane_scan import LaneScan
+from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.passes.traversal import Pass
+from flgpr.screen import RunViewSums
+
+
+class RunView(Pass):
+    """The recipe's look at every place of the lane, of cleaned images or their map.
+
+    The result holds ``view`` (polarization, subband, y, x) in units of the background, and
+    ``looks`` (y, x), the number of scans that saw a place.
+    """
+
+    name = "view"
+    title = "run-view"
+    needs = ("gain",)
+    cache_key = staticmethod(view_key)
+
+    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+        super().__init__(lane, block)
+        self._grid = lane.images.grid
+        self._sums = lane.steps.view_sums(lane.grid, lane.rows_of(block))
+
+    def add(self, scan: LaneScan) -> None:
+        """Lay a scan's image on the lane."""
+        self._sums.add(scan.magnitude(), self._grid, scan.pose)
+
+    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
+        """Return the looks of the rows that the block reaches."""
+        return self._sums.state()
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Merge the looks of the block that follows."""
+        self._sums.merge(dict(state))
+
+    def result(self) -> Arrays:
+        """Return the run-view; ranges stand beside the sub-bands."""
+        values, looks = self._sums.result()
+        polarizations = len(values)
+        values = values.reshape(polarizations, -1, *values.shape[-2:])
+        return {"view": values, "looks": looks}
+
+
+class PlainRunView(Pass):
+    """The second largest look before the background is removed, for the viewer."""
+
+    name = "before"
+    title = "run-view before clutter suppression"
+    explains = True
+    needs = ("gain",)
+    cache_key = staticmethod(view_key)
+
+    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+        super().__init__(lane, block)
+        self._grid = lane.images.grid
+        self._sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max, lane.rows_of(block))
+
+    def add(self, scan: LaneScan) -> None:
+        """Lay the magnitude of a scan's image on the lane."""
+        self._sums.add(np.abs(scan.near_image.values), self._grid, scan.pose)
+
+    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
+        """Return the looks of the rows that the block reaches."""
+        return self._sums.state()
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Merge the looks of the block that follows."""
+        self._sums.merge(dict(state))
+
+    def result(self) -> Arrays:
+        """Return ``view`` and ``looks``, as of :class:`RunView`."""
+        values, looks = self._sums.result()
+        return {"view": values, "looks": looks}

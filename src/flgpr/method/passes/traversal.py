@@ -1,0 +1,151 @@
+"""What a pass is, and how several go through the scans of a lane together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, ClassVar
+
+from numpy.typing import NDArray
+
+from flgpr.engine import Arrays, PlannedPass, bundle_groups, group_of
+from flgpr.method.lane_scan import LaneScan
+from flgpr.method.lane_setup import LaneSetup
+
+
+class Pass:
+    """One pass over the scans of a lane, or over one block of them.
+
+    A subclass overrides what it does; by default a pass reads no scan and has no state.
+
+    Parameters
+    ----------
+    lane : LaneSetup
+        The lane, with the results of earlier passes.
+    block : range or None
+        The block whose scans are added; None where the states of all blocks are merged.
+    """
+
+    name: ClassVar[str]  #: the name of its result among those of the lane
+    title: ClassVar[str]  #: what it is called where progress is shown
+    needs: ClassVar[tuple[str, ...]] = ()  #: earlier passes whose results it reads
+    #: goes through all scans even where a section of the lane is wanted
+    all_scans: ClassVar[bool] = False
+    needs_no_scans: ClassVar[bool] = False  #: works on the results of earlier passes alone
+    #: gathers what the viewer shows beside the alarms; left out where nothing is to be explained
+    explains: ClassVar[bool] = False
+
+    def __init__(self, lane: LaneSetup, block: range | None) -> None:  # noqa: ARG002
+        self.lane = lane
+
+    def add(self, scan: LaneScan) -> None:
+        """Add one scan's images, gains and pose."""
+
+    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
+        """Return everything gathered so far as plain arrays, which checkpoints and workers write.
+
+        With ``exact`` a pass that merges the state continues with the same bits. Without it the
+        precision of the result suffices, and the state may be smaller.
+        """
+        return {}
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Merge the state of the block that follows."""
+
+    def result(self) -> Arrays:
+        """Return what later passes read."""
+        raise NotImplementedError
+
+    @staticmethod
+    def cache_key(lane: LaneSetup) -> dict[str, Any] | None:  # noqa: ARG004
+        """Return what the result depends on, by which other recipes share it.
+
+        None if no other recipe can use the result.
+        """
+        return None
+
+
+class Traversal:
+    """One or several passes that go through the same scans together and share each scan's images.
+
+    Parameters
+    ----------
+    lane : LaneSetup
+        The lane.
+    kinds : sequence of type
+        The classes of the passes.
+    block : range or None
+        As of :class:`Pass`.
+    """
+
+    def __init__(self, lane: LaneSetup, kinds: Sequence[type[Pass]], block: range | None) -> None:
+        self._lane = lane
+        self._passes = {kind.name: kind(lane, block) for kind in kinds}
+
+    def add(self, index: int) -> None:
+        """Add the scan at an index among the complete ones to every pass."""
+        scan = LaneScan(self._lane, index)
+        for member in self._passes.values():
+            member.add(scan)
+
+    def state(self, exact: bool) -> Arrays:
+        """Return the state of the only pass, or those of all as groups."""
+        states = {}
+        for name, member in self._passes.items():
+            states[name] = member.state(exact)
+        return _joined(states)
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Merge what :meth:`state` returned for the block that follows."""
+        for name, member in self._passes.items():
+            member.merge(state if len(self._passes) == 1 else group_of(state, name))
+
+    def result(self) -> Arrays:
+        """Return the result of the only pass, or those of all as groups."""
+        results = {}
+        for name, member in self._passes.items():
+            results[name] = member.result()
+        return _joined(results)
+
+
+def _joined(groups: Mapping[str, Arrays]) -> Arrays:
+    """Return the arrays of the only group, or those of all in one mapping."""
+    if len(groups) > 1:
+        return bundle_groups(groups)
+    (only,) = groups.values()
+    return only
+
+
+def plan(lane: LaneSetup, *kinds: type[Pass]) -> PlannedPass:
+    """Plan passes that go through the scans of a lane together, under the name of the first.
+
+    Those that only explain alarms are left out where the lane is not to be explained.
+
+    Parameters
+    ----------
+    lane : LaneSetup
+        The lane.
+    *kinds : type
+        Classes of passes.
+
+    Returns
+    -------
+    PlannedPass
+        What the engine runs.
+    """
+    chosen = [kind for kind in kinds if lane.explains or not kind.explains]
+    first = chosen[0]
+    needs: list[str] = []
+    for kind in chosen:
+        for name in kind.needs:
+            if name not in needs:
+                needs.append(name)
+    return PlannedPass(
+        first.name,
+        first.title,
+        partial(Traversal, lane, chosen),
+        tuple(needs),
+        all_scans=first.all_scans,
+        needs_no_scans=first.needs_no_scans,
+        cache_key=partial(first.cache_key, lane),
+    )

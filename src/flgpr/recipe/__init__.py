@@ -1,0 +1,1 @@
+"""Recipes: what they may hold, reading and writing them, and one made for a run."""

@@ -1,0 +1,333 @@
+"""A recipe like another one, fitted to the array of a run.
+
+What belongs to the array follows from the run (``recipe/choice.py``), by the rules of a recipe
+that is made from nothing but a run. What belongs to the method stays as in the model recipe.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flgpr.model.printable import printable
+from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of, toml_frequency
+from flgpr.recipe.fit import FITTED_MAP
+from flgpr.recipe.schema import Recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.toml_text import parse_toml
+
+Tables = dict[str, Any]
+_CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
+_WHY_NOT = {
+    "clutter.masks": "its edges and its roadside are places ahead of its own array",
+    "clutter.roadside": "it reads one sub-band of its own array on a grid of its own",
+    "features.roadside": "it reads one sub-band of its own array on a grid of its own",
+    "map.deflection": _CUTS,
+    "map.neyman-pearson": _CUTS,
+    "map.whitening": _CUTS,
+    "map.magnitude": _CUTS,
+    "screen.clusters": "its region and its template are resolutions of its own array",
+    "features.templates": "its region and its template are resolutions of its own array",
+}
+_OTHER_STAGE = "no rule fits its entries to an array"
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True)
+class ModelRecipe:
+    """A recipe whose method another one is to have."""
+
+    name: str  #: as it was asked for: a packaged recipe, or a file
+    text: str  #: its TOML text
+    recipe: Recipe
+
+
+def likeable_names() -> list[str]:
+    """Return the names of the packaged recipes that can be fitted to an array."""
+    names = []
+    for name in recipe_names():
+        if not faults_of_model(parse_recipe(recipe_text(name), name)):
+            names.append(name)
+    return names
+
+
+def faults_of_model(model: Recipe) -> list[str]:
+    """Return why a recipe cannot be fitted to an array, entry by entry; empty if it can."""
+    faults = []
+    for name in model.named():
+        if name != f"map.{FITTED_MAP}":
+            faults.append(f"{name}: {_WHY_NOT.get(name, _OTHER_STAGE)}")
+    if model.run_view.look == "ranges":
+        faults.append("run_view.ranges: they are distances ahead of its own array")
+    return faults
+
+
+def load_model_recipe(like: str | Path) -> ModelRecipe:
+    """Return a recipe whose method another one can have.
+
+    Parameters
+    ----------
+    like : str or path
+        Packaged recipe, or a file.
+
+    Raises
+    ------
+    ValueError
+        If there is no such recipe, it is not valid, or it cannot be fitted to an array.
+    """
+    text = recipe_text(like)
+    model = parse_recipe(text, str(like))
+    faults = faults_of_model(model)
+    if faults:
+        known = ", ".join(likeable_names())
+        raise ValueError(
+            f"like must be a recipe that can be fitted to an array ({known}), got {like}: "
+            f"{'; '.join(faults)}"
+        )
+    return ModelRecipe(str(like), text, model)
+
+
+def like_text(figures: Figures, model: ModelRecipe, antennas: str = "") -> str:
+    """Write a recipe like another one, fitted to the array of a run.
+
+    Parameters
+    ----------
+    figures : Figures
+        What follows from the run.
+    model : ModelRecipe
+        The model recipe.
+    antennas : str
+        A packaged sensor, or a file, that has the antennas of the run. Without one a map that
+        simulates signatures assumes those of the model's sensor.
+
+    Returns
+    -------
+    str
+        TOML of the recipe.
+    """
+    return _Fitted(figures, model, antennas).text()
+
+
+class _Fitted:
+    """The tables of a recipe like another one.
+
+    Parameters
+    ----------
+    figures : Figures
+        What follows from the run.
+    model : ModelRecipe
+        The model recipe.
+    antennas : str
+        A sensor that has the antennas of the run.
+    """
+
+    def __init__(self, figures: Figures, model: ModelRecipe, antennas: str) -> None:
+        self.figures = figures
+        self.model = model.recipe
+        self.model_name = model.name
+        self.tables: Tables = parse_toml(model.text)
+        self.antennas = antennas
+        self.reasons: dict[str, str] = {}
+        self.left_out: list[str] = []
+
+    def text(self) -> str:
+        """Return the TOML text."""
+        self._leave_out()
+        self._fit_image()
+        self._fit_background()
+        self._fit_view()
+        if self.model.map is not None:
+            self._fit_map()
+        self._fit_prescreen()
+        self._fit_contrast()
+        self._fit_features()
+        name = printable(self.model.name)
+        shown_like = printable(self.model_name)
+        self.tables["name"] = f"{self.model.name}-fitted"
+        self.tables["description"] = f"Like {self.model.name}, {self.figures.fitted_to}"
+        head = [
+            f"# Made by `flgpr recipe for --like {shown_like}`",
+            f"# {self.figures.described}",
+            '# Lengths in m, frequencies in Hz. Entries marked "run:" were taken from the run, by '
+            "the rules of",
+            f"# `flgpr recipe for`; all others are those of {name}, see "
+            f"`flgpr recipe show {shown_like}`.",
+        ]
+        head += [f"# Left out: {reason}." for reason in self.left_out]
+        return "\n".join([*head, "", *_lines_of(self.tables, self.reasons)]) + "\n"
+
+    def _set(self, table: str, entry: str, value: Any, reason: str = "") -> None:
+        """Set an entry that follows from the run."""
+        name = f"{table}.{entry}"
+        self.tables.setdefault(table, {})[entry] = value
+        self.reasons[name] = reason or self.figures.reasons[name]
+
+    def _leave_out(self) -> None:
+        """Leave out what belongs to the model's own lane."""
+        if self.tables.pop("lane", None) is not None:
+            self.left_out.append("[lane], which is another one")
+        if self.tables["run_view"].pop("y", None) is not None:
+            self.left_out.append("run_view.y, which belongs to another lane")
+
+    def _fit_image(self) -> None:
+        """Fit the images: pixels, sub-bands, window and polarizations."""
+        self._set("image", "x", list(self.figures.image_x))
+        self._set("image", "y", list(self.figures.image_y))
+        self._set("image", "spacing", self.figures.fine)
+        if self.figures.window != self.model.image.window:
+            self._set("image", "window", self.figures.window)
+        if self.figures.aperture:
+            self._set("image", "frames", "all")
+        if self.model.image.polarizations:
+            self._set(
+                "image",
+                "polarizations",
+                self._measured(self.model.image.polarizations),
+                "those of the model that the run has",
+            )
+        bands = self.figures.bands
+        if bands == self.model.image.subbands:
+            return
+        reason = ""
+        if self.model.map is not None:
+            reason = (
+                "the lowest of its tones, side by side, as many octaves together as those of "
+                f"{self.model.name} or as the band has"
+            )
+            missing = len(self.model.image.subbands) - len(bands)
+            if missing:
+                reason += f"; {missing} fewer, for want of band or of tones"
+        self._set("image", "subbands", {name: list(band) for name, band in bands.items()}, reason)
+
+    def _measured(self, wanted: tuple[str, ...]) -> list[str]:
+        """Return the polarizations of the model that the run has, or the best that it has."""
+        labels = [label for label in wanted if label in self.figures.polarizations]
+        return labels or [self.figures.polarization]
+
+    def _fit_background(self) -> None:
+        """Fit the self-signature and the pixels of the median."""
+        method = "none"
+        if self.figures.drives:
+            method = self.model.background.self_signature
+            if method == "none":
+                method = "mean"
+        self._set("background", "self_signature", method)
+        self._set("background", "median_step", self.figures.median_step, f"{MEDIAN_STEP} m")
+
+    def _fit_view(self) -> None:
+        """Fit the run-view."""
+        self._set("run_view", "x", list(self.figures.view_x))
+        self._set("run_view", "spacing", self.figures.coarse)
+        self._set("run_view", "y_max", self.figures.y_max)
+
+    def _fit_map(self) -> None:
+        """Fit the map: the array whose signatures are simulated, and the contrast's channels."""
+        table = self.tables["map"]
+        own = table["sensor"]
+        self._set("map", "sensor", "run", "its own antennas, tones and height")
+        if self.antennas:
+            reason = "the sensor that has its antennas and tones"
+            self._set("map", "antennas", self.antennas, reason)
+        else:
+            table["antennas"] = table.get("antennas") or own
+            self.reasons["map.antennas"] = (
+                "assumed, for a run does not hold their pattern, tilt and errors; a sensor's own "
+                "file tells them"
+            )
+        settings = self.model.map.settings if self.model.map is not None else None
+        wanted = tuple(getattr(settings, "polarizations", ()))
+        measured = self._measured(wanted)
+        if measured != list(wanted):
+            reason = f"those of {', '.join(wanted)} that it has"
+            if not set(measured) & set(wanted):
+                reason = f"it has none of {', '.join(wanted)}"
+            self._set("map", "polarizations", measured, reason)
+
+    def _fit_prescreen(self) -> None:
+        """Fit the channel of the prescreener; that of a map is the map."""
+        if self.model.map is None:
+            self._set("prescreen", "polarization", self._polarization("prescreen"))
+            self._set("prescreen", "subband", self.figures.subband)
+        elif len(self.figures.bands) == 1:
+            self._set("prescreen", "subband", self.figures.subband, "there is one sub-band")
+
+    def _polarization(self, table: str) -> str:
+        """Return the model's polarization in a table, or the best that the run has."""
+        own = str(getattr(self.model, table).polarization)
+        return self._measured((own,))[0]
+
+    def _fit_contrast(self) -> None:
+        """Fit the channel and the pixels of the local contrast."""
+        contrast = self.model.contrast
+        spacing = self.figures.coarse
+        polarization = self._polarization("contrast")
+        if polarization != contrast.polarization:
+            reason = f"it has no {contrast.polarization}"
+            self._set("contrast", "polarization", polarization, reason)
+        if self.model.map is None:
+            self._set("contrast", "subband", self.figures.subband, "the prescreener's")
+        elif contrast.subband not in self.figures.bands:
+            self._set("contrast", "subband", self.figures.subband, "the last of its sub-bands")
+        if spacing == contrast.spacing:
+            return
+        self._set("contrast", "spacing", spacing, "the run-view's")
+        size = pixels_of([contrast.size * contrast.spacing], spacing)[0]
+        self._set("contrast", "size", size, f"{contrast.size * contrast.spacing:g} m")
+        for entry in ("inner", "guard"):
+            lengths = [pixels * contrast.spacing for pixels in getattr(contrast, entry)]
+            in_metres = " m x ".join(f"{length:g}" for length in lengths)
+            self._set("contrast", entry, pixels_of(lengths, spacing), f"{in_metres} m")
+
+    def _fit_features(self) -> None:
+        """Fit the pixels of the features, or leave them out where their polarizations lack."""
+        features = self.model.features
+        if features is None:
+            return
+        if not self.figures.has_features:
+            del self.tables["features"]
+            self.left_out.append("[features], which are of runs with HH, VV, and HV or VH")
+            return
+        steps = self.model.image.steps
+        lengths = [pixels * step for pixels, step in zip(features.inner, steps, strict=True)]
+        inner = pixels_of(lengths, self.figures.fine)
+        if inner != list(features.inner):
+            in_metres = " m x ".join(f"{length:g}" for length in lengths)
+            self._set("features", "inner", inner, f"{in_metres} m of the image")
+
+
+def _lines_of(
+    table: Mapping[str, Any], reasons: Mapping[str, str], path: tuple[str, ...] = ()
+) -> list[str]:
+    """Return the lines of a table, its own entries before the tables within it."""
+    lines = []
+    inner_lines: list[str] = []
+    for name, value in table.items():
+        where = ".".join([*path, name])
+        reason = reasons.get(where, "")
+        mark = "run: " if not reason.startswith("assumed") else ""
+        comment = f"  # {mark}{reason}" if reason else ""
+        if isinstance(value, dict):
+            header = ".".join(_key(part) for part in (*path, name))
+            inner_lines += ["", f"[{header}]{comment}"]
+            inner_lines += _lines_of(value, reasons, (*path, name))
+        else:
+            lines.append(f"{_key(name)} = {_toml(value)}{comment}")
+    return lines + inner_lines
+
+
+def _key(name: str) -> str:
+    """Return a key as TOML writes it."""
+    return name if _BARE_KEY.fullmatch(name) else _toml(name)
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML writes it; frequencies in GHz."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_toml(member) for member in value)}]"
+    if isinstance(value, float) and abs(value) >= 1e6:
+        return toml_frequency(value)
+    # JSON leaves as it is the one character that TOML does not allow in a text.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

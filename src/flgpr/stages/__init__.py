@@ -1,0 +1,586 @@
+"""Stages: what a recipe names by kind and name, and what each kind must be able to do.
+
+A stage is a class of one of four kinds. Its ``Settings`` are the entries of its table in a recipe.
+Stages come with the package or from another distribution, which offers them by entry points of the
+group "flgpr.stages"; their names are those that recipes use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
+
+from flgpr.detect.scorers.checks import Checked
+from flgpr.model.bounds import Entries
+from flgpr.model.bounds import Positive as Positive
+from flgpr.model.faults import describe_fault
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from flgpr.engine import Accumulator, Arrays, PlannedPass
+    from flgpr.imaging import ScanImager
+    from flgpr.model import Grid, Lane
+
+GROUP = "flgpr.stages"
+"""Group of the entry points of stages."""
+PACKAGED = {
+    "clutter": {
+        "standing": "standing:StandingField",
+        "early": "early:EarlyEchoes",
+        "masks": "masks:MaskedSuppression",
+        "low-rank": "low_rank:LowRank",
+        "roadside": "roadside:RoadsideSuppression",
+    },
+    "map": {
+        "deflection": "forms:DeflectionMap",
+        "neyman-pearson": "forms:NeymanPearsonMap",
+        "principal-components": "principal_components:ComponentMap",
+        "whitening": "forms:WhiteningMap",
+        "magnitude": "forms:MagnitudeMap",
+        "likelihood": "likelihood:LikelihoodMap",
+    },
+    "screen": {"clusters": "clusters:ClusterScreen"},
+    "features": {
+        "templates": "clusters:TemplateFeatures",
+        "tracking": "tracking:Tracking",
+        "cfar": "anomaly:Cfar",
+        "rx": "anomaly:Rx",
+        "matched": "anomaly:Matched",
+        "network": "network:ChipNetwork",
+        "hog": "patterns:Hog",
+        "lbp": "patterns:Lbp",
+        "visual-words": "patterns:VisualWords",
+        "fisher-vectors": "patterns:FisherVectors",
+        "roadside": "roadside:RoadsideShare",
+        "time-frequency": "time_frequency:TimeFrequency",
+    },
+}
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex64]
+
+
+class Table(Entries):
+    """A table of a recipe: it refuses unknown entries, and its numbers have bounds."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a stage knows about the chain it belongs to."""
+
+    #: the run; live, where none is stored, one scan without an echo at the lane's origin
+    run: xr.Dataset
+    #: runs that were taken together with it, such as a second band, by the names in recipes
+    others: Mapping[str, xr.Dataset]
+    lane: Lane  #: the lane
+    #: makes images and operators of the run; ``imager.scans`` are the numbers of its complete
+    #: scans, in whose order indices count
+    imager: ScanImager
+    images: Grid  #: pixels of the scan images that count, in the scan frame
+    view: Grid  #: pixels of the run-view, in the lane frame
+    imaged: list[int]  #: numbers of the polarizations that are imaged
+    summed: int  #: number of scans that an image is the coherent sum of
+    results: Mapping[str, Any]  #: results of earlier passes, arrays by name
+
+    def pose(self, index: int) -> FloatArray:
+        """Return the pose (6,) of the scan at an index among the complete ones."""
+        return np.asarray(self.run["pose"].values[self.imager.scans[index]], dtype=np.float64)
+
+
+class Stage:
+    """A step of a recipe. Subclass one of the kinds below.
+
+    Parameters
+    ----------
+    settings : Table
+        The entries of its table in the recipe, an instance of ``Settings``.
+    setup : Setup
+        The chain it belongs to.
+    learnt : dict of str to ndarray, optional
+        What :meth:`fit` returned.
+    """
+
+    kind: ClassVar[str] = ""  #: "clutter", "map", "screen" or "features"
+    learns: ClassVar[bool] = False  #: whether it must be trained: it then has ``fit``
+    not_live_because: ClassVar[str] = ""  #: why it cannot work while scans come in; "" if it can
+    Settings: ClassVar[type[Table]] = Table  #: the entries of its table in a recipe
+    #: entries, with values, that let more through: advice for those who train on few mines
+    looser: ClassVar[Mapping[str, Any]] = {}
+
+    def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
+        self.settings = settings
+        self.setup = setup
+        self.learnt = learnt or {}
+
+    @classmethod
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+        """Learn from the training lanes.
+
+        Parameters
+        ----------
+        settings : Table
+            The entries of its table.
+        examples : list
+            One thing per training lane: the result of ``examples`` for the kinds that look at
+            scans, else a :class:`TrainingView`.
+
+        Returns
+        -------
+        learnt : dict of str to ndarray
+            Arrays to work with later.
+        notes : dict
+            Figures worth reporting.
+        """
+        raise NotImplementedError(f"{cls.__name__} does not learn")
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Check the name, type and shape of the arrays that :meth:`fit` returned.
+
+        A model may come from anybody. A stage that does not override this accepts any arrays.
+
+        Raises
+        ------
+        ValueError
+            If ``fit`` cannot have returned an array for these settings.
+        """
+        learnt.take_all()
+
+    @classmethod
+    def why_not_live(cls, settings: Any) -> str:  # noqa: ARG003
+        """Return why it cannot work while scans come in; "" if it can."""
+        return cls.not_live_because
+
+    @classmethod
+    def margin(cls, settings: Any) -> float:  # noqa: ARG003
+        """Return how far along the lane from an alarm it depends on the run-view, m."""
+        return 0.0
+
+    @classmethod
+    def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
+        """Estimate the bytes that it takes.
+
+        Parameters
+        ----------
+        settings : Table
+            The entries of its table.
+        sizes : mapping of str to int
+            Lengths of the run's dimensions.
+        image : Grid
+            Pixels of the scan images.
+        """
+        return 0.0
+
+    def passes(self) -> list[PlannedPass]:
+        """Return the passes over the run that it needs before images are cleaned.
+
+        Their names begin with that of the stage.
+        """
+        return []
+
+    def notes(self) -> dict[str, Any]:
+        """Return figures worth reporting of the whole run, once its passes are done."""
+        return {}
+
+    @classmethod
+    def targets_used_for_training(
+        cls,
+        settings: Any,  # noqa: ARG003
+        examples: list[Any],  # noqa: ARG003
+    ) -> list[Any]:
+        """Return the rows of each training lane's truth that the stage has learnt from.
+
+        No detector is trained on them again.
+        """
+        return []
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """The run-view of a training lane, and what stands in the lane."""
+
+    view: xr.DataArray  #: (polarization, subband, y, x)
+    truth: pd.DataFrame  #: its targets
+    lane: Lane  #: its borders
+
+
+class ClutterStage(Stage):
+    """Takes clutter out of the received field: data in, data out."""
+
+    kind = "clutter"
+    before: Callable[[int, int], ComplexArray]
+    """Data of the scans up to an index, as the stages before leave it: ``before(index, count)``."""
+
+    def clean(self, index: int, data: ComplexArray) -> ComplexArray:
+        """Return the cleaned data of a scan.
+
+        Parameters
+        ----------
+        index : int
+            Index of the scan among the complete ones.
+        data : (polarization, pair, frequency) ndarray of complex
+            Its data, as the stages before leave it.
+        """
+        raise NotImplementedError
+
+    def data(self, index: int, count: int) -> ComplexArray:
+        """Return the cleaned data of the last scans up to an index.
+
+        Parameters
+        ----------
+        index : int
+            Index of the last scan among the complete ones.
+        count : int
+            Number of scans; there are fewer at the beginning of the run.
+
+        Returns
+        -------
+        (scan, polarization, pair, frequency) ndarray of complex
+            The latest scan is the last.
+        """
+        cleaned = []
+        for scan_index in range(max(index - count + 1, 0), index + 1):
+            cleaned.append(self.clean(scan_index, self.before(scan_index, 1)[0]))
+        return np.stack(cleaned)
+
+    def examples(self, truth: pd.DataFrame) -> Accumulator:
+        """Return what gathers, scan by scan, the examples of ``fit`` on a lane with this truth."""
+        raise NotImplementedError
+
+
+class MapStage(Stage):
+    """Turns every cleaned scan image into a map of how much each pixel is like a mine."""
+
+    kind = "map"
+    single: ClassVar[bool] = True  #: whether it reads images of one sub-band alone
+
+    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+        """Return the map of a scan image.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) DataArray of complex
+            Cleaned scan image.
+
+        Returns
+        -------
+        (y, x) ndarray
+            NaN where it says nothing.
+        """
+        raise NotImplementedError
+
+    @property
+    def surveys(self) -> bool:
+        """Whether it goes through all scans of a lane before its first map."""
+        return False
+
+    def survey(self, image: Callable[[int], xr.DataArray]) -> Accumulator:
+        """Return what gathers, scan by scan, what maps need to know of the whole lane.
+
+        Its result is that of the pass "survey". ``image`` returns the cleaned image of the scan at
+        an index.
+        """
+        raise NotImplementedError
+
+    def parts(
+        self,
+        image: xr.DataArray,  # noqa: ARG002
+    ) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:
+        """Return what explains the map of a scan image, as maps (y, x) by name.
+
+        Returns
+        -------
+        adding : mapping of str to ndarray
+            Maps that add up to the map but for a constant.
+        others : mapping of str to ndarray
+            Maps that explain it without adding up.
+        """
+        return {}, {}
+
+    def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
+        """Return what gathers, scan by scan, the examples of ``fit`` on a lane with this truth.
+
+        ``image`` returns the cleaned image of the scan at an index.
+        """
+        raise NotImplementedError
+
+
+class ScreenStage(Stage):
+    """Raises alarms on the run-view, in place of its local maxima."""
+
+    kind = "screen"
+
+    @classmethod
+    def margin(cls, settings: Any) -> float:
+        """Return how far beyond a section's border alarms depend on the run-view, m."""
+        raise NotImplementedError
+
+    def alarms(self, view: xr.DataArray) -> pd.DataFrame:
+        """Return the alarms on a run-view.
+
+        Parameters
+        ----------
+        view : (polarization, subband, y, x) DataArray
+            Run-view.
+
+        Returns
+        -------
+        DataFrame
+            ``x``, ``y`` (m, lane frame) and ``magnitude``, the strongest first.
+        """
+        raise NotImplementedError
+
+
+class FeatureStage(Stage):
+    """Adds columns to the features of alarms, by one of the two methods or both.
+
+    Of the values of ``of_image`` the mean over all scans that see an alarm is taken, live over
+    those so far; the chain gathers them. A stage with ``of_view`` waits for the whole run.
+    """
+
+    kind = "features"
+    columns: tuple[str, ...] = ()
+    """Columns of ``of_image``; empty without that method."""
+    alarm_columns: ClassVar[tuple[str, ...]] = ()
+    """Columns that the alarm table shows, too."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if cls.of_view is not FeatureStage.of_view and not cls.not_live_because:
+            cls.not_live_because = (
+                "columns of the run-view are complete only when a place is passed"
+            )
+
+    @classmethod
+    def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:  # noqa: ARG003
+        """Return how many columns it has at most, for the estimate of memory.
+
+        Few columns need not be counted: what is taken for an alarm anyway covers some hundred.
+
+        Parameters
+        ----------
+        settings : Table
+            The entries of its table.
+        polarizations : int
+            Polarizations of the images.
+        view : Grid
+            Pixels of the run-view.
+        """
+        return 0
+
+    def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
+        """Return the features of one scan.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) DataArray of complex
+            Cleaned scan image, in units of the background.
+        points : (alarm, 2) ndarray
+            x and y of the alarms in the scan frame, m.
+
+        Returns
+        -------
+        mapping of str to (alarm,) ndarray
+            The columns; NaN where the scan does not see the alarm.
+        """
+        raise NotImplementedError
+
+    def of_view(
+        self,
+        view: xr.DataArray,  # noqa: ARG002
+        points: FloatArray,  # noqa: ARG002
+    ) -> Mapping[str, FloatArray]:
+        """Return the features of the run-view.
+
+        Parameters
+        ----------
+        view : (polarization, subband, y, x) DataArray
+            Run-view.
+        points : (alarm, 2) ndarray
+            x and y of the alarms in the lane frame, m. There may be none: the names of the columns
+            are then asked for, and the run-view says nothing.
+
+        Returns
+        -------
+        mapping of str to (alarm,) ndarray
+            The columns.
+        """
+        return {}
+
+
+class Named(BaseModel):
+    """A stage that a recipe names, with its entries."""
+
+    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
+    stage: str
+    settings: SerializeAsAny[Table]
+    stage_class: type[Stage] = Field(exclude=True)
+
+
+def _reader_of(kind: str) -> Callable[[Any], Any]:
+    """Return what turns a table of a recipe into a stage of a kind."""
+
+    def read(table: Any) -> Any:
+        if isinstance(table, Named):
+            return table
+        if not isinstance(table, dict) or not isinstance(table.get("stage"), str):
+            raise ValueError(f'must be a table with the entry stage = "...", got {table!r}')
+        stage_class = find_stage(kind, table["stage"])
+        entries = {name: value for name, value in table.items() if name != "stage"}
+        try:
+            settings = stage_class.Settings.model_validate(entries)
+        except ValidationError as error:
+            faults = []
+            for fault in error.errors():
+                faults.append(describe_fault(fault, stage_class.Settings, table["stage"]))
+            raise ValueError("; ".join(faults)) from None
+        return Named(stage=table["stage"], settings=settings, stage_class=stage_class)
+
+    return read
+
+
+def make_stage(name: str, entry: Named, setup: Setup, learnt: Arrays | None) -> Any:
+    """Return a stage that a recipe names.
+
+    Parameters
+    ----------
+    name : str
+        Its name with its kind, such as "clutter.masks".
+    entry : Named
+        Its class and the entries of its table.
+    setup : Setup
+        The chain it belongs to.
+    learnt : dict of str to ndarray, optional
+        What a model holds for it.
+
+    Raises
+    ------
+    ValueError
+        If its ``fit`` cannot have returned these arrays.
+    """
+    if learnt is not None:
+        checked = Checked({}, learnt)
+        try:
+            entry.stage_class.check_learnt(entry.settings, setup, checked)
+            checked.done()
+        except ValueError as error:
+            raise ValueError(f"model's stage {name} does not fit this recipe: {error}") from None
+    return entry.stage_class(entry.settings, setup, learnt)
+
+
+def make_stages(
+    entries: Mapping[str, Named], setup: Setup, learnt: Mapping[str, Arrays]
+) -> dict[str, Stage]:
+    """Return the stages that a recipe names, but for the clutter stages, by their names.
+
+    Parameters
+    ----------
+    entries : mapping of str to Named
+        Class and settings of all stages of the recipe, by name.
+    setup : Setup
+        The chain they belong to.
+    learnt : mapping of str to dict of ndarray
+        What a model holds for stages that have learnt.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`make_stage`.
+    """
+    stages: dict[str, Stage] = {}
+    for name, entry in entries.items():
+        if not issubclass(entry.stage_class, ClutterStage):
+            stages[name] = make_stage(name, entry, setup, learnt.get(name))
+    return stages
+
+
+def make_clutter_stages(
+    entries: Mapping[str, Named],
+    setup: Setup,
+    learnt: Mapping[str, Arrays],
+    measured: Callable[[int, int], ComplexArray],
+) -> dict[str, ClutterStage]:
+    """Return the clutter stages that a recipe names, each reading what the one before it leaves.
+
+    Parameters
+    ----------
+    entries : mapping of str to Named
+        Class and settings of all stages of the recipe, by name.
+    setup : Setup
+        The chain they belong to.
+    learnt : mapping of str to dict of ndarray
+        What a model holds for stages that have learnt.
+    measured : callable
+        Returns the measured data of the last scans up to an index: ``measured(index, count)``.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`make_stage`.
+    """
+    stages: dict[str, ClutterStage] = {}
+    before = measured
+    for name, entry in entries.items():
+        if not issubclass(entry.stage_class, ClutterStage):
+            continue
+        stage = make_stage(name, entry, setup, learnt.get(name))
+        stage.before = before
+        stages[name] = stage
+        before = stage.data
+        if entry.stage_class.learns and name not in learnt:
+            # In training the stages after it work on what it will leave once it has learnt.
+            break
+    return stages
+
+
+ClutterNamed = Annotated[Named, BeforeValidator(_reader_of("clutter"))]
+MapNamed = Annotated[Named, BeforeValidator(_reader_of("map"))]
+ScreenNamed = Annotated[Named, BeforeValidator(_reader_of("screen"))]
+FeaturesNamed = Annotated[Named, BeforeValidator(_reader_of("features"))]
+
+
+def find_stage(kind: str, name: str) -> type[Stage]:
+    """Find a stage by its kind and name.
+
+    Parameters
+    ----------
+    kind : {"clutter", "map", "screen", "features"}
+        Its kind.
+    name : str
+        Name of a packaged stage, or of an entry point of the group "flgpr.stages".
+
+    Returns
+    -------
+    type
+        Its class.
+
+    Raises
+    ------
+    ValueError
+        If there is no such stage, or it is of another kind.
+    """
+    if name in PACKAGED[kind]:
+        module, _, class_name = PACKAGED[kind][name].partition(":")
+        packaged: type[Stage] = getattr(import_module(f"flgpr.stages.{module}"), class_name)
+        return packaged
+    offered = {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
+    if name not in offered:
+        known = ", ".join([*PACKAGED[kind], *offered])
+        raise ValueError(f"stage must be one of {known}, got {name!r}")
+    loaded = offered[name].load()
+    is_stage = isinstance(loaded, type) and issubclass(loaded, Stage)
+    if not is_stage or loaded.kind != kind:
+        raise ValueError(
+            f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, "
+            f"got {loaded!r}"
+        )
+    stage_class: type[Stage] = loaded
+    return stage_class

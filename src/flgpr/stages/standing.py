@@ -1,0 +1,95 @@
+"""Data freed from what stands still on the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from flgpr.clutter import standing_field, subtract_standing
+from flgpr.engine import Accumulator, Arrays, PlannedPass, append_accumulator
+from flgpr.model import Grid
+from flgpr.stages import ClutterStage, ComplexArray, Table
+
+
+class StandingSettings(Table):
+    """``most`` scans, spread evenly over the run, give the median."""
+
+    most: Annotated[int, Field(ge=3)] = 64
+
+
+def standing_pass(
+    name: str,
+    scans: int,
+    most: int,
+    read: Callable[[int], ComplexArray],
+    estimate: Callable[[ComplexArray], ComplexArray] = standing_field,
+) -> PlannedPass:
+    """Return the pass that estimates a standing field from scans spread evenly over the run.
+
+    Parameters
+    ----------
+    name : str
+        Name of the pass.
+    scans : int
+        Number of complete scans.
+    most : int
+        Number of scans that it reads at most.
+    read : callable
+        Returns the data (polarization, pair, frequency) of the scan at an index.
+    estimate : callable
+        Returns the field of data (scan, polarization, pair, frequency).
+
+    Returns
+    -------
+    PlannedPass
+        Its result holds the ``field``.
+    """
+    spread = np.linspace(0, scans - 1, min(scans, most))
+    chosen = set(np.unique(np.rint(spread).astype(int)).tolist())
+
+    def start(block: range | None) -> Accumulator:  # noqa: ARG001
+        pieces: list[Arrays] = []
+
+        def add(index: int) -> None:
+            if index in chosen:
+                pieces.append({"signal": read(index)[None]})
+
+        gathered = append_accumulator(pieces, add)
+
+        def result() -> Arrays:
+            return {"field": estimate(gathered.result()["signal"])}
+
+        return Accumulator(add, gathered.state, gathered.merge, result)
+
+    return PlannedPass(name, "standing field", start, all_scans=True)
+
+
+class StandingField(ClutterStage):
+    """Subtracts the median of the data over the run, fitted to every scan's gain."""
+
+    not_live_because = "only the whole run shows what stands still"
+    Settings: ClassVar[type[Table]] = StandingSettings
+
+    @classmethod
+    def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
+        """Estimate the bytes of the scans of the median and its copies."""
+        scans = min(settings.most, sizes["scan"])
+        samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+        return 4 * 8.0 * scans * samples
+
+    def passes(self) -> list[PlannedPass]:
+        """Return the pass that estimates the field."""
+        scans = len(self.setup.imager)
+        return [standing_pass("standing", scans, self.settings.most, self._data_before)]
+
+    def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+        """Return the data without the field."""
+        return subtract_standing(data, self.setup.results["standing"]["field"])
+
+    def _data_before(self, index: int) -> ComplexArray:
+        """Return the data of a scan as the stages before leave them."""
+        return self.before(index, 1)[0]

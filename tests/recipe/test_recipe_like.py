@@ -1,0 +1,314 @@
+"""A recipe like another one: what belongs to the array follows from the run, the method stays."""
+
+import warnings
+
+import numpy as np
+import pytest
+from chain.test_recipe_for_run import bare_run
+from typer.testing import CliRunner
+
+from flgpr.commands.app import app
+from flgpr.commands.simulate import simulate_lane
+from flgpr.model import load_sensor, make_run, sensor_presets
+from flgpr.recipe.choice import toml_frequency
+from flgpr.recipe.fit import check_fit
+from flgpr.recipe.like import likeable_names
+from flgpr.recipe.make import fit_recipe, recipe_for, sensor_for
+from flgpr.recipe.schema import load_recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.store import open_run, read_table, sample_lane, save_run
+from systems.lanes import SENSOR
+
+LOW_TONES = 0.45e9 + 5e6 * np.arange(130)
+ARRAY_ENTRIES = {
+    "image": {"x", "y", "spacing", "subbands"},
+    "background": {"self_signature", "median_step"},
+    "map": {"sensor", "antennas", "polarizations"},
+    "run_view": {"x", "spacing", "y_max"},
+    "prescreen": {"subband"},
+    "contrast": {"polarization", "subband", "size", "spacing", "inner", "guard"},
+}
+"""Entries of fused that a run may change."""
+
+
+def run_of(sensor, scans=6, step=1.0):
+    """Make a run without echoes that a sensor took."""
+    tx, rx = sensor.pairs()
+    tones = sensor.tones.axis()
+    pose = np.zeros((scans, 6))
+    pose[:, 1] = step * np.arange(scans)
+    pose[:, 2] = sensor.height
+    shape = (scans, len(sensor.polarization), len(tx), len(tones))
+    return make_run(np.zeros(shape, np.complex64), tones, sensor.polarization, tx, rx, pose)
+
+
+def fused_for(run):
+    """Fit fused to a run; the recipe must fit without a doubt."""
+    recipe = parse_recipe(fit_recipe(run, like="fused"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_fit(run, recipe)
+    return recipe
+
+
+@pytest.mark.parametrize("name", sensor_presets())
+def test_fused_fits_every_packaged_array_and_its_method_stays(name):
+    recipe = fused_for(run_of(load_sensor(name)))
+    table = recipe.map.settings
+    assert (table.sensor, table.antennas) == ("run", name)
+    model = load_recipe("fused").model_dump(mode="json")
+    fitted = recipe.model_dump(mode="json")
+    for part, entries in model.items():
+        if part in ("name", "description") or entries is None:
+            continue
+        own, models = fitted[part], entries
+        if part == "map":
+            own, models = own["settings"], models["settings"]
+        if not isinstance(models, dict):
+            assert own == models, part
+            continue
+        for entry in set(models) - ARRAY_ENTRIES.get(part, set()):
+            assert own[entry] == models[entry], f"{part}.{entry}"
+
+
+def test_the_papers_array_gets_nearly_what_fused_has():
+    recipe = fused_for(run_of(load_sensor("sri-array")))
+    model = load_recipe("fused")
+    assert recipe.image.subbands == model.image.subbands
+    assert (recipe.image.x, recipe.image.spacing) == (model.image.x, model.image.spacing)
+    assert recipe.contrast == model.contrast
+    assert recipe.run_view.y_max == pytest.approx(model.run_view.y_max, abs=1.5)
+
+
+def test_comments_tell_what_was_taken_from_the_run():
+    text = fit_recipe(open_run(sample_lane() / "run.zarr"), like="fused")
+    lines = {line.split(" = ")[0]: line for line in text.splitlines() if " = " in line}
+    for entry in ("x", "y", "self_signature", "sensor", "antennas", "y_max", "median_step"):
+        assert "  # run: " in lines[entry], entry
+    for entry in ("window", "kinds", "depths", "blur", "falloff", "radius", "halo", "estimator"):
+        assert "#" not in lines[entry], entry
+    assert 'antennas = "full-wave"' in lines["antennas"]
+    assert "flgpr recipe for --like fused" in text
+    assert text == fit_recipe(open_run(sample_lane() / "run.zarr"), like="fused")
+
+
+@pytest.mark.parametrize("like", [None, "fused"])
+def test_tones_at_the_edges_of_sub_bands_stay_in_them(like):
+    # More digits than a recipe used to have; the lowest tone is above its own rounded value.
+    tones = 0.7500000001234567e9 + 5000000.123 * np.arange(130)
+    tones[-1] = np.nextafter(tones[-1], np.inf)
+    bands = parse_recipe(fit_recipe(bare_run(tones=tones), like=like)).image.subbands.values()
+    assert min(low for low, _ in bands) == tones[0]
+    assert max(high for _, high in bands) == tones[-1]
+
+
+@pytest.mark.parametrize(
+    ("frequency", "text"),
+    [(1e9, "1e9"), (0.45e9, "0.45e9"), (1.5e10, "15e9"), (1e6, "0.001e9"), (1e9 / 3, None)],
+)
+def test_a_frequency_is_written_so_that_it_is_read_again(frequency, text):
+    written = toml_frequency(frequency)
+    assert float(written) == frequency
+    assert text is None or written == text
+
+
+def test_neither_path_nor_name_of_the_model_ends_a_comment(tmp_path):
+    path = tmp_path / "a\nfoo = 1\x1b.toml"
+    text = recipe_text("fused").replace('name = "fused"', 'name = "fu\\nsed\\u007f = 1"')
+    path.write_text(text)
+    fitted = fit_recipe(bare_run(tones=LOW_TONES), like=path)
+    assert parse_recipe(fitted).name == "fu\nsed\x7f = 1-fitted"
+    assert "all others are those of fu\\nsed\\x7f = 1, see" in fitted
+    assert fitted.count("a\\nfoo = 1\\x1b.toml") == 2
+
+
+def test_an_array_of_its_own_assumes_the_antennas_and_says_so():
+    text = fit_recipe(bare_run(tones=LOW_TONES), like="fused")
+    assert 'antennas = "sri-array"  # assumed' in text
+
+
+@pytest.mark.parametrize(
+    ("labels", "measured", "contrast"),
+    [(("VV",), ("VV",), "VV"), (("HH",), ("HH",), "HH"), (("HV",), ("HV",), "HV")],
+)
+def test_a_single_polarization_is_all_that_is_read(labels, measured, contrast):
+    recipe = fused_for(bare_run(polarization=labels, tones=LOW_TONES))
+    assert recipe.map.settings.polarizations == measured
+    assert recipe.contrast.polarization == contrast
+
+
+def test_a_single_transmitter_gets_a_recipe():
+    receivers = [[x, 0.0, 0.0] for x in np.linspace(-1, 1, 8)]
+    pose = np.zeros((6, 6))
+    pose[:, 1] = np.arange(6)
+    pose[:, 2] = 2.0
+    signal = np.zeros((6, 2, 8, LOW_TONES.size), np.complex64)
+    run = make_run(signal, LOW_TONES, ["HH", "VV"], [[0.0, 0.0, 0.0]] * 8, receivers, pose)
+    assert list(fused_for(run).image.subbands) == ["B0", "B1", "B2"]
+    sensor = sensor_for(run)
+    assert (len(sensor.tx), len(sensor.rx), sensor.scanned) == (1, 8, False)
+
+
+@pytest.mark.parametrize(
+    ("tones", "bands"),
+    [
+        (LOW_TONES, {"B0": (0.45, 0.6), "B1": (0.6, 0.8), "B2": (0.8, 1.05)}),
+        (0.9e9 + 5e6 * np.arange(400), {"B0": (0.9, 1.194), "B1": (1.194, 1.583), "B2": (1.583, 2.1)}),
+        (8e9 + 5e6 * np.arange(80), {"B0": (8.0, 8.195), "B1": (8.195, 8.395)}),
+        (1e9 + 5e6 * np.arange(20), {"B0": (1.0, 1.095)}),
+        (1e9 + 30e6 * np.arange(12), {"B0": (1.0, 1.33)}),
+        (np.append(0.3e9 + 5e6 * np.arange(40), 2e9 + 5e6 * np.arange(40)), {"B0": (0.45, 0.495)}),
+    ],
+    ids=["its own", "higher", "high and narrow", "narrow", "coarse", "in two pieces"],
+)  # fmt: skip
+def test_sub_bands_are_fuseds_or_the_lowest_of_the_tones(tones, bands):
+    height = 0.7 if tones[1] - tones[0] > 20e6 else 2.0
+    recipe = fused_for(bare_run(height, ("HH", "VV"), tones))
+    found = {name: np.array(band) / 1e9 for name, band in recipe.image.subbands.items()}
+    assert list(found) == list(bands)
+    for name, band in bands.items():
+        np.testing.assert_allclose(found[name], band, atol=5e-4)
+    assert recipe.prescreen.subband == ("all" if len(bands) > 1 else "B0")
+    assert recipe.contrast.subband in bands
+
+
+def test_too_few_tones_are_refused_with_the_rule():
+    with pytest.raises(ValueError, match="frequency must hold neighbouring tones"):
+        fit_recipe(bare_run(tones=np.array([1e9])), like="fused")
+    for tones in (1e9 + 200e6 * np.arange(10), np.array([0.3e9, 0.5e9])):
+        with pytest.raises(ValueError, match=r"frequency must have tones at most [\d.]+ MHz apart"):
+            fit_recipe(bare_run(tones=tones), like="fused")
+    with pytest.raises(ValueError, match=r"frequency must have tones at most [\d.]+ MHz apart"):
+        fit_recipe(bare_run(tones=0.5e9 + 50e6 * np.arange(20)), like="fused")
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("cosgrove2004", "map.deflection: the length of its cuts is counted in pixels"),
+        ("flsar2004", "run_view.ranges: they are distances ahead of its own array"),
+        ("fuse2018", "clutter.masks: its edges and its roadside are places"),
+        ("demo", "features.roadside: it reads one sub-band of its own array"),
+    ],
+)
+def test_a_recipe_that_no_rule_fits_is_refused_with_the_reason(name, reason):
+    run = bare_run()
+    with pytest.raises(
+        ValueError, match=f"like must be a recipe that can be fitted .*{name}"
+    ) as error:
+        fit_recipe(run, like=name)
+    assert reason in str(error.value)
+    with pytest.raises(ValueError, match="recipe must be a TOML file or one of"):
+        fit_recipe(run, like="nobodys")
+
+
+def test_all_other_packaged_recipes_fit_an_array():
+    names = likeable_names()
+    assert {"fused", "wang2007", "wang2007-printed", "miniature"} <= set(names)
+    assert set(names) < set(recipe_names())
+    run = bare_run(1.0, ("HH", "VV", "VH"), 1e9 + 5e6 * np.arange(300))
+    for name in names:
+        recipe = parse_recipe(fit_recipe(run, like=name))
+        check_fit(run, recipe)
+        assert recipe.lane is None
+        assert (recipe.features is None) == (load_recipe(name).features is None)
+    assert "# Left out: [lane]" in fit_recipe(run, like="demo-mean-self-signature")
+
+
+def test_windows_of_pixels_keep_their_lengths():
+    run = bare_run(0.4, ("HH", "VV", "VH"), 1e9 + 5e6 * np.arange(300))
+    recipe = parse_recipe(fit_recipe(run, like="wang2007"))
+    model = load_recipe("wang2007")
+    assert recipe.contrast.spacing < model.contrast.spacing
+    for entry in ("inner", "guard"):
+        ours = np.array(getattr(recipe.contrast, entry)) * recipe.contrast.spacing
+        models = np.array(getattr(model.contrast, entry)) * model.contrast.spacing
+        np.testing.assert_allclose(ours, models, atol=recipe.contrast.spacing)
+    no_cross = parse_recipe(fit_recipe(run.isel(polarization=[0]), like="wang2007"))
+    assert no_cross.features is None
+
+
+def test_a_rail_takes_no_map(tmp_path):
+    poses = np.zeros((40, 6))
+    poses[:, 0] = np.linspace(-2, 2, 40)
+    poses[:, 2] = 1.0
+    signal = np.zeros((40, 1, 1, LOW_TONES.size), np.complex64)
+    rail = make_run(signal, LOW_TONES, ["HH"], [[0.0, 0, 0]], [[0.1, 0, 0]], poses)
+    with pytest.raises(ValueError, match="like must be a recipe without a map, got fused"):
+        fit_recipe(rail, like="fused")
+    assert parse_recipe(fit_recipe(rail, like="wang2007")).image.frames == "all"
+    with pytest.raises(ValueError, match="sensor must look ahead"):
+        sensor_for(rail)
+
+
+def test_a_recipe_of_another_array_names_the_way_to_one_that_fits():
+    run = bare_run(2.0, ("HH", "VV"), 2e9 + 5e6 * np.arange(100))
+    with pytest.raises(
+        ValueError, match="`flgpr recipe for RUN --like fused` writes one that fits"
+    ):
+        check_fit(run, load_recipe("fused"))
+    only_hh = bare_run(5.0, ("HH",), LOW_TONES)
+    with pytest.raises(
+        ValueError, match=r"map\.polarizations must be one the run has \(HH\), got 'VV'"
+    ):
+        check_fit(only_hh, load_recipe("fused"))
+
+
+def flgpr(*words):
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+SCENE = """name = "lane"
+site = "arid-sand"
+x_min = -1.5
+x_max = 1.5
+length = 18.0
+[surface]
+density = 3.0
+[clutter]
+bushes = 0
+posts = 0
+rocks = 0
+patches = 0
+[[draws]]
+kind = "metal"
+depth = -0.1
+count = 6
+[track]
+start = -5.0
+step = [1.4, 1.6]
+"""
+
+
+@pytest.mark.slow("simulates lanes and trains")
+def test_recipe_train_and_detect_on_lanes_of_the_runs_own_array(tmp_path):
+    """The documented sequence: a field run, lanes of its array, a model, alarms."""
+    (tmp_path / "sensor.toml").write_text(SENSOR.replace("count = 4", "count = 3"))
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "fused.toml").write_text(
+        recipe_text("fused").replace('kinds = ["metal"]', 'kinds = ["metal"]\ncopies = 2')
+        .replace("depths = [0.0, 0.05, 0.10, 0.15]", "depths = [0.0, 0.1]")
+    )  # fmt: skip
+    field = tmp_path / "field.zarr"
+    simulate_lane(tmp_path / "scene.toml", sensor=tmp_path / "sensor.toml", seed=1, output=field)
+    save_run(open_run(field).drop_attrs(), tmp_path / "own.zarr")  # it says nothing of its sensor
+
+    own = tmp_path / "own.toml"
+    flgpr("recipe", "for", tmp_path / "own.zarr", "--like", tmp_path / "fused.toml", "-o", own)
+    assert "good" in flgpr("recipe", "check", own)
+    assert own.read_text() == recipe_for(tmp_path / "own.zarr", like=tmp_path / "fused.toml")
+    lane = tmp_path / "a.zarr"
+    flgpr("simulate", tmp_path / "scene.toml", "--sensor", tmp_path / "own.zarr", "--seed", 2,
+          "-o", lane)  # fmt: skip
+    for name in ("tx_position", "rx_position", "frequency"):
+        np.testing.assert_allclose(open_run(lane)[name].values, open_run(field)[name].values)
+    truth = tmp_path / "a-truth.csv"
+    flgpr("train", lane, "--truth", truth, "--recipe", own, "-o", tmp_path / "model")
+    flgpr("detect", tmp_path / "own.zarr", "--recipe", own, "--model", tmp_path / "model",
+          "-o", tmp_path / "result")  # fmt: skip
+    alarms = read_table(tmp_path / "result" / "alarms.csv", "alarms")
+    mines = read_table(tmp_path / "field-truth.csv", "truth")
+    off = np.hypot(mines["x"] - alarms["x"][0], mines["y"] - alarms["y"][0])
+    assert off.min() < 1.0
+    assert len(alarms) > 3
