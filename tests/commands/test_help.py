@@ -4,26 +4,17 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from flgpr.commands.app import COMMANDS, GROUPS, HELP_PANELS, app
+from flgpr.commands.app import COMMANDS, HELP_PANELS, app
 from flgpr.commands.options import ANCHOR_HELP, LANE_HELP, OUTPUT_HELP, OVERWRITE_HELP
 
 LONG = ("detect", "train", "score", "image", "simulate", "live", "import gpr", "import mapped")
 """Commands of many options, which the help shows in several boxes."""
 
 
-def functions():
-    """Return the functions of all commands by their words."""
-    by_words = dict(COMMANDS)
-    for (group, _), group_commands in GROUPS.items():
-        for name, function in group_commands.items():
-            by_words[f"{group} {name}"] = function
-    return by_words
-
-
 def parsed_options():
     """Yield the words of every command with each of its options, as they are parsed."""
     root = typer.main.get_command(app)
-    for words in functions():
+    for words in COMMANDS:
         command = root
         for word in words.split():
             command = command.commands[word]
@@ -38,7 +29,7 @@ def shown_help(*words):
 
 def test_every_command_is_in_one_box_of_the_help():
     in_boxes = [name for names in HELP_PANELS.values() for name in names]
-    first_words = [*COMMANDS, *(group for group, _ in GROUPS)]
+    first_words = {words.split()[0] for words in COMMANDS}
     assert sorted(in_boxes) == sorted(first_words)
     shown = shown_help()
     places = [shown.index(f"─ {title} ─") for title in HELP_PANELS]
@@ -48,14 +39,14 @@ def test_every_command_is_in_one_box_of_the_help():
 @pytest.mark.parametrize("words", LONG)
 def test_a_long_command_has_its_options_in_boxes(words):
     shown = shown_help(*words.split())
-    titles = functions()[words].command.panels
+    titles = COMMANDS[words].command.panels
     assert titles
     for title in titles:
         assert f"─ {title} ─" in shown
 
 
 def test_boxes_name_options_that_there_are_and_each_once():
-    for words, function in functions().items():
+    for words, function in COMMANDS.items():
         described = function.command
         known = {parameter.name for parameter in described.parameters if parameter.shell}
         known |= set(described.shell_options)

@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from flgpr.commands.app import COMMANDS, GROUPS, app
+from flgpr.commands.app import COMMANDS, app
 from flgpr.simulate import Simulator
 from flgpr.store import save_run
 from small_lane import LANE_TOML, TARGETS, small_recipe, small_run
@@ -74,11 +74,7 @@ def lane(tmp_path_factory):
 
 
 def test_these_commands_go_on():
-    functions = dict(COMMANDS)
-    for (group, _), commands in GROUPS.items():
-        for name, function in commands.items():
-            functions[f"{group} {name}"] = function
-    resuming = {name for name, function in functions.items() if function.command.resumes}
+    resuming = {name for name, function in COMMANDS.items() if function.command.resumes}
     assert resuming == RESUMING
 
 

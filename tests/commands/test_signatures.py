@@ -10,12 +10,10 @@ import typer
 from typer import Argument, Option
 from typer.testing import CliRunner
 
-from flgpr.commands.app import COMMANDS, GROUPS
+from flgpr.commands.app import COMMANDS
 from flgpr.commands.options import REQUIRED, ShellDefault, ShellType
 from flgpr.commands.shell import ErrorStreamText, RawText, command, shell_function
 from flgpr.commands.signatures import help_of, shell_type, type_in_words
-
-ALL = {**COMMANDS, **{f"{g[0]} {n}": f for g, fs in GROUPS.items() for n, f in fs.items()}}
 
 
 @command(
@@ -116,9 +114,9 @@ def test_types_of_python_and_what_the_command_line_parses(annotation, parsed, wo
     assert type_in_words(annotation) == words
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_parameter_of_every_command_is_described(name):
-    function = ALL[name]
+    function = COMMANDS[name]
     for one in function.command.parameters:
         assert one.help, f"{name}: {one.name} says nothing of itself"
     sections = function.__doc__

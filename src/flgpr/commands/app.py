@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from typing import Annotated, Any
 
 import typer
@@ -32,7 +33,7 @@ from flgpr.commands.prepare import prepare
 from flgpr.commands.replay import replay
 from flgpr.commands.reproduce import reproduce
 from flgpr.commands.score import score
-from flgpr.commands.shell import shell_function
+from flgpr.commands.shell import Offer, shell_function
 from flgpr.commands.simulate import simulate_lane
 from flgpr.commands.train import train
 from flgpr.commands.view import view
@@ -54,61 +55,62 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "reproduce": reproduce,
     "live": live.live,
     "feed": live.feed,
+    "calibrate clock": calibrate.calibrate_clock,
+    "calibrate range-bias": calibrate.calibrate_range_bias,
+    "calibrate joint": calibrate.calibrate_joint,
+    "calibrate permittivity": calibrate.calibrate_permittivity,
+    "import fullwave": imports.import_fullwave,
+    "import gprmax": imports.import_gprmax,
+    "import mapped": imports.import_mapped,
+    "import table": imports.import_table,
+    "import cphd": imports.import_cphd,
+    "import gpr": imports.import_gpr,
+    "recipe list": recipe.list_recipes,
+    "recipe show": recipe.show_recipe,
+    "recipe for": recipe.recipe_for,
+    "recipe check": recipe.check_recipe,
+    "plan mines": plan.plan_mines,
+    "plan lane": plan.plan_lane,
+    "plan register": plan.register_recipe,
+    "plan check": plan.check_register,
+    "plan survey": plan.survey_plan,
+    "bench imaging": bench.bench_imaging,
+    "benchmark run": benchmark.run_benchmark,
+    "benchmark oracle": benchmark.run_oracle,
+    "benchmark table": benchmark.benchmark_table,
+    "benchmark list": benchmark.list_benchmark,
+    "benchmark make": submissions.make_benchmark,
+    "benchmark croissant": submissions.describe_benchmark,
+    "benchmark validate": submissions.validate_submissions,
+    "benchmark enter": submissions.enter_benchmark,
+    "benchmark leaderboard": submissions.benchmark_leaderboard,
 }
-"""Commands of one word."""
+"""Every command by its words."""
 
-GROUPS: dict[tuple[str, str], dict[str, Callable[..., Any]]] = {
-    ("calibrate", "Calibrate a run against positions and reflectors."): {
-        "clock": calibrate.calibrate_clock,
-        "range-bias": calibrate.calibrate_range_bias,
-        "joint": calibrate.calibrate_joint,
-        "permittivity": calibrate.calibrate_permittivity,
+HELP_PANELS: dict[str, dict[str, str]] = {
+    "Start": {"demo": "", "info": "", "view": "", "recipe": "Make, show and check recipes."},
+    "Data": {
+        "import": "Read other formats into a run.",
+        "prepare": "",
+        "simulate": "",
+        "calibrate": "Calibrate a run against positions and reflectors.",
+        "anchor": "",
+        "export": "",
     },
-    ("import", "Read other formats into a run."): {
-        "fullwave": imports.import_fullwave,
-        "gprmax": imports.import_gprmax,
-        "mapped": imports.import_mapped,
-        "table": imports.import_table,
-        "cphd": imports.import_cphd,
-        "gpr": imports.import_gpr,
-    },
-    ("recipe", "Make, show and check recipes."): {
-        "list": recipe.list_recipes,
-        "show": recipe.show_recipe,
-        "for": recipe.recipe_for,
-        "check": recipe.check_recipe,
-    },
-    ("plan", "Plan a test."): {
-        "mines": plan.plan_mines,
-        "lane": plan.plan_lane,
-        "register": plan.register_recipe,
-        "check": plan.check_register,
-        "survey": plan.survey_plan,
-    },
-    ("bench", "Measure speed on this machine."): {"imaging": bench.bench_imaging},
-    ("benchmark", "The proving ground: compare detectors on the same sealed lanes."): {
-        "run": benchmark.run_benchmark,
-        "oracle": benchmark.run_oracle,
-        "table": benchmark.benchmark_table,
-        "list": benchmark.list_benchmark,
-        "make": submissions.make_benchmark,
-        "croissant": submissions.describe_benchmark,
-        "validate": submissions.validate_submissions,
-        "enter": submissions.enter_benchmark,
-        "leaderboard": submissions.benchmark_leaderboard,
+    "Detect": {"detect": "", "train": "", "image": "", "replay": ""},
+    "Judge": {"score": "", "plan": "Plan a test."},
+    "Live": {"live": "", "feed": ""},
+    "Research": {
+        "design": "",
+        "benchmark": "The proving ground: compare detectors on the same sealed lanes.",
+        "reproduce": "",
+        "bench": "Measure speed on this machine.",
     },
 }
-"""Commands of two words, by the first word and its help."""
+"""First words by the title of the box in which ``flgpr --help`` shows them.
 
-HELP_PANELS: dict[str, tuple[str, ...]] = {
-    "Start": ("demo", "info", "view", "recipe"),
-    "Data": ("import", "prepare", "simulate", "calibrate", "anchor", "export"),
-    "Detect": ("detect", "train", "image", "replay"),
-    "Judge": ("score", "plan"),
-    "Live": ("live", "feed"),
-    "Research": ("design", "benchmark", "reproduce", "bench"),
-}
-"""First words of commands by the title of the box in which ``flgpr --help`` shows them."""
+Each with its help where a second word follows.
+"""
 
 
 class OrderedGroup(TyperGroup):
@@ -117,14 +119,9 @@ class OrderedGroup(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - the signature of Typer
         """Return the first words of all commands."""
         names: list[str] = []
-        for panel_names in HELP_PANELS.values():
-            names += panel_names
+        for first_words in HELP_PANELS.values():
+            names += first_words
         return names
-
-
-def _panel_of(name: str) -> str:
-    """Return the title of the box in which the help shows a command."""
-    return next(title for title, names in HELP_PANELS.items() if name in names)
 
 
 app = typer.Typer(
@@ -135,14 +132,39 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-for name, function in COMMANDS.items():
-    panel = _panel_of(name)
-    app.command(name, cls=PairCommand, rich_help_panel=panel)(shell_function(function))
-for (group_name, group_help), functions in GROUPS.items():
-    group = typer.Typer(name=group_name, help=group_help, no_args_is_help=True)
-    for name, function in functions.items():
-        group.command(name, cls=PairCommand)(shell_function(function))
-    app.add_typer(group, rich_help_panel=_panel_of(group_name))
+
+
+def _take_in_other_packages() -> None:
+    """Add the commands of other packages.
+
+    An entry point of the group "flgpr.commands" names an :class:`~flgpr.commands.shell.Offer`.
+    """
+    for offer in entry_points(group="flgpr.commands"):
+        offered: Offer = offer.load()
+        COMMANDS.update(offered.commands)
+        for title, words in offered.panels.items():
+            HELP_PANELS.setdefault(title, {}).update(words)
+
+
+def _fill(program: typer.Typer) -> None:
+    """Add every command to the program, those of two words to the group of the first."""
+    groups: dict[str, typer.Typer] = {}
+    for title, first_words in HELP_PANELS.items():
+        for first, help_text in first_words.items():
+            if first in COMMANDS:
+                function = shell_function(COMMANDS[first])
+                program.command(first, cls=PairCommand, rich_help_panel=title)(function)
+                continue
+            groups[first] = typer.Typer(name=first, help=help_text, no_args_is_help=True)
+            program.add_typer(groups[first], rich_help_panel=title)
+    for words, function in COMMANDS.items():
+        first, _, second = words.partition(" ")
+        if second:
+            groups[first].command(second, cls=PairCommand)(shell_function(function))
+
+
+_take_in_other_packages()
+_fill(app)
 
 
 def _version(is_asked: bool) -> None:

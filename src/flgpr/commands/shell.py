@@ -88,6 +88,16 @@ class Command:
         return parameters_of(self.function)
 
 
+@dataclass(frozen=True)
+class Offer:
+    """Commands that a package offers to the command line, by an entry point of its own."""
+
+    commands: Mapping[str, Callable[..., Any]]  #: functions by their words, "benchmark run"
+    #: by the title of a box of the help: first words that are new, each with its help where a
+    #: second word follows
+    panels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
 def command(**fields: Any) -> Callable[[F], F]:
     """Make a function a command; the keywords are the fields of :class:`Command`.
 
