@@ -43,7 +43,7 @@ ALLOWED = {
     "engine": {"model", "jit", "kernels", "progress"},
     "progress": set(),
     "stages": {"model", "jit", "kernels", "store", "engine", "progress"} | STAGES,
-    "recipe": {"model", "store", "stages"} | STAGES,
+    "recipe": {"model", "kernels", "store", "stages"} | STAGES,
     "method": BELOW_METHOD | STAGES,
     "chain": {"stages"},
     "results": {"model", "store", "geo", "scoring", "trials", *METHOD},

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from chain.test_recipe_for_run import bare_run
+from recipe.test_recipe_for_run import bare_run
 
 from flgpr.recipe.radar_setup import RadarSetup, allow_features, goes_across, radar_setup
 

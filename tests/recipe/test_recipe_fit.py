@@ -24,7 +24,7 @@ from flgpr.store import Scan, describe_for_live, open_run, sample_lane, save_run
 
 RECIPES = sorted(
     file.name.removesuffix(".toml")
-    for file in (resources.files("flgpr.method") / "recipes").iterdir()
+    for file in (resources.files("flgpr.recipe") / "packaged").iterdir()
     if file.name.endswith(".toml")
 )
 FAR_IMAGES = {"flsar2004", "fuse2018-wang2007", "fused", "fused3", "wang2007", "wang2007-printed"}

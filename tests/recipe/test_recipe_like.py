@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from chain.test_recipe_for_run import bare_run
+from recipe.test_recipe_for_run import bare_run
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
