@@ -14,7 +14,7 @@ from flgpr.commands import imaging_peers as bench_peers
 from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as backend
-from flgpr.method.images import imager_of
+from flgpr.method.imaged_run import imager_of
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, sample_lane
 

@@ -19,7 +19,7 @@ from flgpr.jobs.driver import (
 from flgpr.jobs.job import LaneJob, make_job
 from flgpr.jobs.pieces import do_block, do_finish, do_merge
 from flgpr.jobs.workers import InProcess
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.progress import silent
 from flgpr.results.result import read_result
 from flgpr.store import save_run
@@ -122,7 +122,7 @@ def test_recipes_share_passes_through_a_cache_and_find_what_they_find_alone(run,
 def test_passes_without_explanations_leave_their_results_in_the_lane(run, tmp_path):
     job = job_of(run, tmp_path / "result")
     with InProcess() as executor, passes_of_lane(job, executor) as lane:
-        assert isinstance(lane, LaneSetup)
+        assert isinstance(lane, ImagedRun)
         assert not lane.explains
         assert {"signature", "gain", "view", "alarms", "features"} <= set(lane.results)
     assert not (tmp_path / "result").exists()

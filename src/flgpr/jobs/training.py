@@ -28,7 +28,7 @@ from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
 from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.method.detection import rank_alarms
 from flgpr.method.estimators import train_estimator
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import (
     MODEL_FILE,
     Detector,
@@ -385,7 +385,7 @@ class _Training:
                     spent[name] = rows
         return spent
 
-    def _lane_setups(self, truth: bool) -> Iterator[tuple[LaneSetup, TrainingLane]]:
+    def _lane_setups(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
         """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
         self._step += 1
         model = save_model(self.model, self._learnt) if self.model.stages else None

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 import flgpr
-from flgpr.method.cleaned import CleanedRun
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detect, engine_of
 from flgpr.model import lane_to_scan
 from flgpr.progress import Track, silent
@@ -256,16 +255,16 @@ def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
     radar = sensor().model_copy(update={"polarization": ("HH", "VV")})
     run, truth = simulate(scene, radar, seed)
     recipe = parse_recipe(recipe_text("wang2007"))
-    setup = LaneSetup(run, recipe, scene.lane, explains=False)
+    setup = ImagedRun(run, recipe, scene.lane, explains=False)
     engine_of(setup).run(silent, ("signature", "gain"))
-    view, scans = _run_view(setup.cleaned, run, recipe, scene, truth)
+    view, scans = _run_view(setup, run, recipe, scene, truth)
     result = LaneResult("twin", scene.lane, truth, pd.DataFrame(), pd.DataFrame(), view, None)
     levels = clutter_levels([result], CLEAR).drop(columns="lane")
     return {"view": levels.to_dict("records"), "scans": scans}
 
 
 def _run_view(
-    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, scene: Scene, truth: pd.DataFrame
+    imaged: ImagedRun, run: xr.Dataset, recipe: Recipe, scene: Scene, truth: pd.DataFrame
 ) -> tuple[xr.DataArray, list[dict[str, Any]]]:
     """Put the cleaned scan images together to a run-view, and measure some by themselves."""
     grid = recipe.run_view.grid(scene.lane)
@@ -275,10 +274,10 @@ def _run_view(
         "subband": list(recipe.image.subbands),
     }
     rows = []
-    for index in range(len(cleaned)):
-        image = cleaned.near_image(index)
-        magnitude = cleaned.background.magnitude(image.values, cleaned.gains[index])
-        sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
+    for index in range(len(imaged)):
+        image = imaged.near_image(index)
+        magnitude = imaged.background.magnitude(image.values, imaged.gains[index])
+        sums.add(magnitude, imaged.near, np.asarray(image.attrs["pose"]))
         if index % SCAN_EVERY == 0:
             rows.append(_scan_row(magnitude, image, channels, truth))
     return view_array(*sums.result(), grid, channels), rows

@@ -16,8 +16,7 @@ import xarray as xr
 
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
-from flgpr.method.cleaned import CleanedRun
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.model import Lane, check_tones
 from flgpr.progress import Track, silent
@@ -220,14 +219,14 @@ def lane_result(
         is_complete = False
     if not is_complete:
         run = open_run(store)
-        setup = LaneSetup(run, recipe, lane, explains=False, whole_background=True)
+        setup = ImagedRun(run, recipe, lane, explains=False, whole_background=True)
         engine_of(setup).run(track, ("signature", "gain", "view", "alarms", "features"))
         detection = detection_of(setup)
         wide_file.parent.mkdir(parents=True, exist_ok=True)
         if examples:
-            save_examples(examples_file, setup.cleaned, run, recipe, truth, detection.alarms)
+            save_examples(examples_file, setup, run, recipe, truth, detection.alarms)
         if wide:
-            view = wide_view(setup.cleaned, run, recipe, lane, track)
+            view = wide_view(setup, run, recipe, lane, track)
             write_arrays(wide_file, {"view": view.values, "looks": view["looks"].values})
         write_result(result_folder, [detection], text, lane, describe_run(run, store))
     full_range_view = None
@@ -248,13 +247,13 @@ def lane_result(
 
 
 def wide_view(
-    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track
+    imaged: ImagedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track
 ) -> xr.DataArray:
     """Compute the run-view of the prescreener's channel over the full range of the images.
 
     Parameters
     ----------
-    cleaned : CleanedRun
+    imaged : ImagedRun
         The lane's run with its backgrounds.
     run : Dataset
         The run itself.
@@ -276,15 +275,15 @@ def wide_view(
     p = polarizations.index(screen.polarization)
     b = list(table.subbands).index(screen.subband)
     channel = (slice(p, p + 1), slice(b, b + 1))
-    background = _background_of(cleaned.whole_background, channel)
+    background = _background_of(imaged.whole_background, channel)
     band = {screen.subband: table.subbands[screen.subband]}
     # Whether a scan is complete depends on all polarizations: the scans are chosen before one
     # polarization is taken.
-    chosen = run.isel(scan=cleaned.imager.scans, polarization=[p])
+    chosen = run.isel(scan=imaged.imager.scans, polarization=[p])
     imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
     grid = recipe.run_view.grid(lane)
     sums = RunViewSums(grid, table.y[1])
-    for image, gain in zip(track(imager, "full range", len(imager)), cleaned.gains, strict=True):
+    for image, gain in zip(track(imager, "full range", len(imager)), imaged.gains, strict=True):
         magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
         sums.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
     return view_array(*sums.result(), grid, {})

@@ -9,7 +9,7 @@ from flgpr.engine import (
     bundle_groups,
     group_of,
 )
-from flgpr.method.lane_setup import array_table, table_arrays
+from flgpr.method.imaged_run import array_table, table_arrays
 from flgpr.method.sections import Section
 from small_lane import small_recipe
 
@@ -23,7 +23,7 @@ def test_tables_go_through_arrays_unchanged():
 def test_the_background_reaches_as_far_as_the_filters_read():
     lane = setup()
     (median, _), (mean, _), _ = lane.recipe.smoothing
-    wanted = lane.images.grid.ny + median // 2 + mean // 2
+    wanted = lane.near.ny + median // 2 + mean // 2
     assert lane.background_rows == min(wanted, lane.imager.grid.ny)
     assert setup(whole_background=True).background_rows == lane.imager.grid.ny
 

@@ -1,4 +1,4 @@
-"""One scan of a lane, as the passes see it."""
+"""One scan of a run, as the passes see it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.method.lane_setup import LaneSetup
-from flgpr.method.steps import CleanedScan
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.steps import CleanedImages
 from flgpr.stages import ComplexArray, FloatArray
 
 
-class LaneScan:
-    """One scan of a lane: its images, made when a pass asks, and shared by passes that go together.
+class ImagedScan:
+    """One scan of a run: its images, made when a pass asks, and shared by passes that go together.
 
     ``index`` counts among the complete scans. What is cleaned needs the result of the pass "gain".
     """
 
-    def __init__(self, lane: LaneSetup, index: int) -> None:
+    def __init__(self, lane: ImagedRun, index: int) -> None:
         self._lane = lane
         self.index = index
 
@@ -37,13 +37,13 @@ class LaneScan:
     @cached_property
     def near_image(self) -> xr.DataArray:
         """The image before its background is removed, as far ahead as counts, with its pose."""
-        cleaned = self._lane.cleaned
-        return cleaned.near_image(self.index, self.data if cleaned.reads_data else None)
+        lane = self._lane
+        return lane.near_image(self.index, self.data if lane.reads_data else None)
 
     @property
     def gain(self) -> FloatArray:
         """The scan's gain (polarization, subband)."""
-        return self._lane.cleaned.gains[self.index]
+        return self._lane.gains[self.index]
 
     @property
     def number(self) -> int:
@@ -61,14 +61,14 @@ class LaneScan:
         It is in units of the background (Wang et al. 2007, Eq. 5).
         """
         lane = self._lane
-        background = lane.cleaned.background
+        background = lane.background
         if lane.mapper is None:
             return background.magnitude(self.near_image.values, self.gain)
         coherent = background.own_coherent(self.near_image.values, self.gain)
         return lane.mapper.map(self.near_image.copy(data=coherent))[None, None]
 
     @cached_property
-    def cleaned(self) -> CleanedScan:
+    def cleaned(self) -> CleanedImages:
         """The cleaned images, as far as features and explanations read them."""
         lane = self._lane
         return lane.steps.clean(
@@ -76,6 +76,6 @@ class LaneScan:
             self.pose,
             self.near_image.values,
             self.gain,
-            lane.cleaned.background,
+            lane.background,
             needs_own_phase=lane.explains,
         )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from divided import recorded, results_of_lane, setup
-from flgpr.method.lane_scan import LaneScan
+from flgpr.method.imaged_scan import ImagedScan
 from small_lane import small_recipe
 
 NEAR = small_recipe().replace("y_max = 4.5", "y_max = 3.5", 1)
@@ -17,22 +17,22 @@ def lane():
 
 
 def test_fewer_rows_count_than_are_made(lane):
-    assert lane.images.grid.ny < lane.imager.grid.ny
+    assert lane.near.ny < lane.imager.grid.ny
 
 
 def test_number_pose_and_gain_are_those_of_its_scan(lane):
-    scan = LaneScan(lane, 4)
+    scan = ImagedScan(lane, 4)
     assert scan.number == int(lane.imager.scans[4])
     np.testing.assert_array_equal(scan.pose, recorded()["pose"].values[scan.number])
     np.testing.assert_array_equal(scan.gain, lane.results["gain"]["gains"][4])
 
 
 def test_an_image_is_made_once_and_reaches_as_far_as_counts(lane):
-    scan = LaneScan(lane, 3)
+    scan = ImagedScan(lane, 3)
     assert scan.near_image is scan.near_image
-    assert scan.near_image.sizes["y"] == lane.images.grid.ny
-    rows = lane.images.grid.ny
-    whole = lane.images.scan_image(3).values
+    assert scan.near_image.sizes["y"] == lane.near.ny
+    rows = lane.near.ny
+    whole = lane.scan_image(3).values
     # Other pixels make another grid of the operator, which keeps the recipe's tolerance.
     atol = lane.recipe.image.tolerance * np.abs(whole).max()
     np.testing.assert_allclose(scan.near_image.values, whole[..., :rows, :], atol=atol)
@@ -40,9 +40,9 @@ def test_an_image_is_made_once_and_reaches_as_far_as_counts(lane):
 
 def test_the_magnitude_is_in_units_of_the_background(lane):
     """Wang et al. 2007, Eq. 5, written out."""
-    scan = LaneScan(lane, 5)
+    scan = ImagedScan(lane, 5)
     gain = lane.results["gain"]
-    rows = lane.images.grid.ny
+    rows = lane.near.ny
     signature = gain["signature"][..., :rows, :]
     level = gain["gain"][..., :rows, :]
     wanted = np.abs(scan.near_image.values / scan.gain[..., None, None] - signature) / level
@@ -50,4 +50,4 @@ def test_the_magnitude_is_in_units_of_the_background(lane):
 
 
 def test_data_are_read_for_images_alone_where_nothing_is_explained(lane):
-    assert LaneScan(lane, 1).data is None
+    assert ImagedScan(lane, 1).data is None
