@@ -27,6 +27,7 @@ from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold, plan_sections, threads_within
+from flgpr.door import refuse_links
 from flgpr.execution.checkpoint import Checkpoint, begin_work, work_until_done
 from flgpr.execution.finished import is_done, keeps_result, whole_results
 from flgpr.execution.job import LaneJob
@@ -326,6 +327,7 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
         Runs the passes.
     """
     gathering = job.folder.with_name(f"{job.name}.sections")
+    refuse_links(gathering)
     names = [folder.name for folder in plan.folders]
     section_jobs = []
     for name, section in zip(names, plan.sections, strict=True):
@@ -399,6 +401,7 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:
     """Make the folder that the sections gather in, without what is left of another job."""
+    refuse_links(gathering)  # that somebody made meanwhile
     gathering.mkdir(exist_ok=True)
     for path in gathering.iterdir():
         if path.name.partition(".")[0] in names:

@@ -10,7 +10,7 @@ from typing import Any
 import flgpr
 from flgpr.chain.model import MODEL_FILE
 from flgpr.chain.sections import Section
-from flgpr.execution.checkpoint import work_until_done
+from flgpr.execution.checkpoint import done_folder, work_until_done
 from flgpr.execution.job import LaneJob
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
@@ -72,7 +72,7 @@ def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int
 
 def _delete_leftovers(job: LaneJob) -> None:
     """Delete what a kill left beside a result that is whole."""
-    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(job.folder)):
+    for path in (done_folder(job.work), replaced_by(job.folder)):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
         with work_until_done(job):

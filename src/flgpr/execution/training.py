@@ -39,7 +39,7 @@ from flgpr.chain.too_few import (
     count_targets,
     share_changes,
 )
-from flgpr.door import read_named
+from flgpr.door import read_named, refuse_links
 from flgpr.execution.driver import passes_of_lane
 from flgpr.execution.job import code_versions, make_job, searched_area
 from flgpr.execution.pieces import report
@@ -153,6 +153,7 @@ def train_on_lanes(
         If the output holds something else and is not to be overwritten.
     """
     recipe = parse_recipe(text)
+    refuse_links(_work_folder(output, "training"), _work_folder(output, "images"))
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
     notes = {
         "recipe": recipe.name,

@@ -28,7 +28,7 @@ from flgpr.chain.memory import check_scan_memory
 from flgpr.chain.model import Model, parse_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.chain.recipe_for_run import fit_recipe
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
@@ -549,13 +549,14 @@ def _admitted(arrival: Arrival, intake: Intake) -> tuple[Scan | None, str]:
 
 
 def _check_output(folder: Path) -> None:
-    """Refuse a folder that holds anything but the files of a live run."""
+    """Refuse a folder that holds anything but the files of a live run, or links."""
     known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
     known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []
     for entry in entries:
+        refuse_links(entry)
         if entry.name not in known and not entry.name.startswith(SNAPSHOT_FILE):
             foreign.append(entry)
     if folder.is_file() or foreign:

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track
+from flgpr.door import refuse_links
 from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Sensor, draw_world
@@ -97,6 +98,7 @@ def store_lane(
     if store.is_dir() and _has_digest(digest_file, digest):
         read_manifest(store)  # raises an error for a store that is not committed
     else:
+        refuse_links(store, digest_file)
         # The digest goes first: an interrupted simulation must not pass for a finished one.
         digest_file.unlink(missing_ok=True)
         shutil.rmtree(store, ignore_errors=True)
