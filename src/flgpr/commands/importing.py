@@ -32,7 +32,7 @@ from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
 from flgpr.store.outputs import log_finished
-from flgpr.store.run_writer import RunExistsError, check_store_names, is_stored
+from flgpr.store.run_writer import RunExistsError, is_stored
 
 _TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
 
@@ -78,7 +78,6 @@ def store_with_tables(
     list of Path
         What was written.
     """
-    check_store_names(store)
     written = [store]
     # The tables come before the run, whose presence says that all is there.
     if not is_stored(run, store):

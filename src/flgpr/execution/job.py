@@ -21,7 +21,7 @@ from flgpr.chain.model import parse_model, read_model
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
-from flgpr.door import read_named
+from flgpr.door import read_named, refuse_links
 from flgpr.model import Lane
 from flgpr.store import (
     MAX_MEMORY,
@@ -301,6 +301,7 @@ def make_job(
     truth_and_digest = ("", "")
     if truth is not None:
         truth_and_digest = (_absolute(truth), sha256(read_named(truth)))
+    refuse_links(Path(output))  # before it is followed to where it leads
     return LaneJob(
         run=_absolute(run),
         recipe=recipe,

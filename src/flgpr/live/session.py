@@ -553,6 +553,7 @@ def _check_output(folder: Path) -> None:
     known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
     known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
+    refuse_links(folder)
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []
     for entry in entries:

@@ -493,8 +493,11 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     ------
     RunExistsError
         If anything else is there.
+    FileExistsError
+        If the path, or a name beside it that the writer takes, is a symbolic link.
     """
     root = Path(path)
+    check_store_names(root)
     if not os.path.lexists(root):
         return False
     about = describe_inputs(
