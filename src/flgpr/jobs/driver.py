@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr.door import refuse_links
 from flgpr.engine import group_of, not_shared
 from flgpr.jobs.checkpoint import Checkpoint, begin_work, work_until_done
 from flgpr.jobs.finished import is_done, keeps_result, whole_results
@@ -326,6 +327,7 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
         Runs the passes.
     """
     gathering = job.folder.with_name(f"{job.name}.sections")
+    refuse_links(gathering)
     names = [folder.name for folder in plan.folders]
     section_jobs = []
     for name, section in zip(names, plan.sections, strict=True):
@@ -399,6 +401,7 @@ def _finish_section(lane: ImagedRun, job: LaneJob, threshold: float, runner: Pas
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:
     """Make the folder that the sections gather in, without what is left of another job."""
+    refuse_links(gathering)  # that somebody made meanwhile
     gathering.mkdir(exist_ok=True)
     for path in gathering.iterdir():
         if path.name.partition(".")[0] in names:

@@ -16,7 +16,7 @@ from typing import Any
 import llvmlite.binding
 
 import flgpr
-from flgpr.door import read_named
+from flgpr.door import read_named, refuse_links
 from flgpr.engine import BLOCK
 from flgpr.method.model import parse_model, read_model
 from flgpr.method.sections import Section
@@ -301,6 +301,7 @@ def make_job(
     truth_and_digest = ("", "")
     if truth is not None:
         truth_and_digest = (_absolute(truth), sha256(read_named(truth)))
+    refuse_links(Path(output))  # before it is followed to where it leads
     return LaneJob(
         run=_absolute(run),
         recipe=recipe,

@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.door import read_named
+from flgpr.door import read_named, refuse_links
 from flgpr.engine import Arrays
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.jobs.driver import passes_of_lane
@@ -153,6 +153,7 @@ def train_on_lanes(
         If the output holds something else and is not to be overwritten.
     """
     recipe = parse_recipe(text)
+    refuse_links(_work_folder(output, "training"), _work_folder(output, "images"))
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
     notes = {
         "recipe": recipe.name,

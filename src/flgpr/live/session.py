@@ -24,7 +24,7 @@ from typing import Any, cast
 import numpy as np
 
 import flgpr
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
@@ -549,13 +549,15 @@ def _admitted(arrival: Arrival, intake: Intake) -> tuple[Scan | None, str]:
 
 
 def _check_output(folder: Path) -> None:
-    """Refuse a folder that holds anything but the files of a live run."""
+    """Refuse a folder that holds anything but the files of a live run, or links."""
     known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
     known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
+    refuse_links(folder)
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []
     for entry in entries:
+        refuse_links(entry)
         if entry.name not in known and not entry.name.startswith(SNAPSHOT_FILE):
             foreign.append(entry)
     if folder.is_file() or foreign:

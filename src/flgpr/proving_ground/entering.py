@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.proving_ground.card import CARD, RECORD, entered_card
 from flgpr.proving_ground.entries import Entry
 from flgpr.proving_ground.ground import Ground
@@ -123,6 +123,7 @@ def _refuse_faults(submission: Submission) -> None:
 def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
     """Refuse a name that was entered with other alarms or another card, or that a recipe has."""
     own_folder = folder / ENTRIES / submission.name
+    refuse_links(own_folder)
     if not own_folder.exists():
         return
     if read_ground(folder) == ground and Folder(own_folder).has(RECORD):

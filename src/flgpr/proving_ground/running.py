@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.jobs.job import code_versions
 from flgpr.jobs.survey import detect_survey
 from flgpr.jobs.training import train_on_lanes, training_lanes
@@ -231,6 +231,7 @@ class _EntryRun:
         if self.recipe.learning() or self.recipe.detector is not None:
             model = self._trained(trained_on)
         results = self.folder / "results"
+        refuse_links(results)
         runs, borders = self._files(tested)
         with self._counting_costs(results) as (options, costs):
             text = recipe_text(self.file)
@@ -308,6 +309,7 @@ def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: 
     options : RunOptions
         Who does the work.
     """
+    refuse_links(folder)
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)
     write_about(ground, entry, folder)

@@ -27,6 +27,7 @@ import pandas as pd
 from scipy.special import stdtrit
 
 import flgpr
+from flgpr.door import refuse_links
 from flgpr.jobs.workers import Executor
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
@@ -110,6 +111,7 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     track : Track
         Shows progress.
     """
+    refuse_links(folder / "work")
     pending = []
     for paper, world in studies(quick):
         if not path_of(folder, paper, world).is_file():
@@ -143,6 +145,7 @@ def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> dict[s
     world = World(**levels)
     begin = time.process_time()
     work = Path(folder) / "work" / f"{paper}-{world.number}"
+    refuse_links(work.parent, work)
     findings: list[Finding] = []
     failed = ""
     try:
