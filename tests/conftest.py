@@ -36,6 +36,7 @@ HEAVY = (
     "test_systems",
     "test_plain_errors",
     "test_freeze_commands",
+    "test_freeze_calls",
     "test_again",
     "test_kills",
     "test_workers",

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flgpr.jobs.checkpoint import begin
 
+from flgpr.jobs.checkpoint import begin
 from flgpr.results.result import add_files, are_settled, read_result
 from flgpr.store import save_run, write_bundle
 from flgpr.store.files import check_new, replace_folder, write_whole
