@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
@@ -11,12 +12,15 @@ from numba import config, cuda
 
 from flgpr.chain.images import imager_of
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.commands import imaging_cases as bench_cases
-from flgpr.commands import imaging_peers as bench_peers
-from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as backend
 from flgpr.store import open_run, sample_lane
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+from imaging_speed import cases as bench_cases
+from imaging_speed import peers as bench_peers
+from imaging_speed import speed as bench
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])

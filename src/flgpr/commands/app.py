@@ -11,7 +11,6 @@ from typer.core import TyperGroup
 
 import flgpr
 from flgpr.commands import (
-    bench,
     benchmark,
     calibrate,
     imports,
@@ -85,7 +84,6 @@ GROUPS: dict[tuple[str, str], dict[str, Callable[..., Any]]] = {
         "check": plan.check_register,
         "survey": plan.survey_plan,
     },
-    ("bench", "Measure speed on this machine."): {"imaging": bench.bench_imaging},
     ("benchmark", "The proving ground: compare detectors on the same sealed lanes."): {
         "run": benchmark.run_benchmark,
         "oracle": benchmark.run_oracle,
@@ -106,7 +104,7 @@ HELP_PANELS: dict[str, tuple[str, ...]] = {
     "Detect": ("detect", "train", "image", "replay"),
     "Judge": ("score", "plan"),
     "Live": ("live", "feed"),
-    "Research": ("design", "benchmark", "reproduce", "bench"),
+    "Research": ("design", "benchmark", "reproduce"),
 }
 """First words of commands by the title of the box in which ``flgpr --help`` shows them."""
 

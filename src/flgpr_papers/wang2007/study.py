@@ -29,15 +29,13 @@ from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr.store import open_run, read_manifest, sha256, write_whole
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.findings import Finding, write_findings
+from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
-from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
@@ -311,27 +309,3 @@ def _is_done(result_folder: Path, store: Path, text: str) -> bool:
     if manifest["run"].get("store_sha256") != read_manifest(store)["sha256"]:
         return False
     return bool(manifest["recipe_sha256"] == sha256(text.encode()))
-
-
-def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements in a world, on three short calibration lanes and a blind one.
-
-    Parameters
-    ----------
-    world : World
-        Soil, surface, roadside and mines.
-    folder : Path
-        Folder to work in.
-    """
-    text = packaged_text("wang2007")
-    radar = sensor()
-    first_seed = 1000 * (world.number + 1)
-    calibration_lanes, blind_lanes = quick_scenes(world.site(folder))
-    calibration = []
-    for scene, seed in calibration_lanes.values():
-        calibration.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
-    blind = []
-    for scene, seed in blind_lanes.values():
-        blind.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
-    findings, _ = all_findings(calibration, blind, parse_recipe(text), draws=100)
-    return findings
