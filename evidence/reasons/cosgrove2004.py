@@ -8,7 +8,7 @@ explanation predicts was written before the lanes ran.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, share_error
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.changed_lanes import LaneChange, open_looks, reflector_looks
-from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Trial
+from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
 
 ComplexArray = NDArray[np.complex128]
 Records = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -63,8 +63,6 @@ SHIFTS = tuple(range(-10, 11))
 FILLED = 0.5
 """Least mean power of a whitened direction that holds clutter; white noise has 1."""
 _GAUSSIAN: Bounds = (1.8, 2.2)  # as the study's rule
-_WEAK_ECHO = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
-_BEST = "Pd is about 0.9 in the best soil"
 _NO_MINES = "mines taken out"
 _NOTHING = "stones, wet patches and empty holes taken out"
 _EVEN_ECHO = "patchiness of the surface taken out"
@@ -72,6 +70,7 @@ _NONE_OF_THEM = "all three taken out"
 _UNCORRELATED = "surface uncorrelated in HH and VV"
 _STRONGER = "surface's echo 4.5 dB up"
 _MUCH_STRONGER = "surface's echo 9 dB up"
+_ECHOES = ("nothing", _STRONGER, _MUCH_STRONGER)
 _ONE_BY_ONE = (
     "mines level",
     "mines straight ahead",
@@ -377,56 +376,53 @@ def eigenvalue_trials(records: Records) -> list[Trial]:
 
 def _second_eigenvalue_trials(records: Records) -> list[Trial]:
     """Return trials of why the second eigenvalue is large."""
-    statement = "Eigenvalue 2 is 0.089 of the first (dry sand)"
-    quantity = "σ2/σ1"
-    sample = _sample(records)
+    question = Question("Eigenvalue 2 is 0.089 of the first (dry sand)", "σ2/σ1", _sample(records))
     rule = 0.0, 2 * PAPER_RATIOS[1]
-    trial_list = []
-    for name in ("nothing", *_ONE_BY_ONE):
-        trial_list.append(Trial(statement, "", name, quantity, _ratio(records, name, 2), sample))
     unlike = "mines that differ in tilt, place, hole and way through the surface make it large"
-    alike = _ratio(records, _ALIKE, 2)
-    trial_list.append(Trial(statement, unlike, _ALIKE, quantity, alike, sample, rule))
     humps = "a training cut at the brightest place lies now on one hump and now on the other"
     surveyed = _ratio(records, "nothing", 2, "surveyed_ratios")
-    trial_list.append(Trial(statement, humps, _BY_SURVEY, quantity, surveyed, sample, rule))
-    return trial_list
+    return [
+        *(question.shown(name, _ratio(records, name, 2)) for name in ("nothing", *_ONE_BY_ONE)),
+        question.asked(unlike, _ALIKE, _ratio(records, _ALIKE, 2), rule),
+        question.asked(humps, _BY_SURVEY, surveyed, rule),
+    ]
 
 
 def _small_eigenvalue_trials(records: Records) -> list[Trial]:
     """Return trials of why eigenvalues 5 and 6 differ from the paper's."""
-    sample = _sample(records)
     trial_list = []
     for number in (5, 6):
         paper = PAPER_RATIOS[number - 1]
         statement = f"Eigenvalue {number} is {paper} of the first (dry sand)"
-        for name in ("nothing", _STRONGER, _MUCH_STRONGER):
-            ratio = _ratio(records, name, number)
-            explanation = ""
-            rule = None
-            if name == _STRONGER:
-                explanation = _WEAK_ECHO
-                rule = (0.5 * paper, 2 * paper)
-            trial_list.append(
-                Trial(statement, explanation, name, f"σ{number}/σ1", ratio, sample, rule)
-            )
+        question = Question(statement, f"σ{number}/σ1", _sample(records))
+        ratios = {name: _ratio(records, name, number) for name in _ECHOES}
+        trial_list += _echo_trials(question, ratios, (0.5 * paper, 2 * paper))
     return trial_list
 
 
 def _pd_trials(records: Records) -> list[Trial]:
     """Return trials of why Pd of the best soil differs from the paper's."""
-    sample = _sample(records)
-    quantity = "Pd at 0.01 per m², M' = 3"
     half = 1.96 * share_error(PAPER_PD, PAPER_LOOKS)
+    question = Question(
+        "Pd is about 0.9 in the best soil", "Pd at 0.01 per m², M' = 3", _sample(records)
+    )
+    pds = {}
+    for name in _ECHOES:
+        pds[name] = interval([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
+    return _echo_trials(question, pds, (PAPER_PD - half, PAPER_PD + half))
+
+
+def _echo_trials(
+    question: Question, values: Mapping[str, Interval], predicted: Bounds
+) -> list[Trial]:
+    """Return trials of whether the surface's echo, too weak here, is the reason."""
+    why = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
     trial_list = []
-    for name in ("nothing", _STRONGER, _MUCH_STRONGER):
-        pd = interval([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
-        explanation = ""
-        rule = None
+    for name, value in values.items():
         if name == _STRONGER:
-            explanation = _WEAK_ECHO
-            rule = (PAPER_PD - half, PAPER_PD + half)
-        trial_list.append(Trial(_BEST, explanation, name, quantity, pd, sample, rule))
+            trial_list.append(question.asked(why, name, value, predicted))
+        else:
+            trial_list.append(question.shown(name, value))
     return trial_list
 
 
@@ -437,44 +433,52 @@ def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -
     """
     sample = _sample(records)
     statement = "A mine is better correlated between HH and VV than clutter"
-    quantity = "correlation along the cut: mines less clutter"
-    unchanged = [record["mine"] - record["clutter"] for record in records["nothing"]]
-    trial_list = [Trial(statement, "", "nothing", quantity, interval(unchanged), sample)]
-    assumed = "the clutter's correlation of 0.8, which is assumed, is too high"
-    gap = [record["mine"] - record["clutter"] for record in records[_UNCORRELATED]]
-    trial_list.append(
-        Trial(statement, assumed, _UNCORRELATED, quantity, interval(gap), sample, ABOVE_ZERO)
+    along = Question(statement, "correlation along the cut: mines less clutter", sample)
+    of_clutter = Question(statement, "correlation of clutter along a cut", sample)
+    over_looks = Question(
+        statement, "correlation over looks, pixel by pixel: mines less clutter", sample
     )
-    for name in ("nothing", _UNCORRELATED):
-        clutter = interval([record["clutter"] for record in records[name]])
-        trial_list.append(
-            Trial(statement, "", name, "correlation of clutter along a cut", clutter, sample)
-        )
-    looks = f"{len(alone['mine'])} mines"
-    chain = "radar and imaging part HH and VV"
-    reflector = interval(alone["reflector"], bounds=(0.0, 1.0))
-    change = "corner reflectors alone, the same echo in HH and VV"
-    trial_list.append(Trial(statement, chain, change, "correlation", reflector, looks, (0.0, 0.9)))
-    level = float(np.mean([record["clutter"] for record in records["nothing"]]))
-    mine_interval = interval([value - level for value in alone["mine"]])
-    reason = "the mine's own echoes in HH and VV differ along the cut more than the clutter's"
-    change = "mines alone, without clutter"
-    trial_list.append(Trial(statement, reason, change, quantity, mine_interval, looks, BELOW_ZERO))
+    mines_alone = f"{len(alone['mine'])} mines"
+    of_echoes = Question(statement, "correlation", mines_alone)
+    clutter = [record["clutter"] for record in records["nothing"]]
+    level = float(np.mean(clutter))
     best = int(np.argmax(alone["mine_by_shift"]))
     shifted = [record["mine_by_shift"][best] - record["clutter"] for record in records["nothing"]]
-    apart = "the humps of HH and VV stand a few centimetres apart"
-    change = f"VV of the mines shifted by {2 * SHIFTS[best]:+d} cm, as is best for mines alone"
-    trial_list.append(
-        Trial(statement, apart, change, quantity, interval(shifted), sample, ABOVE_ZERO)
-    )
-    over = "the measure: what the paper means is a correlation over looks, and not along a cut"
-    gap = [
-        record["mine_over_looks"] - record["clutter_over_looks"] for record in records["nothing"]
+    return [
+        along.shown("nothing", _gap(records, "nothing")),
+        along.asked(
+            "the clutter's correlation of 0.8, which is assumed, is too high",
+            _UNCORRELATED,
+            _gap(records, _UNCORRELATED),
+            ABOVE_ZERO,
+        ),
+        of_clutter.shown("nothing", interval(clutter)),
+        of_clutter.shown(_UNCORRELATED, _measure(records, _UNCORRELATED, "clutter")),
+        of_echoes.asked(
+            "radar and imaging part HH and VV",
+            "corner reflectors alone, the same echo in HH and VV",
+            interval(alone["reflector"], bounds=(0.0, 1.0)),
+            (0.0, 0.9),
+        ),
+        replace(along, sample=mines_alone).asked(
+            "the mine's own echoes in HH and VV differ along the cut more than the clutter's",
+            "mines alone, without clutter",
+            interval([value - level for value in alone["mine"]]),
+            BELOW_ZERO,
+        ),
+        along.asked(
+            "the humps of HH and VV stand a few centimetres apart",
+            f"VV of the mines shifted by {2 * SHIFTS[best]:+d} cm, as is best for mines alone",
+            interval(shifted),
+            ABOVE_ZERO,
+        ),
+        over_looks.asked(
+            "the measure: what the paper means is a correlation over looks, and not along a cut",
+            "measured over looks",
+            _gap(records, "nothing", "_over_looks"),
+            ABOVE_ZERO,
+        ),
     ]
-    quantity = "correlation over looks, pixel by pixel: mines less clutter"
-    change = "measured over looks"
-    trial_list.append(Trial(statement, over, change, quantity, interval(gap), sample, ABOVE_ZERO))
-    return trial_list
 
 
 def moment_trials(records: Records) -> list[Trial]:
@@ -484,49 +488,41 @@ def moment_trials(records: Records) -> list[Trial]:
     """
     sample = _sample(records)
     statement = "Clutter may be modelled as complex Gaussian after whitening"
-    quantity = "E|z|⁴/(E|z|²)² of whitened clutter"
-    few = "stones, wet patches, empty holes, sidelobes of mines and a patchy surface make the tail"
-    trial_list = []
-    for name in ("nothing", _NO_MINES, _NOTHING, _EVEN_ECHO):
-        trial_list.append(Trial(statement, "", name, quantity, _moment(records, name), sample))
-    trial_list.append(
-        Trial(
-            statement,
-            few,
+    full = f"at least {FILLED:g} of white noise's power"
+    moment = Question(statement, "E|z|⁴/(E|z|²)² of whitened clutter", sample)
+    share = Question(statement, f"share of whitened directions with {full}", sample)
+    in_filled = Question(statement, f"the same in directions with {full}", sample)
+    levelled = Question(
+        statement, "the same, cuts brought to one level of every look and distance", sample
+    )
+    names = ("nothing", _NO_MINES, _NOTHING, _EVEN_ECHO)
+    filled = [record["share_filled"] for record in records["nothing"]]
+    return [
+        *(moment.shown(name, _measure(records, name, "fourth_moment")) for name in names),
+        moment.asked(
+            "stones, wet patches, empty holes, sidelobes of mines and a patchy surface make the "
+            "tail",
             _NONE_OF_THEM,
-            quantity,
-            _moment(records, _NONE_OF_THEM),
-            sample,
+            _measure(records, _NONE_OF_THEM, "fourth_moment"),
             _GAUSSIAN,
-        )
-    )
-    share = interval([record["share_filled"] for record in records["nothing"]], bounds=(0.0, 1.0))
-    filled = f"share of whitened directions with at least {FILLED:g} of white noise's power"
-    trial_list.append(Trial(statement, "", "nothing", filled, share, sample))
-    empty = (
-        "directions in which cuts of five samples per resolution cell hold no clutter make it large"
-    )
-    quantity = f"the same in directions with at least {FILLED:g} of white noise's power"
-    trial_list.append(
-        Trial(
-            statement,
-            empty,
+        ),
+        share.shown("nothing", interval(filled, bounds=(0.0, 1.0))),
+        in_filled.asked(
+            "directions in which cuts of five samples per resolution cell hold no clutter make it "
+            "large",
             "nothing",
-            quantity,
-            _moment(records, "nothing", "filled"),
-            sample,
+            _measure(records, "nothing", "filled"),
             (0.0, 4.0),
-        )
-    )
-    level = "what is left is the clutter's level, which differs with distance and from look to look"
-    quantity = "the same, cuts brought to one level of every look and distance"
-    for name in ("nothing", _NO_MINES, _NOTHING, _EVEN_ECHO):
-        trial_list.append(
-            Trial(statement, "", name, quantity, _moment(records, name, "levelled"), sample)
-        )
-    value = _moment(records, _NONE_OF_THEM, "levelled")
-    trial_list.append(Trial(statement, level, _NONE_OF_THEM, quantity, value, sample, _GAUSSIAN))
-    return trial_list
+        ),
+        *(levelled.shown(name, _measure(records, name, "levelled")) for name in names),
+        levelled.asked(
+            "what is left is the clutter's level, which differs with distance and from look to "
+            "look",
+            _NONE_OF_THEM,
+            _measure(records, _NONE_OF_THEM, "levelled"),
+            _GAUSSIAN,
+        ),
+    ]
 
 
 def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
@@ -534,19 +530,26 @@ def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
 
     The rule asks for a quantile of the clutter.
     """
-    statement = "Three mines are readily visible at 15, 20 and 25 m (HH)"
-    quantity = "peak over that of the strongest clutter box at its range, HH"
-    sample = f"{len(levels)} seeds"
+    question = Question(
+        "Three mines are readily visible at 15, 20 and 25 m (HH)",
+        "peak over that of the strongest clutter box at its range, HH",
+        f"{len(levels)} seeds",
+        "dB",
+    )
     trial_list = []
     for number, (_, y) in enumerate(WIDE_MINES):
         level = interval([of_seed[number] for of_seed in levels])
-        trial_list.append(
-            Trial(statement, "", f"the mine at {y:g} m", quantity, level, sample, unit="dB")
-        )
+        trial_list.append(question.shown(f"the mine at {y:g} m", level))
     return trial_list
 
 
-def _moment(records: Records, name: str, measure: str = "fourth_moment") -> Interval:
+def _gap(records: Records, name: str, measured: str = "") -> Interval:
+    """Return the interval over seeds of the correlation of mines less that of clutter."""
+    gaps = [record[f"mine{measured}"] - record[f"clutter{measured}"] for record in records[name]]
+    return interval(gaps)
+
+
+def _measure(records: Records, name: str, measure: str) -> Interval:
     """Return a measure's interval over seeds."""
     return interval([record[measure] for record in records[name]])
 

@@ -116,6 +116,28 @@ class Trial:
         return (*texts, self.ours, self.prediction, self.outcome, self.sample)
 
 
+@dataclass(frozen=True)
+class Question:
+    """What several trials of a statement have in common."""
+
+    statement: str  #: claim of the study that does not hold here
+    quantity: str  #: what is measured
+    sample: str  #: sample of the intervals
+    unit: str = ""  #: of the quantity
+
+    def shown(self, changed: str, interval: Interval) -> Trial:
+        """Return a number that is shown for comparison."""
+        return Trial(
+            self.statement, "", changed, self.quantity, interval, self.sample, None, self.unit
+        )
+
+    def asked(self, why: str, changed: str, interval: Interval, predicted: Bounds) -> Trial:
+        """Return a number of which an explanation predicts between which values it lies."""
+        return Trial(
+            self.statement, why, changed, self.quantity, interval, self.sample, predicted, self.unit
+        )
+
+
 def road_trials(as_found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:
     """Return trials of the road as the reason why statements disagree on roads as found.
 
