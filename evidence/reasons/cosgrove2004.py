@@ -419,10 +419,8 @@ def _echo_trials(
     why = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
     trial_list = []
     for name, value in values.items():
-        if name == _STRONGER:
-            trial_list.append(question.asked(why, name, value, predicted))
-        else:
-            trial_list.append(question.shown(name, value))
+        asked = why if name == _STRONGER else ""
+        trial_list.append(question.asked(asked, name, value, predicted))
     return trial_list
 
 

@@ -8,7 +8,7 @@ written before a changed mask was tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,11 +16,12 @@ from typing import Any, cast
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
+from flgpr.chain.stages.masks import Aperture, OperatorOn
 from flgpr.imaging import ImagingOperator
 from flgpr_papers.fuse2018.findings import KEPT
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, simulate_lane
@@ -51,8 +52,6 @@ _FLIPPED = "the mask mirrored, left for right"
 _NARROW = f"the mask from {FARTHER:g} m of the middle on alone"
 _HALF_MASK = "every other pixel of the mask, at random"
 _HALF_ARRAY = "the middle half of the array alone"
-Change = Callable[[Aperture, BoolArray, MaskedSuppression], tuple[Aperture, BoolArray]]
-"""Changes an aperture or its mask."""
 
 
 def trials(
@@ -120,48 +119,29 @@ class SomePairs:
         return np.asarray(self.operator.forward(image) * self.taken, dtype=np.complex64)
 
 
-def as_it_is(
-    aperture: Aperture, mask: BoolArray, stage: MaskedSuppression
-) -> tuple[Aperture, BoolArray]:
-    """Change nothing."""
-    del stage
-    return aperture, mask
+def changed_masks(mask: BoolArray, across: NDArray[np.float64]) -> dict[str, BoolArray]:
+    """Return the mask by what is changed of it or of the array.
+
+    Mirrored, it has nothing to do with what stands at the roadside.
+    """
+    half = np.random.default_rng(2018).random(mask.shape) < 0.5
+    return {
+        "nothing": mask,
+        _FLIPPED: np.ascontiguousarray(mask[:, ::-1]),
+        _NARROW: mask & (np.abs(across) >= FARTHER),
+        _HALF_MASK: mask & half,
+        _HALF_ARRAY: mask,
+    }
 
 
-def mirrored(
-    aperture: Aperture, mask: BoolArray, stage: MaskedSuppression
-) -> tuple[Aperture, BoolArray]:
-    """Mirror the mask, so that it has nothing to do with what stands at the roadside."""
-    del stage
-    return aperture, np.ascontiguousarray(mask[:, ::-1])
-
-
-def farther(
-    aperture: Aperture, mask: BoolArray, stage: MaskedSuppression
-) -> tuple[Aperture, BoolArray]:
-    """Leave out what lies nearer to the middle than ``FARTHER``."""
-    return aperture, mask & (np.abs(stage.across) >= FARTHER)
-
-
-def thinned(
-    aperture: Aperture, mask: BoolArray, stage: MaskedSuppression
-) -> tuple[Aperture, BoolArray]:
-    """Leave out every other pixel of the mask at random."""
-    del stage
-    return aperture, mask & (np.random.default_rng(2018).random(mask.shape) < 0.5)
-
-
-def half_the_array(
-    aperture: Aperture, mask: BoolArray, stage: MaskedSuppression
-) -> tuple[Aperture, BoolArray]:
+def half_the_array(aperture: Aperture, run: xr.Dataset) -> Aperture:
     """Take the pairs of antennas of which the middle lies in the middle half of the array."""
-    run = stage.setup.run
     middle = (run["tx_position"].values[:, 0] + run["rx_position"].values[:, 0]) / 2
     centre = (middle.min() + middle.max()) / 2
     taken = np.abs(middle - centre) <= np.ptp(middle) / 4
     factor = taken[:, None].astype(np.float32)
     operators = [_of_some_pairs(make, factor) for make in aperture.operators]
-    return replace(aperture, data=aperture.data * factor, operators=operators), mask
+    return replace(aperture, data=aperture.data * factor, operators=operators)
 
 
 def _of_some_pairs(make: OperatorOn, factor: NDArray[np.float32]) -> OperatorOn:
@@ -171,16 +151,6 @@ def _of_some_pairs(make: OperatorOn, factor: NDArray[np.float32]) -> OperatorOn:
         return cast("ImagingOperator", SomePairs(make(points), factor))
 
     return operator_on
-
-
-CHANGES: dict[str, Change] = {
-    "nothing": as_it_is,
-    _FLIPPED: mirrored,
-    _NARROW: farther,
-    _HALF_MASK: thinned,
-    _HALF_ARRAY: half_the_array,
-}
-"""What is changed of an aperture or its mask, by its name."""
 
 
 def lane_losses(
@@ -202,10 +172,10 @@ def lane_losses(
         targets = targets_in_area(frames, stage.setup.pose(index), recipe)
         if not targets:
             continue
-        aperture_of_frame = stage.aperture(index)
-        mask = stage.mask(aperture_of_frame)
-        for name, change in CHANGES.items():
-            aperture, chosen = change(aperture_of_frame, mask, stage)
+        whole = stage.aperture(index)
+        half = half_the_array(whole, stage.setup.run)
+        for name, chosen in changed_masks(stage.mask(whole), stage.across).items():
+            aperture = half if name == _HALF_ARRAY else whole
             if chosen.any():
                 courses = stage.courses(aperture, chosen)
                 cleaned = Cleaned(index, forms, aperture, {"pixel": chosen}, courses, {}, {}, [])

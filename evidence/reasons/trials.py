@@ -127,14 +127,13 @@ class Question:
 
     def shown(self, changed: str, interval: Interval) -> Trial:
         """Return a number that is shown for comparison."""
-        return Trial(
-            self.statement, "", changed, self.quantity, interval, self.sample, None, self.unit
-        )
+        return self.asked("", changed, interval, None)
 
-    def asked(self, why: str, changed: str, interval: Interval, predicted: Bounds) -> Trial:
-        """Return a number of which an explanation predicts between which values it lies."""
+    def asked(self, why: str, changed: str, interval: Interval, predicted: Bounds | None) -> Trial:
+        """Return a number of which an explanation, if there is one, predicts where it lies."""
+        rule = predicted if why else None
         return Trial(
-            self.statement, why, changed, self.quantity, interval, self.sample, predicted, self.unit
+            self.statement, why, changed, self.quantity, interval, self.sample, rule, self.unit
         )
 
 

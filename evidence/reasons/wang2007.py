@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 import flgpr
 from flgpr.chain.cleaned import CleanedRun
@@ -30,14 +29,15 @@ from flgpr.scoring import assign, clopper_pearson, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
+from flgpr_papers.cosgrove2004.findings import interval
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval
 from flgpr_papers.kit.mines import MIXES, mix_draws
 from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.wang2007.analysis import LaneResult, clutter_levels, stands_out
-from flgpr_papers.wang2007.lanes import F1_BAND, TRACK, sensor
-from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Trial
+from flgpr_papers.wang2007.lanes import F1_BAND, TRACK, f1_alone, sensor
+from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -47,7 +47,6 @@ CLUTTER_LENGTH = 150.0
 """Length of a lane on which clutter is measured, m."""
 MINE_LENGTH = 168.0
 """Length of a lane on which mines are looked for, m."""
-BANDS = ("F0", "F1", "F2", "F3", "F4")
 SCAN_EVERY = 3
 """Of so many scans one is measured by itself."""
 NEAR, FAR, HALF = 8.0, 16.0, 3.0
@@ -111,6 +110,10 @@ MINE_CHANGES: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
     ),
 }
 """Mix or body of the plastic mines, and entries of the scene's parts, by what is changed."""
+_MEASURED = {
+    "view": ("run-view by stretches of 10 m", "stretches"),
+    "scans": ("scan images from 8 to 16 m", "scan images"),
+}
 _FOUND: Bounds = (0.75, 1.0)  # the paper's 90 % less the margin of the study's rule
 _ALL_FOUND: Bounds = (0.85, 1.0)  # its 100 % less that margin
 
@@ -320,7 +323,7 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
         it is found by ``contrast`` (C_HH) and by ``prescreener`` (HH F1), None where it is not.
     """
     run, truth = simulate(scene, sensor(F1_BAND), seed)
-    recipe = recipe_of_f1()
+    recipe = parse_recipe(f1_alone(recipe_text("wang2007")))
     alarms = detect(run, recipe, scene.lane).alarms
     rankings = {"contrast": alarms, "prescreener": alarms.assign(confidence=alarms["magnitude"])}
     table = truth[["kind", "depth"]].copy()
@@ -330,80 +333,54 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
     return {"targets": table.to_dict("records")}
 
 
-def recipe_of_f1() -> Recipe:
-    """Return the packaged recipe wang2007 with the sub-band F1 alone."""
-    lines = recipe_text("wang2007").splitlines()
-    return parse_recipe("\n".join(line for line in lines if not line.startswith(BANDS_LEFT_OUT)))
-
-
-BANDS_LEFT_OUT = tuple(f"{band} " for band in BANDS if band != "F1")
-"""How the lines of the other sub-bands begin in a recipe."""
-
-
 def clutter_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
     """Return trials of what makes clutter in HH stand out less in F2 than in F1 (Fig. 8)."""
-    statement = "Sub-band F1 has the lowest level of clutter, in VV and HH"
-    measure = "99 % quantile over median, HH F2 less HH F1, run-view by stretches of 10 m"
     why = {
         _TARGETS: "sidelobes of targets stand out more in F1",
         _STREWN: "stones, lenses, holes and uneven soil stand out more in F1",
         _BESIDE: "posts and bushes beside the lane stand out more in F1",
     }
-    trial_list = [_gap_trial(statement, "", "nothing", measure, records, "view")]
+    trial_list = [_gap_trial(records, "nothing")]
     for name, explanation in why.items():
-        trial_list.append(
-            _gap_trial(statement, explanation, name, measure, records, "view", ABOVE_ZERO)
-        )
+        trial_list.append(_gap_trial(records, name, explanation, ABOVE_ZERO))
     echo = "the surface's own speckle stands out less the higher the sub-band"
-    for name in (_SURFACE, _EVEN_SURFACE):
-        rule = BELOW_ZERO if name == _EVEN_SURFACE else None
-        explanation = echo if rule else ""
-        trial_list.append(_gap_trial(statement, explanation, name, measure, records, "view", rule))
-        for band in ("F3", "F4"):
-            quantity = measure.replace("HH F2", f"HH {band}")
-            trial_list.append(
-                _gap_trial(statement, "", name, quantity, records, "view", None, band)
-            )
+    trial_list.append(_gap_trial(records, _SURFACE))
+    trial_list += _higher_bands(records, _SURFACE)
+    trial_list.append(_gap_trial(records, _EVEN_SURFACE, echo, BELOW_ZERO))
+    trial_list += _higher_bands(records, _EVEN_SURFACE)
     view = (
         "the run-view, which takes the second largest of several looks; the paper shows scan images"
     )
-    quantity = "99 % quantile over median, HH F2 less HH F1, scan images from 8 to 16 m"
-    trial_list.append(
-        _gap_trial(statement, view, "nothing", quantity, records, "scans", ABOVE_ZERO)
-    )
-    for band in ("F3", "F4"):
-        other = quantity.replace("HH F2", f"HH {band}")
-        trial_list.append(_gap_trial(statement, "", "nothing", other, records, "scans", None, band))
-    return trial_list
+    trial_list.append(_gap_trial(records, "nothing", view, ABOVE_ZERO, where="scans"))
+    return trial_list + _higher_bands(records, "nothing", "scans")
+
+
+def _higher_bands(
+    records: Mapping[str, Sequence[Record]], name: str, where: str = "view"
+) -> list[Trial]:
+    """Return the same of F3 and F4, for comparison."""
+    return [_gap_trial(records, name, band=band, where=where) for band in ("F3", "F4")]
 
 
 def _gap_trial(
-    statement: str,
-    explanation: str,
-    name: str,
-    measure: str,
     records: Mapping[str, Sequence[Record]],
-    where: str,
+    name: str,
+    explanation: str = "",
     predicted: Bounds | None = None,
     band: str = "F2",
+    where: str = "view",
 ) -> Trial:
     """Return a trial of a band's clutter less that of F1."""
     table = pd.concat([pd.DataFrame(record[where]) for record in records[name]])
     gap = (table[f"HH {band}"] - table["HH F1"]).dropna().to_numpy(dtype=np.float64)
-    unit_of_sample = "stretches" if where == "view" else "scan images"
-    sample = f"{gap.size} {unit_of_sample} of {len(records[name])} lanes"
-    return Trial(
-        statement, explanation, name, measure, mean_interval(gap), sample, predicted, unit="dB"
+    measured, unit_of_sample = _MEASURED[where]
+    question = Question(
+        "Sub-band F1 has the lowest level of clutter, in VV and HH",
+        f"99 % quantile over median, HH {band} less HH F1, {measured}",
+        f"{gap.size} {unit_of_sample} of {len(records[name])} lanes",
+        "dB",
     )
-
-
-def mean_interval(values: FloatArray) -> Interval:
-    """Return a mean and Student's interval of it; no ends for fewer than two values."""
-    mean = float(values.mean()) if values.size else math.nan
-    if values.size < 2:
-        return mean, -math.inf, math.inf
-    half = float(stdtrit(values.size - 1, 0.975) * values.std(ddof=1) / math.sqrt(values.size))
-    return mean, mean - half, mean + half
+    return question.asked(explanation, name, interval(gap), predicted)
 
 
 def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
@@ -426,17 +403,13 @@ def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
         explanation = explanations.get(name, "")
         targets = pd.concat([pd.DataFrame(record["targets"]) for record in records[name]])
         buried = targets[(targets["kind"] == "plastic") & (targets["depth"] > 0)]
-        # A number without a rule is shown for comparison: it has no explanation either.
-        for far, rule in ((0.07, _FOUND), (0.02, None)):
+        for far, why in ((0.07, explanation), (0.02, "")):
             value, sample = _found_share(buried["contrast"], far)
             quantity = f"buried plastic found by C_HH at {far:g} per m²"
-            asked = explanation if rule else ""
-            predicted = rule if asked else None
-            trial_list.append(Trial(plastic, asked, name, quantity, value, sample, predicted))
+            trial_list.append(Question(plastic, quantity, sample).asked(why, name, value, _FOUND))
         value, sample = _found_share(targets["prescreener"], 0.15)
-        quantity = "mines found by HH F1 at 0.15 per m²"
-        predicted = _ALL_FOUND if explanation else None
-        trial_list.append(Trial(reached, explanation, name, quantity, value, sample, predicted))
+        question = Question(reached, "mines found by HH F1 at 0.15 per m²", sample)
+        trial_list.append(question.asked(explanation, name, value, _ALL_FOUND))
     return trial_list
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -25,12 +24,14 @@ from flgpr.chain.method import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.execution.workers import Executor
-from flgpr.model import Sensor, load_sensor
+from flgpr.model import Sensor
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
 from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.mines import find_mix, mix_draws
+from flgpr_papers.wang2007.lanes import F1_BAND, f1_alone
+from flgpr_papers.wang2007.lanes import sensor as f1_sensor
 from worlds.signature import signal_to_clutter
 from worlds.space import DECLARED, write_site
 
@@ -178,15 +179,8 @@ def radar(height: float | None = None) -> Sensor:
     height : float, optional
         Height of the array, m; the preset's by default.
     """
-    sensor = load_sensor("sri-array")
-    axis = sensor.tones.axis()
-    low, high = _LANE["band"]
-    inside = axis[(axis >= low) & (axis <= high)]
-    tones = sensor.tones.model_copy(update={"start": inside[0], "count": inside.size})
-    changes: dict[str, Any] = {"tones": tones}
-    if height is not None:
-        changes["height"] = height
-    return sensor.model_copy(update=changes)
+    sensor = f1_sensor(F1_BAND)
+    return sensor if height is None else sensor.model_copy(update={"height": height})
 
 
 def lane_recipe(ground: tuple[float, float] | None = None) -> Recipe:
@@ -197,7 +191,7 @@ def lane_recipe(ground: tuple[float, float] | None = None) -> Recipe:
     ground : tuple of float, optional
         Nearest and farthest ground that is used, m ahead; the recipe's own by default.
     """
-    recipe = parse_recipe(re.sub(r"(?m)^F[0234] .*\n", "", recipe_text("wang2007")))
+    recipe = parse_recipe(f1_alone(recipe_text("wang2007")))
     if ground is None:
         return recipe
     nearest, farthest = ground

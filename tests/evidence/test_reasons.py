@@ -210,10 +210,6 @@ def test_plastic_mines_of_one_body_lie_where_those_of_the_mix_do():
     assert all(one.depth == -one.height for one in plastic + mix if one.depth < 0)
 
 
-def test_the_recipe_of_f1_has_one_sub_band():
-    assert list(wang2007.recipe_of_f1().image.subbands) == ["F1"]
-
-
 def test_clutter_and_mines_are_told_with_their_intervals():
     rows = [{"HH F1": 9.0, "HH F2": 8.4 + 0.1 * k, "HH F3": 9.5, "HH F4": 10.0} for k in range(5)]
     record = {"view": rows, "scans": [{**row, "HH F2": row["HH F2"] + 1.0} for row in rows]}

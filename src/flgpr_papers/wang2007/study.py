@@ -6,7 +6,6 @@ paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`), write t
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +40,7 @@ from flgpr_papers.wang2007.lanes import (
     LaneScenes,
     blind_scenes,
     calibration_scenes,
+    f1_alone,
     quick_scenes,
     sensor,
 )
@@ -136,7 +136,9 @@ def make_part(
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-        result = lane_result(folder, scene, seed, radar, _text_of_f1(), track, wide=False)
+        result = lane_result(
+            folder, scene, seed, radar, f1_alone(packaged_text("wang2007")), track, wide=False
+        )
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -155,13 +157,10 @@ def coarse_part(
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-    text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
+    text = f1_alone(packaged_text("wang2007")).replace(
+        "median_step = 1\n", f"median_step = {MEDIAN_STEP}\n"
+    )
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
-
-
-def _text_of_f1() -> str:
-    """Return the study's recipe with the sub-band F1 alone."""
-    return re.sub(r"(?m)^F[0234] .*\n", "", packaged_text("wang2007"))
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
