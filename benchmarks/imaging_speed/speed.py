@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from imaging_speed.cases import (
     direct_sums,
     sri_scan,
 )
+from imaging_speed.peers import cufinufft_rows, missing_peers, peer_cases
 from imaging_speed.roofline import peak_bandwidth, peak_flops
 
 BATCH = 32
@@ -88,8 +90,6 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     cases = own_cases(scan, exact, device)
     missing: list[str] = []
     if peers:
-        from imaging_speed.peers import missing_peers, peer_cases
-
         missing = missing_peers(device)
         if device == "cpu":
             cases += peer_cases(scan, exact)
@@ -103,8 +103,6 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     if device == "cuda":
         rows += _device_rows(scan, {row[0]: row for row in rows}, rounds)
         if peers and not missing:
-            from imaging_speed.peers import cufinufft_rows
-
             rows += cufinufft_rows(scan, exact, rounds)
 
     table = pd.DataFrame(rows, columns=_COLUMNS)
@@ -173,12 +171,6 @@ def _image_cases(
     """Return the cases of 15 images, three polarizations in five sub-bands."""
     buffer = operators.images.image_buffer(3)
 
-    def run_of(operator: ImagingOperator) -> Callable[[], NDArray[Any]]:
-        def run() -> NDArray[Any]:
-            return operator.adjoint(scan.data, buffer)
-
-        return run
-
     works = (
         ("15 images", operators.images, exact.images),
         ("15 images, 1e-5", operators.fine, exact.images),
@@ -186,7 +178,8 @@ def _image_cases(
     )
     cases = []
     for work, operator, sums in works:
-        cases.append(Case(work, code, run_of(operator), sums, 15, operator.width))
+        run = partial(operator.adjoint, scan.data, buffer)
+        cases.append(Case(work, code, run, sums, 15, operator.width))
     return cases
 
 
@@ -194,16 +187,9 @@ def _channel_cases(
     scan: ImagedScan, exact: DirectSums, operator: ImagingOperator, code: str
 ) -> list[Case]:
     """Return the cases of one channel, and of the forward model."""
-
-    def image() -> NDArray[Any]:
-        return operator.adjoint(scan.data[:1])
-
-    def forward() -> NDArray[Any]:
-        return operator.forward(scan.image[:1])
-
-    def forward_all() -> NDArray[Any]:
-        return operator.forward(scan.image)
-
+    image = partial(operator.adjoint, scan.data[:1])
+    forward = partial(operator.forward, scan.image[:1])
+    forward_all = partial(operator.forward, scan.image)
     width = operator.width
     return [
         Case("one channel", code, image, exact.channel, 1, width),
@@ -220,13 +206,8 @@ def _batch_cases(
     single = np.ascontiguousarray(batch[:, :1])
     image_buffer = operators.images.image_buffer(BATCH, 3)
     channel_buffer = operators.channel.image_buffer(BATCH, 1)
-
-    def images() -> NDArray[Any]:
-        return operators.images.adjoint(batch, image_buffer)
-
-    def channel() -> NDArray[Any]:
-        return operators.channel.adjoint(single, channel_buffer)
-
+    images = partial(operators.images.adjoint, batch, image_buffer)
+    channel = partial(operators.channel.adjoint, single, channel_buffer)
     width = operators.images.width
     channel_width = operators.channel.width
     return [

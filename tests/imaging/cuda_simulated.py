@@ -186,7 +186,7 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     tones = 0.8e9 + 0.2e9 * np.arange(11)
     points = scene(count=3)
     monkeypatch.setitem(sys.modules, "cufinufft", SimpleNamespace(Plan=Plan))
-    monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
+    monkeypatch.setattr(bench, "missing_peers", lambda device: [])
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
     monkeypatch.setattr(
