@@ -26,7 +26,7 @@ endef
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo benchmark quick test test-slow test-full lint docs robustness oldest newest wheel-check sbom clean
+.PHONY: demo benchmark bench quick test test-slow test-full lint docs robustness oldest newest wheel-check sbom clean
 
 # Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
@@ -35,6 +35,10 @@ demo: $(VENV)/.core
 # Detectors side by side on the quick form of the proving ground, both tiers: some five minutes.
 benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
+
+# The imaging operator beside the machine's limits; ARGS=--peers: and beside other codes.
+bench: $(VENV)/.bench
+	$(BIN)/python benchmarks/imaging_speed $(ARGS)
 
 quick: $(VENV)/.test
 	$(call beside_the_checks,$(PYTEST) -q -m "not slow" $(addprefix tests/,$(QUICK)))
@@ -143,6 +147,10 @@ $(VENV)/.test: $(VENV)/bin/python pyproject.toml constraints.txt
 
 $(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[benchmark]'
+	touch $@
+
+$(VENV)/.bench: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e '.[bench]'
 	touch $@
 
 $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt

@@ -165,9 +165,7 @@ def test_a_study_uses_its_own_paper_and_the_kit(path):
     """One paper's study may not lean on another's, nor the kit on a study."""
     room = path.relative_to(PAPERS).parts[0].removesuffix(".py")
     rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_papers.")}
-    assert rooms <= (
-        {"overview", "reasons", "worlds", "kit"} if room == "__init__" else {room, "kit"}
-    )
+    assert rooms <= ({"overview", "kit"} if room == "__init__" else {room, "kit"})
 
 
 def test_only_execution_imports_dask():

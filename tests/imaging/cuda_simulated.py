@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
@@ -17,6 +18,12 @@ from flgpr.imaging import cuda as backend
 from flgpr.method.imaged_run import imager_of
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, sample_lane
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+from imaging_speed import cases as bench_cases
+from imaging_speed import peers as bench_peers
+from imaging_speed import speed as bench
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
@@ -182,7 +189,7 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     tones = 0.8e9 + 0.2e9 * np.arange(11)
     points = scene(count=3)
     monkeypatch.setitem(sys.modules, "cufinufft", SimpleNamespace(Plan=Plan))
-    monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
+    monkeypatch.setattr(bench, "missing_peers", lambda device: [])
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
     monkeypatch.setattr(

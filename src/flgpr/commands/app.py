@@ -12,7 +12,6 @@ from typer.core import TyperGroup
 
 import flgpr
 from flgpr.commands import (
-    bench,
     benchmark,
     calibrate,
     imports,
@@ -74,7 +73,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "plan register": plan.register_recipe,
     "plan check": plan.check_register,
     "plan survey": plan.survey_plan,
-    "bench imaging": bench.bench_imaging,
     "benchmark run": benchmark.run_benchmark,
     "benchmark oracle": benchmark.run_oracle,
     "benchmark table": benchmark.benchmark_table,
@@ -104,7 +102,6 @@ HELP_PANELS: dict[str, dict[str, str]] = {
         "design": "",
         "benchmark": "The proving ground: compare detectors on the same sealed lanes.",
         "reproduce": "",
-        "bench": "Measure speed on this machine.",
     },
 }
 """First words by the title of the box in which ``flgpr --help`` shows them.

@@ -6,7 +6,6 @@ paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`), write t
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -28,20 +27,19 @@ from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr.store import open_run, read_manifest, sha256, write_whole
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.findings import Finding, write_findings
+from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
-from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
     blind_scenes,
     calibration_scenes,
+    f1_alone,
     quick_scenes,
     sensor,
 )
@@ -137,7 +135,9 @@ def make_part(
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-        result = lane_result(folder, scene, seed, radar, _text_of_f1(), track, wide=False)
+        result = lane_result(
+            folder, scene, seed, radar, f1_alone(packaged_text("wang2007")), track, wide=False
+        )
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -156,13 +156,10 @@ def coarse_part(
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-    text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
+    text = f1_alone(packaged_text("wang2007")).replace(
+        "median_step = 1\n", f"median_step = {MEDIAN_STEP}\n"
+    )
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
-
-
-def _text_of_f1() -> str:
-    """Return the study's recipe with the sub-band F1 alone."""
-    return re.sub(r"(?m)^F[0234] .*\n", "", packaged_text("wang2007"))
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
@@ -310,27 +307,3 @@ def _is_done(result_folder: Path, store: Path, text: str) -> bool:
     if manifest["run"].get("store_sha256") != read_manifest(store)["sha256"]:
         return False
     return bool(manifest["recipe_sha256"] == sha256(text.encode()))
-
-
-def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements in a world, on three short calibration lanes and a blind one.
-
-    Parameters
-    ----------
-    world : World
-        Soil, surface, roadside and mines.
-    folder : Path
-        Folder to work in.
-    """
-    text = packaged_text("wang2007")
-    radar = sensor()
-    first_seed = 1000 * (world.number + 1)
-    calibration_lanes, blind_lanes = quick_scenes(world.site(folder))
-    calibration = []
-    for scene, seed in calibration_lanes.values():
-        calibration.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
-    blind = []
-    for scene, seed in blind_lanes.values():
-        blind.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
-    findings, _ = all_findings(calibration, blind, parse_recipe(text), draws=100)
-    return findings
