@@ -24,8 +24,6 @@ import tempfile
 import time
 from pathlib import Path
 
-from flgpr.commands.imaging_speed import bench_imaging, format_bench
-
 from flgpr.imaging import ImagingOperator
 from flgpr.method.method import detect
 from flgpr.model import Lane

@@ -14,10 +14,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from flgpr.chain.progress import Track, silent
-from flgpr.execution.workers import Executor, InProcess, Processes
-
 from flgpr.commands.bars import Bars
+from flgpr.jobs.workers import Executor, InProcess, Processes
+from flgpr.progress import Track, silent
 from worlds import ablation, detection, geometry, statements
 from worlds.figures import draw_figures
 from worlds.lanes import read_targets, run_jobs

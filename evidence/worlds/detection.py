@@ -6,10 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
-from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
-from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
-from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 from scipy.special import expit

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from flgpr.chain.progress import silent
-from flgpr.chain.recipe import parse_recipe
-
+from flgpr.progress import silent
+from flgpr.recipe.schema import parse_recipe
 from flgpr_papers.cosgrove2004.findings import findings, interval, pd_table
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.study import run_seed

@@ -28,7 +28,6 @@ BEFORE = [
 ]
 """Commands that make what commands of ``ONLY_TOLD`` read."""
 ONLY_TOLD = [
-    Command("bench imaging", "bench imaging --rounds 1"),
     Command("benchmark list", "benchmark list --ground {in}/ground.toml"),
     Command("benchmark validate", "benchmark validate {in}/submission --ground {in}/ground.toml"),
     Command("calibrate permittivity", "calibrate permittivity {in}/prepared.zarr"),

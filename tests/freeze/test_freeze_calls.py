@@ -7,7 +7,6 @@ from freeze.commands import walk
 from freeze.frozen import read_json
 
 SLOW = {
-    "bench imaging": "measures peaks and kernels for many seconds",
     "benchmark run": "makes lanes, detects and scores",
     "demo": "a whole detection with its report",
     "design": "computes resolution and clutter of an array",

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 from numba import config, cuda
 
-from flgpr.commands import imaging_cases as bench_cases
-from flgpr.commands import imaging_peers as bench_peers
-from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as backend
 from flgpr.method.imaged_run import imager_of

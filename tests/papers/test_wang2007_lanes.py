@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flgpr.chain.recipe import parse_recipe, recipe_text
 
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.simulate import draw_world
 from flgpr_papers.wang2007 import lanes
 

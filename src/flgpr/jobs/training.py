@@ -281,7 +281,7 @@ class _Training:
                 examples: list[Any] = self._views
             else:
                 examples = []
-                for setup, _ in self._lane_setups(truth=True):
+                for setup, _ in self._imaged_lanes(truth=True):
                     examples.append(dict(setup.results[f"learn.{name}"]))
             with self._counted(name):
                 arrays, notes = self._fit(name, examples)
@@ -294,7 +294,7 @@ class _Training:
     def _training_views(self) -> list[TrainingView]:
         """Return the run-views of all lanes, with their targets."""
         views = []
-        for setup, lane in self._lane_setups(truth=True):
+        for setup, lane in self._imaged_lanes(truth=True):
             views.append(TrainingView(setup.view(), lane.targets, lane.area))
         return views
 
@@ -317,7 +317,7 @@ class _Training:
         """Train the detector on the alarms of all lanes."""
         lanes: list[LaneOfAlarms] = []
         raised = 0
-        for number, (setup, lane) in enumerate(self._lane_setups(truth=False), 1):
+        for number, (setup, lane) in enumerate(self._imaged_lanes(truth=False), 1):
             name = f"{number}:{Path(lane.run).stem}"
             ranked = rank_alarms(setup)
             lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
@@ -386,7 +386,7 @@ class _Training:
                     spent[name] = rows
         return spent
 
-    def _lane_setups(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
+    def _imaged_lanes(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
         """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
         self._step += 1
         model = save_model(self.model, self._learnt) if self.model.stages else None
