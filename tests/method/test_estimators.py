@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from flgpr.method.classifier import TrainingSet
-from flgpr.method.estimators import TrainedEstimator, find_estimator, train_estimator
+from flgpr.detect.estimator_table import trained_class
+from flgpr.method.estimators import TrainedEstimator, train_estimator
 from flgpr.method.model import Model, load_model, save_model
 from flgpr.recipe.tables import DetectorTable
 
@@ -68,7 +69,7 @@ def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mi
     made = train_estimator(
         examples, DetectorTable(estimator=name, features=COLUMNS, on=on, options=options), COLUMNS
     )
-    estimator = find_estimator(name)(**options)
+    estimator = trained_class(name)(**options)
     estimator.fit(shown, *((examples.label,) if on == "all" else ()))
     decided = estimator.predict(values) == mine
     score = made.confidence(examples.features)
@@ -95,7 +96,7 @@ def test_without_pyod_its_estimators_say_what_they_need(monkeypatch):
     with pytest.raises(
         ModuleNotFoundError, match=r"ecod needs PyOD: pip install 'flgpr\[benchmark\]'"
     ):
-        find_estimator("ecod")
+        trained_class("ecod")
 
 
 @pytest.fixture

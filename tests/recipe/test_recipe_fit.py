@@ -14,13 +14,13 @@ from flgpr.commands.run_report import run_info
 from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Sensor, load_sensor, make_run, sensor_presets
-from flgpr.proving_ground.ground import load_ground
 from flgpr.recipe.fit import alias_faults, check_fit, fit_faults
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.simulate import Scene
 from flgpr.simulate.simulator import warn_of_aliases
 from flgpr.store import Scan, describe_for_live, open_run, sample_lane, save_run
+from flgpr_ground.ground import load_ground
 
 RECIPES = sorted(
     file.name.removesuffix(".toml")

@@ -135,10 +135,10 @@ BROWSER = "the browser opens a page that this process wrote"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 THROUGH_FOLDER = "the door's own folder opens it, under another name than the check knows"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
-    "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
-    "proving_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
-    "proving_ground/board.py packaged_board": ({"read_bytes"}, OWN),
-    "proving_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
+    "flgpr_ground/ground.py _description_text": ({"read_text"}, OWN),
+    "flgpr_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_ground/board.py packaged_board": ({"read_bytes"}, OWN),
+    "flgpr_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
     "recipe/schema.py recipe_text": ({"read_text"}, OWN),
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
@@ -183,7 +183,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/gprmax.py _read": ({"File"}, GUARDED),
     "formats/sigmf.py SigmfRecording._find_samples": ({"open"}, THROUGH_FOLDER),
     "formats/sigmf.py SigmfRecording._read_samples": ({"open"}, THROUGH_FOLDER),
-    "proving_ground/croissant.py _files": ({"open"}, THROUGH_FOLDER),
+    "flgpr_ground/croissant.py _files": ({"open"}, THROUGH_FOLDER),
     "store/tables.py parse_csv": ({"read_csv"}, IN_HAND),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),
