@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.method.classifier import TrainingSet
 from flgpr.detect.estimator_table import trained_class
+from flgpr.method.classifier import TrainingSet
 from flgpr.method.estimators import TrainedEstimator, train_estimator
 from flgpr.method.model import Model, load_model, save_model
 from flgpr.recipe.tables import DetectorTable

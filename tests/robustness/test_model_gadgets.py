@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from flgpr.detect.estimator_table import known_estimators
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info
+from flgpr.detect.estimator_table import known_estimators
 from flgpr.detect.scorers.checks import Checked
 from flgpr.method.classifier import TrainingSet, train
 from flgpr.method.estimators import train_estimator
@@ -464,7 +464,9 @@ def test_what_json_can_hold_beside_numbers_is_no_number(value):
 
 
 def test_there_are_gadgets_of_every_estimator():
-    assert {estimator for estimator, _, _ in GADGETS.values()} >= set(known_estimators()) - {"copod"}
+    assert {estimator for estimator, _, _ in GADGETS.values()} >= set(known_estimators()) - {
+        "copod"
+    }
     assert len(GADGETS) >= 12
 
 
