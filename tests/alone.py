@@ -1,12 +1,16 @@
 """The instrument without the packages beside it: they cannot be found, and they offer nothing.
 
 ``FLGPR_ALONE=1 pytest tests/recipe tests/stages`` runs tests of the instrument so. The tests of the
-packages beside it are then left out.
+packages beside it are then left out, and those that :func:`needs` marks.
 """
 
 import importlib.metadata
+import os
 import sys
 
+import pytest
+
+IS_ALONE = bool(os.environ.get("FLGPR_ALONE"))
 BESIDE = {
     "flgpr_exchange": (),
     "flgpr_ground": ("ground",),
@@ -42,3 +46,8 @@ def hide_packages_beside():
         return importlib.metadata.EntryPoints(kept)
 
     importlib.metadata.Distribution.entry_points = property(entry_points)
+
+
+def needs(package):
+    """Mark a test of the instrument that takes something of a package beside it for an example."""
+    return pytest.mark.skipif(IS_ALONE, reason=f"needs {package}, which lies beside the instrument")

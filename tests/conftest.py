@@ -13,9 +13,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from pathlib import Path
 
-from alone import BESIDE, hide_packages_beside
+from alone import BESIDE, IS_ALONE, hide_packages_beside
 
-if os.environ.get("FLGPR_ALONE"):
+if IS_ALONE:
     hide_packages_beside()
 
 import hypothesis
@@ -101,7 +101,7 @@ HEAVY = (
 They are begun first, so that the processes end together.
 """
 collect_ignore = []
-if os.environ.get("FLGPR_ALONE"):
+if IS_ALONE:
     for folders in BESIDE.values():
         collect_ignore += folders
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time

@@ -1,6 +1,7 @@
 """The proving ground's description: lanes, splits, entries."""
 
 import tomllib
+import warnings
 from importlib import resources
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from flgpr.proving_ground import listing, load_ground, packaged_entries
 from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import draw_world
+from flgpr.simulate.simulator import warn_of_aliases
 from flgpr.store import open_run
 from flgpr_ground.fingerprints import packaged_fingerprints
 from flgpr_ground.ground import GROUNDS as PACKAGED
@@ -300,3 +302,15 @@ def test_a_ground_may_choose_polarizations_entries_and_soils():
         packaged_entries(load_ground(source=text.replace('"fused3"', '"fused9"')))
     with pytest.raises(ValueError, match="polarization"):
         load_ground(source=text.replace('["HH", "HV"]', '["HH", "HX"]')).lanes
+
+
+@pytest.mark.parametrize("source", [None, "full-wave-1"])
+def test_the_radars_of_the_benchmarks_are_clear(source):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sensors = {
+            lane.sensor.model_dump_json(): lane.sensor
+            for lane in load_ground(source=source).lanes.values()
+        }
+        for sensor in sensors.values():
+            warn_of_aliases(sensor)
