@@ -16,7 +16,6 @@ from flgpr.jobs.workers import RunOptions
 from flgpr.proving_ground import (
     load_ground,
     make_ground,
-    oracle,
     run_benchmark,
     run_oracle,
     score_entries,
@@ -25,6 +24,7 @@ from flgpr.proving_ground import (
 from flgpr.simulate import draw_world
 from flgpr.store import read_manifest, read_table, sample_lane
 from flgpr.trials import open_truth
+from flgpr_ground import oracle
 from flgpr_ground.fingerprints import same_lanes
 from flgpr_ground.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr_ground.table import pd_in_words

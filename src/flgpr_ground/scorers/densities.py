@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
+from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
 
 METRICS = ("minkowski", "euclidean", "manhattan", "chebyshev")
 METHODS = ("largest", "mean", "median")
@@ -18,7 +16,7 @@ _DISTANCES_AT_ONCE = 2**22  # in memory
 
 
 @dataclass(frozen=True)
-class MixtureScorer:
+class MixtureScorer(StoredScorer):
     """Compute the log density of a mixture of Gaussians, less the least that is called a mine."""
 
     own_centre: FloatArray  #: (n_features,) subtracted from the features first
@@ -57,20 +55,6 @@ class MixtureScorer:
         constant = z.shape[1] / 2 * math.log(2 * math.pi)
         return np.asarray(density - constant - self.offset)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the mixture and its standardisation."""
-        return {
-            "own_centre": self.own_centre,
-            "own_scale": self.own_scale,
-            "share": self.share,
-            "mean": self.mean,
-            "root": self.root,
-        }
-
-    def settings(self) -> dict[str, Any]:
-        """Return the offset."""
-        return {"offset": self.offset}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted mixture of any shape of covariance."""
@@ -93,12 +77,11 @@ class MixtureScorer:
         )
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays.
 
         Shares, scales and the roots' diagonals must be positive.
         """
-        checked = Checked(settings, arrays)
         share = checked.array("share", (None,))
         scorer = cls(
             checked.array("own_centre", (features,)),
@@ -108,7 +91,6 @@ class MixtureScorer:
             checked.array("root", (len(share), features, features)),
             checked.number("offset"),
         )
-        checked.done()
         refuse_unless(len(share) > 0, "array 'share' must hold a component", len(share))
         diagonal = np.diagonal(scorer.root, axis1=1, axis2=2)
         for name, values in (("share", share), ("own_scale", scorer.own_scale), ("root", diagonal)):
@@ -118,7 +100,7 @@ class MixtureScorer:
 
 
 @dataclass(frozen=True)
-class TailScorer:
+class TailScorer(StoredScorer):
     """Compute how far a sample lies in the tails of every feature (ECOD, Li et al. 2022).
 
     A larger score is less like the examples. The tails are those of the training examples and the
@@ -141,26 +123,15 @@ class TailScorer:
         """Combine the tails of every feature."""
         return np.maximum(skewed, np.maximum(left, right))
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the training examples."""
-        return {"examples": self.examples}
-
-    def settings(self) -> dict[str, Any]:
-        """Return the score at which the estimator decides."""
-        return {"threshold": self.threshold}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted estimator of PyOD."""
         return cls(np.array(estimator.X_train, dtype=np.float64), float(estimator.threshold_))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
-        scorer = cls(checked.array("examples", (None, features)), checked.number("threshold"))
-        checked.done()
-        return scorer
+        return cls(checked.array("examples", (None, features)), checked.number("threshold"))
 
 
 class CopulaScorer(TailScorer):
@@ -207,7 +178,7 @@ def _share_up_to(X: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class NeighbourScorer:
+class NeighbourScorer(StoredScorer):
     """Compute the distance from the nearest training examples."""
 
     examples: FloatArray  #: (n_examples, n_features)
@@ -248,19 +219,6 @@ class NeighbourScorer:
             return total
         return np.asarray(total ** (1 / self.power))
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the training examples."""
-        return {"examples": self.examples}
-
-    def settings(self) -> dict[str, Any]:
-        """Return the kind of distance, and the score at which the estimator decides."""
-        return {
-            "neighbours": self.neighbours,
-            "method": self.method,
-            "power": self.power,
-            "threshold": self.threshold,
-        }
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted estimator of PyOD, with one of the ``METRICS``."""
@@ -279,9 +237,8 @@ class NeighbourScorer:
         return cls(examples, neighbours, str(estimator.method), power, float(estimator.threshold_))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
         examples = checked.array("examples", (None, features))
         scorer = cls(
             examples,
@@ -290,6 +247,5 @@ class NeighbourScorer:
             checked.number("power", 0.0, 100.0),
             checked.number("threshold"),
         )
-        checked.done()
         refuse_unless(len(examples) > 0, "array 'examples' must hold an example", len(examples))
         return scorer

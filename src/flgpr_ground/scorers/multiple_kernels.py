@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, IntArray, refuse_unless
+from flgpr.detect.scorers.checks import Checked, FloatArray, IntArray, StoredScorer, refuse_unless
 from flgpr.detect.scorers.kernel_machines import rbf_values, score_in_blocks
 
 
 @dataclass(frozen=True)
-class MultipleKernelScorer:
+class MultipleKernelScorer(StoredScorer):
     """Compute ``Σ_n a_n Σ_m θ_m exp(-γ_m |x_m - x_nm|²) + b``."""
 
     vectors: FloatArray  #: (n_vectors, n_features) x_n
@@ -38,20 +36,6 @@ class MultipleKernelScorer:
             score += self.kernel_weight[number] * (kernel @ self.weight)
         return score
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the support vectors with their weights, and the kernels."""
-        return {
-            "vectors": self.vectors,
-            "weight": self.weight,
-            "group": self.group,
-            "kernel_weight": self.kernel_weight,
-            "gamma": self.gamma,
-        }
-
-    def settings(self) -> dict[str, Any]:
-        """Return the intercept."""
-        return {"intercept": self.intercept}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted machine."""
@@ -66,20 +50,18 @@ class MultipleKernelScorer:
         )
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays.
 
         Every feature belongs to a kernel that is there, and neither weights nor widths of kernels
         are negative.
         """
-        checked = Checked(settings, arrays)
         weight = checked.array("weight", (None,))
         vectors = checked.array("vectors", (len(weight), features))
         group = checked.array("group", (features,), np.int64)
         kernel_weight = checked.array("kernel_weight", (None,))
         gamma = checked.array("gamma", (len(kernel_weight),))
         scorer = cls(vectors, weight, group, kernel_weight, gamma, checked.number("intercept"))
-        checked.done()
         count = len(kernel_weight)
         rule = f"array 'kernel_weight' must be of 1 to {features}"
         refuse_unless(1 <= count <= features, rule, count)

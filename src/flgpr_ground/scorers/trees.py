@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, IntArray, refuse_unless
+from flgpr.detect.scorers.checks import Checked, FloatArray, IntArray, StoredScorer, refuse_unless
 
 _LEAF = -1
 _LARGEST_DEPTH = 4096  # nodes on the way to a leaf, more than any forest of alarms has
@@ -55,17 +55,6 @@ class Trees:
                 sample = sample[self.left[node[sample]] != _LEAF]
             total += self.value[node]
         return total
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the table."""
-        return {
-            "first": self.first,
-            "left": self.left,
-            "right": self.right,
-            "feature": self.feature,
-            "split": self.split,
-            "value": self.value,
-        }
 
     @classmethod
     def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
@@ -161,7 +150,7 @@ def _table_of(tree: Any) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class ForestScorer:
+class ForestScorer(StoredScorer):
     """Compute the log odds of the mean over a random forest's trees.
 
     A tree gives the share of mines in a sample's leaf.
@@ -177,14 +166,6 @@ class ForestScorer:
         log_clutter = np.log(np.maximum(1 - p, 1e-12))
         return np.asarray(log_mine - log_clutter)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the table of nodes."""
-        return self.trees.arrays()
-
-    def settings(self) -> dict[str, Any]:
-        """Return nothing: the trees are all."""
-        return {}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted forest of two classes."""
@@ -197,11 +178,9 @@ class ForestScorer:
         return cls(Trees.joined(tables))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's arrays; shares must lie between 0 and 1."""
-        checked = Checked(settings, arrays)
         trees = Trees.taken(checked, features)
-        checked.done()
         is_share = (trees.value >= 0) & (trees.value <= 1)
         rule = "array 'value' must lie between 0 and 1"
         refuse_unless(bool(is_share.all()), rule, trees.value[~is_share][:1])
@@ -209,7 +188,7 @@ class ForestScorer:
 
 
 @dataclass(frozen=True)
-class BoostedScorer:
+class BoostedScorer(StoredScorer):
     """Compute the log odds of boosted trees: a constant and the sum of a sample's leaves."""
 
     trees: Trees
@@ -219,14 +198,6 @@ class BoostedScorer:
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
         return np.asarray(self.baseline + self.trees.total(X))
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the table of nodes."""
-        return self.trees.arrays()
-
-    def settings(self) -> dict[str, Any]:
-        """Return the constant."""
-        return {"baseline": self.baseline}
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -252,16 +223,13 @@ class BoostedScorer:
         return cls(Trees.joined(tables), float(np.ravel(estimator._baseline_prediction)[0]))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
-        scorer = cls(Trees.taken(checked, features), checked.number("baseline"))
-        checked.done()
-        return scorer
+        return cls(Trees.taken(checked, features), checked.number("baseline"))
 
 
 @dataclass(frozen=True)
-class IsolationScorer:
+class IsolationScorer(StoredScorer):
     """Compute the decision function of an isolation forest (Liu, Ting & Zhou 2008).
 
     It is ``-2^(-d / (n c)) - offset`` of the summed path lengths d in n trees, c being the mean
@@ -280,14 +248,6 @@ class IsolationScorer:
         relative = lengths / scale if scale > 0 else np.ones_like(lengths)
         return np.asarray(-(2.0**-relative) - self.offset)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the table of nodes, whose values are path lengths."""
-        return self.trees.arrays()
-
-    def settings(self) -> dict[str, Any]:
-        """Return the mean length and the offset."""
-        return {"mean_length": self.mean_length, "offset": self.offset}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted forest."""
@@ -303,16 +263,13 @@ class IsolationScorer:
         return cls(Trees.joined(tables), float(lengths[0]), float(estimator.offset_))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
-        scorer = cls(
+        return cls(
             Trees.taken(checked, features),
             checked.number("mean_length", 0.0),
             checked.number("offset"),
         )
-        checked.done()
-        return scorer
 
 
 def _path_lengths(tree: Any) -> FloatArray:
