@@ -2,18 +2,21 @@
 
 It is JSON-LD that search engines for data sets and loaders for machine learning read
 (http://mlcommons.org/croissant/1.0). The lanes are hosted nowhere: every machine makes them by one
-command, which the description states. Truth is there of training and validation lanes alone.
+command, which the description states. Truth is there of training and validation lanes alone. What
+is the same for every ground stands in ``croissant.json``: the context that the specification
+recommends (its appendix 1, with two terms of later data sets), sets of files, and the fields of the
+record sets. The media type of run stores is registered nowhere, but in use.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
+from dataclasses import asdict
+from importlib import resources
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 import flgpr
 from flgpr.door import MOST_CHECKED, Folder
@@ -29,61 +32,12 @@ from flgpr_ground.citing import (
     licences,
 )
 from flgpr_ground.fingerprints import packaged_fingerprints
-from flgpr_ground.ground import GROUNDS, Ground, GroundLane, load_ground
+from flgpr_ground.ground import GROUNDS, Ground, load_ground
 from flgpr_ground.running import PRINTS, SEALED, read_ground
 
 CONFORMS_TO = "http://mlcommons.org/croissant/1.0"
 CROISSANT = "croissant.json"
-"""Name of the description in the folder of a ground."""
-CONTEXT = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    "sc": "https://schema.org/",
-    "cr": "http://mlcommons.org/croissant/",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "dct": "http://purl.org/dc/terms/",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
-    "conformsTo": "dct:conformsTo",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "equivalentProperty": "cr:equivalentProperty",
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileProperty": "cr:fileProperty",
-    "fileObject": "cr:fileObject",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
-}
-"""The context that the specification recommends (its appendix 1).
-
-Two terms of later data sets are added.
-"""
-ZARR = "application/vnd+zarr"
-"""Media type of run stores; none is registered, and this one is in use."""
-_PARTS = {
-    "train": ("cr:TrainingSplit", "learnt from; its truth is open"),
-    "validate": ("cr:ValidationSplit", "for choices while learning; its truth is open"),
-    "test": ("cr:TestSplit", "detected on once by a frozen detector; its truth is sealed"),
-}
+"""Name of the description in the folder of a ground, and of what all descriptions have here."""
 Node = dict[str, Any]
 
 
@@ -112,20 +66,16 @@ def describe_ground(
         :func:`missing_properties`.
     """
     name = ground.title
+    template = _template()
     described: Node = {
-        "@context": CONTEXT,
+        "@context": template["@context"],
         "@type": "sc:Dataset",
         "name": name,
         "conformsTo": CONFORMS_TO,
         "description": _description(ground),
         "version": f"{ground.table.version}.0.0",
         "measurementTechnique": _technique(ground),
-        "keywords": [
-            "ground-penetrating radar",
-            "forward-looking",
-            "landmine detection",
-            "simulated data",
-        ],
+        "keywords": template["keywords"],
         "isLiveDataset": False,
         "citeAs": bibtex_of_ground(ground) if is_packaged(ground) else cite_ground(ground),
     }
@@ -139,16 +89,31 @@ def describe_ground(
     if is_packaged(ground):
         described["creator"] = {"@type": "sc:Organization", "name": CREATOR}
         described["datePublished"] = PUBLISHED[name.removesuffix("-quick")]
-    described["distribution"] = list(_distribution(ground, folder))
-    described["recordSet"] = [
-        _parts(),
-        _lanes(ground),
-        _splits(ground),
-        _targets(),
-        _runs(),
-        _variables(),
-    ]
+    described["distribution"] = template["distribution"]
+    if folder is not None:
+        described["distribution"] += _files(ground, Path(folder))
+    described["recordSet"] = template["recordSet"]
+    record_sets = {record_set["name"]: record_set for record_set in template["recordSet"]}
+    splits = [f"{split}: {row.title}" for split, row in ground.table.splits.items()]
+    record_sets["splits"]["description"] = "; ".join(splits)
+    record_sets["targets"]["field"] += _target_fields()
+    for record_set, rows in (
+        ("lanes", _lane_rows(ground)),
+        ("splits", _split_rows(ground)),
+        ("run_variables", _variable_rows()),
+    ):
+        records = []
+        for row in rows:
+            records.append({f"{record_set}/{column}": value for column, value in row.items()})
+        record_sets[record_set]["data"] = records
     return described
+
+
+def _template() -> Node:
+    """Return what is the same in the descriptions of all grounds."""
+    packaged = resources.files("flgpr_ground") / CROISSANT
+    template: Node = json.loads(packaged.read_text("utf-8"))
+    return template
 
 
 def missing_properties(described: Node) -> list[str]:
@@ -197,45 +162,6 @@ def _description(ground: Ground) -> str:
     )
 
 
-def _distribution(ground: Ground, folder: str | Path | None) -> Iterator[Node]:
-    """Yield the sets of files that the command makes, and the single files that are there."""
-    sets = {
-        "run-stores": ("lanes/*.zarr/**", ZARR, "a run store per lane: what the radar receives"),
-        "run-manifests": (
-            "lanes/*.zarr/commit.json",
-            "application/json",
-            "of every run store: SHA-256 and size of all of its files",
-        ),
-        "lane-borders": ("lanes/*-lane.toml", "application/toml", "borders of every lane"),
-        "truth": (
-            "lanes/*-truth.csv",
-            "text/csv",
-            "targets of training and validation lanes",
-        ),
-        "sealed-truth": (
-            f"lanes/{SEALED}",
-            "application/json",
-            "targets of the test lanes, encrypted; a salt makes every copy another file",
-        ),
-        "fingerprints": (
-            f"lanes/{PRINTS}",
-            "text/csv",
-            "digest of every run store, and rms of its echoes by polarization",
-        ),
-    }
-    for name, (pattern, encoding, text) in sets.items():
-        yield {
-            "@type": "cr:FileSet",
-            "@id": name,
-            "name": name,
-            "description": text,
-            "encodingFormat": encoding,
-            "includes": pattern,
-        }
-    if folder is not None:
-        yield from _files(ground, Path(folder))
-
-
 def _files(ground: Ground, root: Path) -> Iterator[Node]:
     """Yield the files of the lanes that are there, with digest and size."""
     folder = Folder(root)
@@ -267,204 +193,59 @@ def _files(ground: Ground, root: Path) -> Iterator[Node]:
         }
 
 
-def _field(record_set: str, name: str, data_type: str | list[str], text: str, **more: Any) -> Node:
-    """Return a field of a record set."""
-    return {
-        "@type": "cr:Field",
-        "@id": f"{record_set}/{name}",
-        "name": name,
-        "description": text,
-        "dataType": data_type,
-        **more,
-    }
-
-
-def _record_set(name: str, text: str, fields: Sequence[Node], **more: Any) -> Node:
-    """Return a record set."""
-    return {
-        "@type": "cr:RecordSet",
-        "@id": name,
-        "name": name,
-        "description": text,
-        "field": list(fields),
-        **more,
-    }
-
-
-def _records(record_set: str, rows: Sequence[Mapping[str, Any]]) -> list[Node]:
-    """Return rows with the names that embedded data have."""
-    records = []
-    for row in rows:
-        records.append({f"{record_set}/{name}": value for name, value in row.items()})
-    return records
-
-
-def _reference(field: str) -> Node:
-    """Return a reference to a field of another record set."""
-    return {"references": {"field": {"@id": field}}}
-
-
-def _parts() -> Node:
-    """Return the record set of what lanes are for."""
-    fields = [
-        _field("parts", "name", "sc:Text", "what a lane is for"),
-        _field("parts", "url", ["sc:URL", "cr:Split"], "what that is in Croissant"),
-        _field("parts", "meaning", "sc:Text", "what may be done with it"),
-    ]
-    rows = []
-    for name, (address, meaning) in _PARTS.items():
-        rows.append({"name": name, "url": address, "meaning": meaning})
-    return _record_set(
-        "parts",
-        "what lanes are for",
-        fields,
-        dataType="cr:Split",
-        key={"@id": "parts/name"},
-        data=_records("parts", rows),
-    )
-
-
-def _lanes(ground: Ground) -> Node:
-    """Return the record set of the lanes, with the authors' digests where they are known."""
-    fields = [
-        _field("lanes", "lane", "sc:Text", "name of the lane and of its files"),
-        _field("lanes", "tier", "sc:Text", "tier of the ground; empty if it has none"),
-        _field("lanes", "site", "sc:Text", "name of the site on the ground"),
-        _field("lanes", "part", "sc:Text", "what the lane is for", **_reference("parts/name")),
-    ]
-    for border in ("x_min", "x_max", "y_min", "y_max"):
-        fields.append(_field("lanes", border, "sc:Float", "border of the scored lane, m"))
-    fields += [
-        _field("lanes", "seed", "sc:Integer", "seed of everything random in it"),
-        _field("lanes", "targets", "sc:Integer", "number of targets; their places are elsewhere"),
-        _field(
-            "lanes",
-            "authors_sha256",
-            "sc:Text",
-            "digest in the manifest of the authors' run store; empty if not known",
-        ),
-    ]
+def _lane_rows(ground: Ground) -> Iterator[Node]:
+    """Yield the lanes, with the authors' digests where they are known."""
     known = packaged_fingerprints(ground)
-    rows = [_lane_row(lane, known) for lane in ground.lanes.values()]
-    return _record_set(
-        "lanes", "the lanes", fields, key={"@id": "lanes/lane"}, data=_records("lanes", rows)
-    )
+    for lane in ground.lanes.values():
+        yield {
+            "lane": lane.name,
+            "tier": lane.tier,
+            "site": lane.site,
+            "part": lane.part,
+            **asdict(lane.lane),
+            "seed": lane.seed,
+            "targets": len(lane.truth()),
+            "authors_sha256": known["sha256"].get(lane.name, ""),
+        }
 
 
-def _lane_row(lane: GroundLane, known: pd.DataFrame) -> Node:
-    """Return the record of a lane."""
-    digest = str(known.loc[lane.name, "sha256"]) if lane.name in known.index else ""
-    return {
-        "lane": lane.name,
-        "tier": lane.tier,
-        "site": lane.site,
-        "part": lane.part,
-        "x_min": lane.lane.x_min,
-        "x_max": lane.lane.x_max,
-        "y_min": lane.lane.y_min,
-        "y_max": lane.lane.y_max,
-        "seed": lane.seed,
-        "targets": len(lane.truth()),
-        "authors_sha256": digest,
-    }
-
-
-def _splits(ground: Ground) -> Node:
-    """Return the record set of which lanes are learnt from and tested in every fold."""
-    fields = [
-        _field("splits", "split", "sc:Text", "name of the split"),
-        _field("splits", "fold", "sc:Integer", "number of the fold; each has a model of its own"),
-        _field("splits", "use", "sc:Text", "train, or test"),
-        _field("splits", "lane", "sc:Text", "name of the lane", **_reference("lanes/lane")),
-    ]
-    rows = []
+def _split_rows(ground: Ground) -> Iterator[Node]:
+    """Yield which lanes are learnt from and tested in every fold."""
     for tier in ground.chosen_tiers():
         for split, row in tier.table.splits.items():
             for number, fold in enumerate(row.folds, 1):
-                columns = {"split": split, "fold": number}
-                for lane in tier.matching(fold.train, fold.without):
-                    rows.append({**columns, "use": "train", "lane": lane.name})
-                for lane in tier.matching(fold.test):
-                    rows.append({**columns, "use": "test", "lane": lane.name})
-    key = [{"@id": f"splits/{name}"} for name in ("split", "fold", "use", "lane")]
-    titles = "; ".join(f"{name}: {row.title}" for name, row in ground.table.splits.items())
-    return _record_set("splits", titles, fields, key=key, data=_records("splits", rows))
+                learnt_from = tier.matching(fold.train, fold.without)
+                for use, lanes in (("train", learnt_from), ("test", tier.matching(fold.test))):
+                    for lane in lanes:
+                        yield {"split": split, "fold": number, "use": use, "lane": lane.name}
 
 
-def _targets() -> Node:
-    """Return the record set of the open truth, whose records lie in the files of the lanes."""
-    source = {"fileSet": {"@id": "truth"}}
-    of_lane = {
-        **source,
-        "extract": {"fileProperty": "filename"},
-        "transform": {"regex": r"^(?:.*/)?(.+)-truth\.csv$"},
-    }
-    text = "name of the lane"
-    fields = [_field("targets", "lane", "sc:Text", text, source=of_lane)]
+def _target_fields() -> Iterator[Node]:
+    """Yield the fields of the open truth, whose records lie in the files of the lanes."""
     for column in TRUTH_COLUMNS:
         if column.name == "lane":
             continue
         unit = f", {column.unit}" if column.unit else ""
-        fields.append(
-            _field(
-                "targets",
-                column.name,
-                "sc:Text" if column.kind == "text" else "sc:Float",
-                f"{column.meaning}{unit}",
-                source={**source, "extract": {"column": column.name}},
-            )
-        )
-    return _record_set("targets", "targets of training and validation lanes", fields)
+        yield {
+            "@type": "cr:Field",
+            "@id": f"targets/{column.name}",
+            "name": column.name,
+            "description": f"{column.meaning}{unit}",
+            "dataType": "sc:Text" if column.kind == "text" else "sc:Float",
+            "source": {"fileSet": {"@id": "truth"}, "extract": {"column": column.name}},
+        }
 
 
-def _runs() -> Node:
-    """Return the record set of the run stores by their manifests."""
-    source = {"fileSet": {"@id": "run-manifests"}}
-    fields = [
-        _field(
-            "runs",
-            "scans",
-            "sc:Integer",
-            "number of scans",
-            source={**source, "extract": {"jsonPath": "$.scans"}},
-        ),
-        _field(
-            "runs",
-            "sha256",
-            "sc:Text",
-            "digest of the manifest, which is that of the run",
-            source={**source, "extract": {"jsonPath": "$.sha256"}},
-        ),
-    ]
-    return _record_set("runs", "a run per lane", fields)
-
-
-def _variables() -> Node:
-    """Return the record set of the arrays that every run store has."""
-    fields = [
-        _field("run_variables", "name", "sc:Text", "name of the array in the store"),
-        _field("run_variables", "dimensions", "sc:Text", "dimensions, in order"),
-        _field("run_variables", "units", "sc:Text", "units"),
-        _field("run_variables", "meaning", "sc:Text", "what its values are"),
-    ]
-    rows = []
+def _variable_rows() -> Iterator[Node]:
+    """Yield the arrays that every run store has."""
     for name, dims in DIMS.items():
         about = VARIABLE_ATTRS[name]
-        rows.append(
-            {
-                "name": name,
-                "dimensions": ", ".join(dims),
-                "units": about.get("units", ""),
-                "meaning": about["long_name"],
-            }
-        )
-    return _record_set(
-        "run_variables",
-        "the arrays of a run store (Zarr v3)",
-        fields,
-        key={"@id": "run_variables/name"},
-        data=_records("run_variables", rows),
-    )
+        yield {
+            "name": name,
+            "dimensions": ", ".join(dims),
+            "units": about.get("units", ""),
+            "meaning": about["long_name"],
+        }
 
 
 def write_croissant(

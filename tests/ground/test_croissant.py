@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.proving_ground import describe_ground, load_ground, write_croissant
 from flgpr.store import lane_text, write_table
-from flgpr_ground.croissant import CONTEXT, missing_properties
+from flgpr_ground.croissant import missing_properties
 from flgpr_ground.running import PRINTS, SEALED, begin_folder, seal_tested
 from submitted import write_ground
 
@@ -47,9 +47,9 @@ def by_id(described, name):
 def test_what_the_specification_requires_is_there(full):
     assert full["@type"] == "sc:Dataset"
     assert full["conformsTo"] == "http://mlcommons.org/croissant/1.0"
-    assert CONTEXT["@vocab"] == "https://schema.org/"
-    assert CONTEXT["cr"] == "http://mlcommons.org/croissant/"
-    assert CONTEXT["conformsTo"] == "dct:conformsTo"
+    assert full["@context"]["@vocab"] == "https://schema.org/"
+    assert full["@context"]["cr"] == "http://mlcommons.org/croissant/"
+    assert full["@context"]["conformsTo"] == "dct:conformsTo"
     assert full["name"] == "proving-ground-2"
     assert full["license"] == "https://creativecommons.org/licenses/by/4.0/"
     assert full["creator"]["name"] == "The flgpr developers"
