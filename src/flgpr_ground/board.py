@@ -86,6 +86,11 @@ class Board:
             reasons[name] = f"no detector: {title}"
         return reasons
 
+    def seconds_per_km(self, tier: str, entry: str) -> float | None:
+        """Return what an entry takes, as measured or as declared on its card; None if unknown."""
+        seconds = self.costs.get((tier, entry), {}).get("seconds_per_km", math.nan)
+        return seconds if math.isfinite(seconds) else None
+
 
 def read_board(folders: Sequence[Path]) -> Board:
     """Read the tables, cards and logs of folders.
