@@ -16,6 +16,7 @@ from flgpr.store import sample_lane
 
 ROOT = Path(flgpr.__file__).parent
 PAPERS = ROOT.parent / "flgpr_papers"
+EXCHANGE = ROOT.parent / "flgpr_exchange"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 METHOD = {"engine", "progress", "stages", "recipe", "method"}
@@ -170,6 +171,45 @@ def test_a_study_uses_its_own_paper_and_the_kit(path):
     )
 
 
+EXCHANGE_ROOMS = {
+    "gpr": set(),
+    "sigmf": set(),
+    "cphd": set(),
+    "bags": set(),
+    "gprmax": set(),
+    "maps": set(),
+    "motive": set(),
+    "touchstone": set(),
+    "readers": {"gpr", "sigmf", "cphd", "bags", "gprmax", "motive", "touchstone"},
+    "commands": {"gpr", "sigmf", "cphd", "bags", "gprmax", "maps"},
+    "__init__": set(),
+}
+"""Rooms of the files of other programs, and what each may import of the others."""
+
+
+@pytest.mark.parametrize(
+    "path", modules(EXCHANGE), ids=lambda path: str(path.relative_to(EXCHANGE))
+)
+def test_a_format_stands_alone(path):
+    """A family of formats knows no other; readers and commands put them before the instrument."""
+    room = path.relative_to(EXCHANGE).parts[0].removesuffix(".py")
+    rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_exchange.")}
+    assert rooms - {room} <= EXCHANGE_ROOMS[room]
+    used = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr.")}
+    above = {"commands", "results", "method", "live"}
+    assert room == "commands" or not used & above
+
+
+def test_the_instrument_knows_no_format_by_its_reader():
+    """Its faces alone name what users have always found in them."""
+    named = {
+        path
+        for path in modules()
+        if any(name.startswith("flgpr_exchange") for name in imported(path))
+    }
+    assert {path.name for path in named} <= {"__init__.pyi"}
+
+
 def test_only_execution_imports_dask():
     users = {
         p
@@ -180,7 +220,7 @@ def test_only_execution_imports_dask():
 
 
 def test_nothing_pickles():
-    for path in [*modules(), *modules(PAPERS)]:
+    for path in [*modules(), *modules(PAPERS), *modules(EXCHANGE)]:
         names = {name.split(".")[0] for name in imported(path)}
         assert not names & {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}, path
 
@@ -298,7 +338,7 @@ MANY = {  # names that are public, one parameter for each thing a user may set
 def test_no_function_takes_more_parameters_than_a_reader_can_hold():
     """Commands have one for each option, and what numba compiles takes bare arrays and numbers."""
     found = set()
-    for path in [*ROOT.rglob("*.py"), *PAPERS.rglob("*.py")]:
+    for path in [*ROOT.rglob("*.py"), *PAPERS.rglob("*.py"), *EXCHANGE.rglob("*.py")]:
         classes = [node for node in nodes(path) if isinstance(node, ast.ClassDef)]
         owners = {one: f"{owner.name}." for owner in classes for one in owner.body}
         for node in nodes(path):

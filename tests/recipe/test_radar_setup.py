@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from recipe.test_recipe_for_run import bare_run
 
 from flgpr.recipe.radar_setup import RadarSetup, allow_features, goes_across, radar_setup
+from recipe.test_recipe_for_run import bare_run
 
 
 def _setup_of(poses):

@@ -4,7 +4,6 @@ import warnings
 
 import numpy as np
 import pytest
-from recipe.test_recipe_for_run import bare_run
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
@@ -16,6 +15,7 @@ from flgpr.recipe.like import likeable_names
 from flgpr.recipe.make import fit_recipe, recipe_for, sensor_for
 from flgpr.recipe.schema import load_recipe, parse_recipe, recipe_names, recipe_text
 from flgpr.store import open_run, read_table, sample_lane, save_run
+from recipe.test_recipe_for_run import bare_run
 from systems.lanes import SENSOR
 
 LOW_TONES = 0.45e9 + 5e6 * np.arange(130)
