@@ -180,7 +180,6 @@ EXCHANGE_ROOMS = {
     "maps": set(),
     "motive": set(),
     "touchstone": set(),
-    "readers": {"gpr", "sigmf", "cphd", "bags", "gprmax", "motive", "touchstone"},
     "commands": {"gpr", "sigmf", "cphd", "bags", "gprmax", "maps"},
     "__init__": set(),
 }
@@ -191,7 +190,7 @@ EXCHANGE_ROOMS = {
     "path", modules(EXCHANGE), ids=lambda path: str(path.relative_to(EXCHANGE))
 )
 def test_a_format_stands_alone(path):
-    """A family of formats knows no other; readers and commands put them before the instrument."""
+    """A family of formats knows no other; commands put them side by side."""
     room = path.relative_to(EXCHANGE).parts[0].removesuffix(".py")
     rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_exchange.")}
     assert rooms - {room} <= EXCHANGE_ROOMS[room]

@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.formats.array_file import ArrayFile, from_memory
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.axes import attitude_of, axes_matrix
+from flgpr.formats.explain import array_lines
 from flgpr.formats.mapping import factor
+from flgpr.formats.reader import Explanation, Reader
 
 FloatArray = NDArray[np.float64]
 _UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in", "feet": "ft"}
@@ -150,35 +153,59 @@ def _columns(
     return complete
 
 
-def poses_of_take(
-    path: Path, body: str | None, axes: Sequence[str] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return times and poses (frame, 6) of a rigid body of a take."""
-    opened = open_arrays(path)
-    bodies = []
-    for array in opened.arrays:
-        name = array.removesuffix("/rotation")
-        if name != array and f"{name}/position" in opened.arrays:
-            bodies.append(name)
-    is_known = len(bodies) == 1 if body is None else body in bodies
-    if not is_known:
-        raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
-    if axes is None:
-        raise ValueError(
-            "axes must say which of Motive's axes are the lane's x, y and z, "
-            "such as x,-z,y where Motive has y up"
-        )
+class MotiveReader(Reader):
+    """Takes of motion capture by OptiTrack Motive."""
 
-    name = body or bodies[0]
-    position = opened.read(f"{name}/position")
-    quaternions = opened.read(f"{name}/rotation")
-    if quaternions.shape[1] != 4:
-        raise ValueError(
-            "a take with Euler angles needs a mapping that tells their order: "
-            "export quaternions instead"
-        )
-    unit = opened.arrays[f"{name}/position"].unit
-    scale = factor(unit, "length", "the header's Length Units")
-    in_lane = scale * position @ axes_matrix(axes).T
-    pose = np.concatenate([in_lane, attitude_of(quaternions, axes, axes)], axis=1)
-    return opened.read("time"), pose
+    kind = "take of OptiTrack Motive"
+    reads = frozenset({"arrays", "poses"})
+
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether the file begins as a take does."""
+        return head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"Format Version")
+
+    def open_arrays(self, path: Path, limit: int) -> ArrayFile:
+        """Open positions and rotations of all bodies."""
+        arrays, units, about = read_motive(path)
+        return ArrayFile(path, self.kind, *from_memory(arrays, units), limit, about)
+
+    def explain(self, path: Path, limit: int) -> Explanation:
+        """Return what the bodies are, and how the take is read as a track."""
+        lines = array_lines(open_arrays(path, limit))
+        lines.append("read as a track: --track FILE --body NAME --axes x,-z,y")
+        return Explanation(path, self.kind, lines, needs_mapping=False)
+
+    def read_poses(
+        self, path: Path, body: str | None, axes: Sequence[str] | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times and poses of a rigid body."""
+        opened = open_arrays(path)
+        bodies = []
+        for array in opened.arrays:
+            name = array.removesuffix("/rotation")
+            if name != array and f"{name}/position" in opened.arrays:
+                bodies.append(name)
+        is_known = len(bodies) == 1 if body is None else body in bodies
+        if not is_known:
+            raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
+        if axes is None:
+            raise ValueError(
+                "axes must say which of Motive's axes are the lane's x, y and z, "
+                "such as x,-z,y where Motive has y up"
+            )
+
+        name = body or bodies[0]
+        position = opened.read(f"{name}/position")
+        quaternions = opened.read(f"{name}/rotation")
+        if quaternions.shape[1] != 4:
+            raise ValueError(
+                "a take with Euler angles needs a mapping that tells their order: "
+                "export quaternions instead"
+            )
+        unit = opened.arrays[f"{name}/position"].unit
+        scale = factor(unit, "length", "the header's Length Units")
+        in_lane = scale * position @ axes_matrix(axes).T
+        pose = np.concatenate([in_lane, attitude_of(quaternions, axes, axes)], axis=1)
+        return opened.read("time"), pose
+
+
+READER = MotiveReader()

@@ -11,12 +11,12 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.door import read_named
+from flgpr.formats.array_file import ArrayFile, from_memory
+from flgpr.formats.reader import Reader
 from flgpr.store.extras import optional
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
@@ -129,42 +129,38 @@ def _ports_of(path: Path) -> int:
     return int(ending[1])
 
 
-def read_touchstone(path: Path, notes: list[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Read a file as named arrays: ``frequency``, ``s`` and every parameter such as ``s21``.
+class TouchstoneReader(Reader):
+    """Touchstone files of a network analyser, read by scikit-rf."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    notes : list of str
-        Changes, and what is not read, are added to it.
+    kind = "Touchstone file"
+    names = "Touchstone (.s2p)"
+    reads = frozenset({"arrays"})
 
-    Returns
-    -------
-    arrays : dict of str to ndarray
-        The arrays by name.
-    units : dict of str to str
-        Their units.
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether the ending is that of a Touchstone file."""
+        return re.fullmatch(r"\.(s\d+p|ts)", path.suffix.lower()) is not None
 
-    Raises
-    ------
-    ValueError
-        If the file is damaged, or the library reads other tones than it holds.
-    """
-    library = optional("skrf", "vna")
-    text = touchstone_text(path, notes)
-    network = library.Network()
-    network.read_touchstone(text)  # given a file, the class itself tries whether it is a pickle
-    parameters = np.asarray(network.s)
-    frequency = np.asarray(network.f, dtype=np.float64)
-    if text.tones not in (0, frequency.size):
-        raise ValueError(
-            f"it holds {text.tones} tones, of which the scikit-rf library reads {frequency.size}"
-        )
-    arrays = {"frequency": frequency, "s": parameters}
-    ports = network.nports
-    separator = "" if ports < 10 else "_"
-    for row in range(ports):
-        for column in range(ports):
-            arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
-    return arrays, dict.fromkeys(arrays, "1") | {"frequency": "Hz"}
+    def open_arrays(self, path: Path, limit: int) -> ArrayFile:
+        """Open the scattering parameters, all and one by one."""
+        notes: list[str] = []
+        library = optional("skrf", "vna")
+        text = touchstone_text(path, notes)
+        network = library.Network()
+        network.read_touchstone(text)  # given a file, the class itself tries whether it is a pickle
+        parameters = np.asarray(network.s)
+        frequency = np.asarray(network.f, dtype=np.float64)
+        if text.tones not in (0, frequency.size):
+            raise ValueError(
+                f"it holds {text.tones} tones, of which the scikit-rf library reads {frequency.size}"
+            )
+        arrays = {"frequency": frequency, "s": parameters}
+        ports = network.nports
+        separator = "" if ports < 10 else "_"
+        for row in range(ports):
+            for column in range(ports):
+                arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
+        units = dict.fromkeys(arrays, "1") | {"frequency": "Hz"}
+        return ArrayFile(path, self.kind, *from_memory(arrays, units), limit, [], notes)
+
+
+READER = TouchstoneReader()

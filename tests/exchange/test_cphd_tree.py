@@ -7,7 +7,7 @@ import pytest
 
 from flgpr.geo.anchor import fit_anchor
 from flgpr.model import Grid
-from flgpr_exchange.cphd.tree import metadata_tree
+from flgpr_exchange.cphd.tree import ADDED, metadata_tree
 from io_geodesy import LANE, on_the_ellipsoid
 
 pytest.importorskip("sarkit")
@@ -38,6 +38,8 @@ def vectors_of(scans):
         "FX2": np.full(scans, 3e9),
         "TOA1": np.full(scans, -5e-8),
         "TOA2": np.full(scans, 5e-8),
+        "SIGNAL": np.ones(scans, np.int64),
+        **dict.fromkeys(ADDED, np.zeros(scans)),
     }
 
 

@@ -114,11 +114,14 @@ def test_points_of_a_map_have_the_longitude_first():
     assert collection["statement"] == "points alone"
 
 
+TOPICS = {f"/{name}": name for name in foxglove.SCHEMAS}
+
+
 def write(path):
-    with mcap_file(path) as writer:
+    with mcap_file(path, TOPICS) as writer:
         for number in range(3):
             for name, message in messages().items():
-                writer.add(f"/{name}", name, TIME + number, message)
+                writer.add(f"/{name}", TIME + number, message)
         writer.describe("flgpr", {"source": "test"})
 
 
@@ -143,9 +146,9 @@ def test_a_number_that_is_not_finite_is_refused_and_a_file_that_exists_stays(tmp
     path = tmp_path / "a.mcap"
     pose = foxglove.pose_message(TIME, POSE)
     pose["pose"]["position"]["x"] = np.nan
-    with mcap_file(path) as writer, pytest.raises(ValueError, match="not JSON compliant"):
-        writer.add("/pose", "foxglove.PoseInFrame", TIME, pose)
+    with mcap_file(path, TOPICS) as writer, pytest.raises(ValueError, match="not JSON compliant"):
+        writer.add("/foxglove.PoseInFrame", TIME, pose)
     (tmp_path / "b.mcap").write_bytes(b"mine")
-    with pytest.raises(FileExistsError), mcap_file(tmp_path / "b.mcap"):
+    with pytest.raises(FileExistsError), mcap_file(tmp_path / "b.mcap", TOPICS):
         pass
     assert (tmp_path / "b.mcap").read_bytes() == b"mine"

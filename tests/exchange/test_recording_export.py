@@ -194,7 +194,7 @@ def test_a_live_run_goes_on_in_a_folder_with_a_recording(driven):
 def test_damaged_lines_are_counted_and_the_rest_is_written(tmp_path, line):
     good = b'{"event":"scan","scan":0,"arrived":5.5,"pose":[0,1,2,0,0,0]}\n'
     start = b'{"event":"start","grid":{"x":0.0,"y":0.0,"dx":0.1,"dy":0.1,"nx":3}}\n'
-    with mcap_file(tmp_path / "a.mcap") as writer:
+    with mcap_file(tmp_path / "a.mcap", TOPICS) as writer:
         recorder = LiveRecorder(writer)
         for each in (start, good, line, b"\n", b'{"event": "counts"}', good):
             recorder.take_line(each)
@@ -207,7 +207,7 @@ def test_damaged_lines_are_counted_and_the_rest_is_written(tmp_path, line):
 def test_a_run_view_too_large_is_left_out_and_said(tmp_path, caplog):
     start = b'{"event":"start","grid":{"x":0.0,"y":0.0,"dx":0.1,"dy":0.1,"nx":3}}'
     view = b'{"event":"view","row":%d,"rows":1,"median_db":0,"halves":"AAAAAAAA"}'
-    with mcap_file(tmp_path / "a.mcap") as writer, caplog.at_level("INFO", "flgpr.notes"):
+    with mcap_file(tmp_path / "a.mcap", TOPICS) as writer, caplog.at_level("INFO", "flgpr.notes"):
         recorder = LiveRecorder(writer)
         for line in (start, view % 0, view % 2_000_000_000):
             recorder.take_line(line)

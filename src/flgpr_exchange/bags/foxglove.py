@@ -15,11 +15,13 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.json_text import parse_json
 from flgpr.model.frames import pose_matrix
 
 LANE_FRAME = "lane"
@@ -43,99 +45,11 @@ _CELL = np.dtype([("db", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"),
 Message = dict[str, Any]
 Schema = dict[str, Any]
 
-_NUMBER: Schema = {"type": "number"}
-_TEXT: Schema = {"type": "string"}
-_FLAG: Schema = {"type": "boolean"}
-_COUNT: Schema = {"type": "integer", "minimum": 0}
-_NANOSECOND_PART: Schema = {"type": "integer", "minimum": 0, "maximum": _NANOSECONDS - 1}
-_TIME: Schema = {
-    "title": "time",
-    "type": "object",
-    "properties": {"sec": _COUNT, "nsec": _NANOSECOND_PART},
-}
-_DURATION: Schema = {
-    "title": "duration",
-    "type": "object",
-    "properties": {"sec": {"type": "integer"}, "nsec": _NANOSECOND_PART},
-}
-
-
-def _table(title: str, **properties: Schema) -> Schema:
-    """Return the schema of an object with these properties, all of them required."""
-    return {
-        "title": f"foxglove.{title}",
-        "type": "object",
-        "properties": properties,
-        "required": list(properties),
-    }
-
-
-def _list(items: Schema) -> Schema:
-    """Return the schema of an array."""
-    return {"type": "array", "items": items}
-
-
-_VECTOR2 = _table("Vector2", x=_NUMBER, y=_NUMBER)
-_VECTOR3 = _table("Vector3", x=_NUMBER, y=_NUMBER, z=_NUMBER)
-_QUATERNION = _table("Quaternion", x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
-_POSE = _table("Pose", position=_VECTOR3, orientation=_QUATERNION)
-_COLOUR = _table("Color", r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
-_FIELD = _table("PackedElementField", name=_TEXT, offset=_COUNT, type=_COUNT)
-_PAIR = _table("KeyValuePair", key=_TEXT, value=_TEXT)
-_SPHERE = _table("SpherePrimitive", pose=_POSE, size=_VECTOR3, color=_COLOUR)
-_LABEL = _table(
-    "TextPrimitive",
-    pose=_POSE,
-    billboard=_FLAG,
-    font_size=_NUMBER,
-    scale_invariant=_FLAG,
-    color=_COLOUR,
-    text=_TEXT,
-)
 _UNUSED_PRIMITIVES = ("arrows", "cubes", "cylinders", "lines", "triangles", "models")
 """Members that every entity of a scene must have, and that are empty here."""
-_ENTITY = _table(
-    "SceneEntity",
-    timestamp=_TIME,
-    frame_id=_TEXT,
-    id=_TEXT,
-    lifetime=_DURATION,
-    frame_locked=_FLAG,
-    metadata=_list(_PAIR),
-    spheres=_list(_SPHERE),
-    texts=_list(_LABEL),
-    **{name: _list({"type": "object", "properties": {}}) for name in _UNUSED_PRIMITIVES},
+SCHEMAS: dict[str, Schema] = parse_json(
+    (resources.files("flgpr_exchange.bags") / "schemas.json").read_bytes()
 )
-_DELETION = _table("SceneEntityDeletion", timestamp=_TIME, type=_COUNT, id=_TEXT)
-
-SCHEMAS: dict[str, Schema] = {
-    "foxglove.PoseInFrame": _table("PoseInFrame", timestamp=_TIME, frame_id=_TEXT, pose=_POSE),
-    "foxglove.FrameTransform": _table(
-        "FrameTransform",
-        timestamp=_TIME,
-        parent_frame_id=_TEXT,
-        child_frame_id=_TEXT,
-        translation=_VECTOR3,
-        rotation=_QUATERNION,
-    ),
-    "foxglove.Grid": _table(
-        "Grid",
-        timestamp=_TIME,
-        frame_id=_TEXT,
-        pose=_POSE,
-        column_count=_COUNT,
-        cell_size=_VECTOR2,
-        row_stride=_COUNT,
-        cell_stride=_COUNT,
-        fields=_list(_FIELD),
-        # Without the encoding a reader takes the bytes for text.
-        data={"type": "string", "contentEncoding": "base64"},
-    ),
-    "foxglove.SceneUpdate": _table(
-        "SceneUpdate", deletions=_list(_DELETION), entities=_list(_ENTITY)
-    ),
-    "foxglove.GeoJSON": _table("GeoJSON", geojson=_TEXT),
-}
 """JSON schemas of the messages, by name."""
 
 

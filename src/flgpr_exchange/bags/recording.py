@@ -18,6 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.draft_single import draft_of_file
+from flgpr.formats.reader import Explanation, Reader
 from flgpr.store.extras import optional
 from flgpr_exchange.bags.cdr import Decoder, message_decoder
 from flgpr_exchange.bags.container import MESSAGE, SCHEMA, McapContainer
@@ -29,6 +33,11 @@ _DAMAGED = object()
 _STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"})
 _LOG_TIME = "@log_time"
 _PUBLISH_TIME = "@publish_time"
+_CONVERTED = {
+    b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite",
+    b"#ROSBAG": "a ROS 1 bag",
+}
+"""Beginnings of files that must be converted, and what these are."""
 _RECOVER = "mcap recover makes a file of what is there"
 
 
@@ -98,13 +107,13 @@ class Recording:
 
     Attributes
     ----------
-    arrays : list of tuple
-        Name, shape, type and unit of every array.
+    arrays : dict of str to ArrayInfo
+        Every array by its name.
     notes : list of str
         Counts of what is damaged; of messages, among those read so far.
     """
 
-    def __init__(self, path: Path, limit: int, notes: list[str] | None = None) -> None:
+    def __init__(self, path: Path, limit: int) -> None:
         self.path = path
         self.limit = limit
         self._container = McapContainer(path, limit)
@@ -115,8 +124,8 @@ class Recording:
         self._declared = _Declarations()
         self._undeclared = 0  # messages of channels that nothing declares
         self._short = 0  # messages whose head is cut off
-        self.arrays: list[tuple[str, tuple[int, ...], str, str]] = []
-        self.notes = [] if notes is None else notes
+        self.arrays: dict[str, ArrayInfo] = {}
+        self.notes: list[str] = []
         self._count()
 
     @property
@@ -229,7 +238,8 @@ class Recording:
             is_time = label.startswith("@") or label.split(".")[-1] == "stamp"
             shape = (series.count, *values.shape)
             self._field_of[name] = (series.name, label)
-            self.arrays.append((name, shape, str(values.dtype), "s" if is_time else ""))
+            unit = "s" if is_time else ""
+            self.arrays[name] = ArrayInfo(name, shape, str(values.dtype), unit)
 
     def _messages(self, decoded: set[str] | None) -> Iterator[_Message]:
         """Yield all messages in the order of the file.
@@ -486,3 +496,49 @@ def _flat_list(content: list[Any] | tuple[Any, ...], path: str) -> dict[str, Any
         return {path: np.array(content, dtype=np.float64)}
     except (ValueError, TypeError):
         return {}
+
+
+class McapReader(Reader):
+    """Recordings in MCAP, read chunk by chunk."""
+
+    kind = "MCAP recording"
+    names = "MCAP"
+    reads = frozenset({"arrays"})
+    is_stream = True
+
+    def owns(self, path: Path, head: bytes) -> bool:
+        """Return whether the file begins with the signature; refuse bags that must be converted."""
+        if head.startswith(b"\x89MCAP"):
+            return True
+        for beginning, kind in _CONVERTED.items():
+            if head.startswith(beginning):
+                raise ValueError(
+                    f"{path}: {kind} is not read as it is: make MCAP of it, "
+                    f"mcap convert {path.name} OUT.mcap"
+                )
+        if path.suffix.lower() == ".mcap":
+            raise ValueError(
+                f"{path}: an MCAP recording must begin with its signature: it is empty or damaged"
+            )
+        return False
+
+    def open_arrays(self, path: Path, limit: int) -> ArrayFile:
+        """Open the fields of all topics as arrays over their messages."""
+        recording = Recording(path, limit)
+        return ArrayFile(
+            path,
+            self.kind,
+            recording.arrays,
+            recording.read,
+            limit,
+            recording.lines,
+            recording.notes,
+        )
+
+    def explain(self, path: Path, limit: int) -> Explanation:
+        """Return the topics: the arrays are too many, and take too long, to read them all."""
+        opened = open_arrays(path, limit)
+        return Explanation(path, opened.kind, opened.about + opened.notes, draft_of_file(opened))
+
+
+READER = McapReader()

@@ -22,24 +22,25 @@ class McapWriter:
     ----------
     file : binary file
         An empty file.
+    topics : mapping of str to str
+        The schema of the messages of every topic.
     """
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO, topics: Mapping[str, str]) -> None:
+        self._topics = topics
         self._writer = optional("mcap.writer", "bags").Writer(file)
         self._writer.start(library=_LIBRARY)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._counts: dict[str, int] = {}
 
-    def add(self, topic: str, schema: str, nanoseconds: int, message: Message) -> None:
+    def add(self, topic: str, nanoseconds: int, message: Message) -> None:
         """Add a message.
 
         Parameters
         ----------
         topic : str
-            Its topic; all messages of a topic have one schema.
-        schema : str
-            Name of its schema.
+            Its topic.
         nanoseconds : int
             Time at which it is played, ns since 1970.
         message : dict
@@ -53,7 +54,7 @@ class McapWriter:
         data = compact_json(message).encode()
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(
-                topic, "json", self._schema(schema)
+                topic, "json", self._schema(self._topics[topic])
             )
             self._counts[topic] = 0
         self._writer.add_message(
@@ -78,9 +79,9 @@ class McapWriter:
 
 
 @contextmanager
-def mcap_file(path: Path) -> Iterator[McapWriter]:
+def mcap_file(path: Path, topics: Mapping[str, str]) -> Iterator[McapWriter]:
     """Open a new MCAP file to write to, and complete it where nothing fails."""
     with open(path, "xb", opener=open_own) as file:
-        writer = McapWriter(file)
+        writer = McapWriter(file, topics)
         yield writer
         writer.finish()

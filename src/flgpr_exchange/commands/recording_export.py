@@ -88,7 +88,7 @@ def _record_live_run(wish: Wish) -> Path:
     with (
         Folder(wish.source).open(EVENT_FILE, _MOST_EVENTS) as events,
         atomic_output(target, replace=wish.replace) as partial,
-        mcap_file(partial) as writer,
+        mcap_file(partial, TOPICS) as writer,
     ):
         recorder = LiveRecorder(writer)
         while line := events.readline(_MOST_LINE):
@@ -263,7 +263,7 @@ class LiveRecorder:
 
     def _add(self, topic: str, message: foxglove.Message) -> None:
         """Write a message."""
-        self._writer.add(topic, TOPICS[topic], self._now, message)
+        self._writer.add(topic, self._now, message)
 
 
 def _record_result(wish: Wish) -> Path:
@@ -277,13 +277,13 @@ def _record_result(wish: Wish) -> Path:
     loaded = read_result(wish.source)
     chosen = named_detection(loaded, wish.detection)
     alarms = _alarms_of(loaded, chosen, wish.anchor)
-    with atomic_output(target) as partial, mcap_file(partial) as writer:
+    with atomic_output(target) as partial, mcap_file(partial, TOPICS) as writer:
         for topic, message in _result_messages(loaded, chosen, alarms, begin):
-            writer.add(topic, TOPICS[topic], begin, message)
+            writer.add(topic, begin, message)
         for number, pose in enumerate(loaded.manifest["run"].get("pose", ())):
             moment = begin + number * _UNTIMED_SPACING
             for topic, message in _pose_messages(moment, pose):
-                writer.add(topic, TOPICS[topic], moment, message)
+                writer.add(topic, moment, message)
         writer.describe("flgpr", {"source": "result", "statement": STATEMENT})
     return target
 

@@ -19,6 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.formats.reader import Explanation, Reader
 from flgpr.geo.anchor import Anchor
 from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
@@ -152,7 +153,7 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     """
     path = existing(path)
     sarkit = optional("sarkit.cphd", "cphd")
-    try:
+    with _faults_of_cphd(path):
         with path.open("rb") as file, sarkit.Reader(file) as reader:
             tree = reader.metadata.xmltree
             added = _added_parameters(tree)
@@ -163,6 +164,13 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
                 name = element.findtext("{*}Identifier")
                 channels[name] = _native(*reader.read_channel(name))
         return _assembled(tree, channels, added, anchor)
+
+
+@contextmanager
+def _faults_of_cphd(path: Path) -> Iterator[None]:
+    """Turn whatever sarkit raises on a damaged file into one ValueError that names the file."""
+    try:
+        yield
     except (MissingExtraError, FileNotFoundError):
         raise
     except Exception as error:
@@ -432,11 +440,7 @@ def _channel_order(
 
     Returns the number of pairs, the polarizations, and where each channel goes in them.
     """
-    label_of: dict[str, str] = {}
-    for parameters in tree.findall("{*}Channel/{*}Parameters"):
-        tx = parameters.findtext("{*}Polarization/{*}TxPol")
-        rx = parameters.findtext("{*}Polarization/{*}RcvPol")
-        label_of[parameters.findtext("{*}Identifier")] = f"{tx}{rx}"
+    label_of = _labels(tree)
     labels = list(dict.fromkeys(label_of[name] for name in names))
     counts = {label: 0 for label in labels}
     position_of = {}
@@ -447,6 +451,16 @@ def _channel_order(
     if len(set(counts.values())) > 1:
         raise ValueError(f"every polarization must have the same number of channels, got {counts}")
     return counts[labels[0]], labels, position_of
+
+
+def _labels(tree: Any) -> dict[str, str]:
+    """Return the polarization of each channel."""
+    label_of = {}
+    for parameters in tree.findall("{*}Channel/{*}Parameters"):
+        tx = parameters.findtext("{*}Polarization/{*}TxPol")
+        rx = parameters.findtext("{*}Polarization/{*}RcvPol")
+        label_of[parameters.findtext("{*}Identifier")] = f"{tx}{rx}"
+    return label_of
 
 
 def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArray:
@@ -500,48 +514,38 @@ def _geometry(
     return local_tx[0], local_rx[0], pose
 
 
-def explain_cphd(path: Path) -> list[str]:
-    """Return in lines what a CPHD file holds: channels, band and collector.
+class CphdReader(Reader):
+    """Compensated Phase History Data, imported by a command of their own."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
+    kind = "CPHD file"
+    names = "CPHD"
 
-    Returns
-    -------
-    list of str
-        The lines.
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether the file begins with the signature."""
+        return head.startswith(b"CPHD/")
 
-    Raises
-    ------
-    ValueError
-        If it is damaged.
-    """
-    sarkit = optional("sarkit.cphd", "cphd")
-    try:
-        with path.open("rb") as file, sarkit.Reader(file) as reader:
-            tree = reader.metadata.xmltree
-        channels = tree.findall("{*}Data/{*}Channel")
-        vectors = channels[0].findtext("{*}NumVectors")
-        samples = channels[0].findtext("{*}NumSamples")
-        domain = tree.findtext("{*}Global/{*}DomainType")
-        low = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMin")) / 1e9
-        high = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMax")) / 1e9
-        polarizations = set()
-        for parameters in tree.findall("{*}Channel/{*}Parameters"):
-            transmit = parameters.findtext("{*}Polarization/{*}TxPol")
-            receive = parameters.findtext("{*}Polarization/{*}RcvPol")
-            polarizations.add(transmit + receive)
-        collector = tree.findtext("{*}CollectionID/{*}CollectorName")
-        is_ours = b"flgpr_tx_position" in optional("lxml.etree", "cphd").tostring(tree)
+    def explain(self, path: Path, limit: int) -> Explanation:  # noqa: ARG002
+        """Return channels, band and collector."""
+        sarkit = optional("sarkit.cphd", "cphd")
+        with _faults_of_cphd(path):
+            with path.open("rb") as file, sarkit.Reader(file) as reader:
+                tree = reader.metadata.xmltree
+            channels = tree.findall("{*}Data/{*}Channel")
+            vectors = channels[0].findtext("{*}NumVectors")
+            samples = channels[0].findtext("{*}NumSamples")
+            domain = tree.findtext("{*}Global/{*}DomainType")
+            low = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMin")) / 1e9
+            high = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMax")) / 1e9
+            polarizations = sorted(set(_labels(tree).values()))
+            collector = tree.findtext("{*}CollectionID/{*}CollectorName")
+            is_ours = "flgpr_tx_position" in _added_parameters(tree)
         anchor = "" if is_ours else "; an anchor is needed to place the lane"
-        return [
+        lines = [
             f"{len(channels)} channels of {vectors} vectors x {samples} samples, {domain} domain",
-            f"{low:.4g} to {high:.4g} GHz, polarizations {', '.join(sorted(polarizations))}",
+            f"{low:.4g} to {high:.4g} GHz, polarizations {', '.join(polarizations)}",
             f"collected by {collector}, read without a mapping{anchor}",
         ]
-    except Exception as error:
-        raise ValueError(
-            f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}"
-        ) from None
+        return Explanation(path, self.kind, lines, needs_mapping=False)
+
+
+READER = CphdReader()

@@ -21,27 +21,6 @@ FloatArray = NDArray[np.float64]
 Vectors = dict[str, NDArray[Any]]
 """Parameters of a channel's vectors (scan, ...), by their names in CPHD."""
 _NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
-_VECTORS = ("TxPos", "TxVel", "RcvPos", "RcvVel", "SRPPos")
-_ORDER = (
-    "TxTime",
-    "TxPos",
-    "TxVel",
-    "RcvTime",
-    "RcvPos",
-    "RcvVel",
-    "SRPPos",
-    "aFDOP",
-    "aFRR1",
-    "aFRR2",
-    "FX1",
-    "FX2",
-    "TOA1",
-    "TOA2",
-    "TDTropoSRP",
-    "SC0",
-    "SCSS",
-    "SIGNAL",
-)
 ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 TIME = "flgpr_time"
 _LONGEST_TITLE = 200  # characters
@@ -114,9 +93,10 @@ def metadata_tree(
         },
     }
     _scene(root, anchor, scene)
-    _data(root, names, run.sizes["scan"], run.sizes["frequency"])
+    layout, bytes_of_vector = _layout(first)
+    _data(root, names, run.sizes["scan"], run.sizes["frequency"], bytes_of_vector)
     _channels(root, run, names, first)
-    _layout(root)
+    root["PVP"] = layout
     middle, duration = _dwell(first)
     root["Dwell"] = {
         "NumCODTimes": 1,
@@ -200,11 +180,8 @@ def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[
         yield root.elem[0][0]
 
 
-def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
+def _data(root: Any, names: list[str], scans: int, tones: int, bytes_of_vector: int) -> None:
     """Add how the arrays of the channels lie in the file."""
-    # A parameter is a word of 8 bytes; one that is a vector has two words more.
-    words = len(_ORDER) + 2 * len(_VECTORS) + len(ADDED)
-    bytes_of_vector = _WORD * words
     bytes_of_signal = scans * tones * _WORD  # complex numbers of two floats
     channels = []
     for number, name in enumerate(names):
@@ -273,20 +250,18 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: Vectors) -> N
     }
 
 
-def _layout(root: Any) -> None:
-    """Add how the parameters of a vector lie in it."""
+def _layout(first: Vectors) -> tuple[dict[str, Any], int]:
+    """Return how the parameters of a vector lie in it, and its bytes; a number is a word."""
     dtype = optional("sarkit.cphd", "cphd").binary_format_string_to_dtype
     offset = 0  # in words of 8 bytes
     table = {}
-    for name in (*_ORDER, *ADDED):
+    for name, values in first.items():
         size = 1
-        form = "F8"
-        if name in _VECTORS:
+        form = "I8" if values.dtype.kind == "i" else "F8"
+        if values.ndim > 1:
             size = 3
             form = "X=F8;Y=F8;Z=F8;"
-        elif name == "SIGNAL":
-            form = "I8"
         table[name] = {"Offset": offset, "Size": size, "dtype": dtype(form)}
         offset += size
     added = [{"Name": name, **table.pop(name)} for name in ADDED]
-    root["PVP"] = {**table, "AddedPVP": added}
+    return {**table, "AddedPVP": added}, _WORD * offset

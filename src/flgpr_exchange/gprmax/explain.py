@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.formats.reader import Explanation, Reader
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.printable import printable
 from flgpr_exchange.gprmax.deck_results import MANIFEST
@@ -175,3 +176,23 @@ def _receiver_line(receiver: GprmaxReceiver) -> str:
 def _coordinates(position: NDArray[np.float64]) -> str:
     """Return a position in words."""
     return "(" + ", ".join(f"{coordinate:.3f}" for coordinate in position) + ") m"
+
+
+class GprmaxReader(Reader):
+    """Results of gprMax, a layout of HDF5."""
+
+    kind = "result of gprMax"
+    within = "HDF5 file"
+
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether a sound HDF5 file says that it is of gprMax."""
+        with faults_of_result(path), h5py.File(path, "r") as file:
+            return "gprMax" in file.attrs
+
+    def explain(self, path: Path, limit: int) -> Explanation:  # noqa: ARG002
+        """Return what the model recorded, and of a merged B-scan the draft of a mapping."""
+        lines, mapping = explain_merged(path)
+        return Explanation(path, self.kind, lines or explain_gprmax(path), mapping, bool(mapping))
+
+
+READER = GprmaxReader()

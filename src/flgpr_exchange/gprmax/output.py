@@ -119,12 +119,6 @@ class GprmaxOutput:
         )
 
 
-def is_gprmax(path: str | Path) -> bool:
-    """Return whether an HDF5 file that is known to be sound comes from gprMax."""
-    with faults_of_result(Path(path)), h5py.File(path, "r") as file:
-        return "gprMax" in file.attrs
-
-
 def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
     """Read a result file of gprMax 3 or 4.
 

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.door import MOST_JSON, Folder, read_named
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
+from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
 
 VERSION = "1.2.5"
@@ -62,9 +64,6 @@ _ELSEWHERE = ("core:geolocation", "core:extensions")
 """Objects of the metadata that are read otherwise."""
 _DESCRIPTIONS = ("description", "author", "hw", "recorder", "license")
 _PLACE = ("longitude", "latitude", "height")
-
-ArrayLine = tuple[str, tuple[int, ...], str, str]
-"""Name, shape, type and unit of an array."""
 
 
 @dataclass(frozen=True)
@@ -174,24 +173,25 @@ class SigmfRecording:
         return lines + self._unread
 
     @property
-    def arrays(self) -> list[ArrayLine]:
+    def arrays(self) -> list[ArrayInfo]:
         """The arrays, those of samples first."""
         samples = self._samples
         kind = str(samples.value)
         shape = samples.shape
-        lines: list[ArrayLine] = []
+        infos: list[ArrayInfo] = []
         if self._segment:
             captures = len(self._starts)
-            lines.append(("segments", (captures, self._segment, *shape[1:]), kind, ""))
+            infos.append(ArrayInfo("segments", (captures, self._segment, *shape[1:]), kind))
         if self._sweep:
             sweeps = len(self._starts) // self._sweep
             mean_kind = kind if samples.is_complex else "float64"
-            lines.append(("sweeps", (sweeps, self._sweep, *shape[1:]), mean_kind, ""))
-        lines.append(("samples", shape, kind, ""))
+            infos.append(ArrayInfo("sweeps", (sweeps, self._sweep, *shape[1:]), mean_kind))
+        infos.append(ArrayInfo("samples", shape, kind))
         # Those of sweeps before those of captures, so that a draft tries them first.
         for name, values in (self._of_sweeps | self._arrays).items():
-            lines.append((name, values.shape, str(values.dtype), self._units.get(name, "")))
-        return lines
+            unit = self._units.get(name, "")
+            infos.append(ArrayInfo(name, values.shape, str(values.dtype), unit))
+        return infos
 
     def read(self, name: str) -> NDArray[Any]:
         """Read one of ``arrays``; samples whose digest is another than stated are a ValueError."""
@@ -589,3 +589,36 @@ def _coordinates(point: Any) -> NDArray[np.float64]:
     if coordinates is None or coordinates.ndim != 1 or coordinates.dtype.kind not in "iuf":
         return np.empty(0)
     return coordinates.astype(np.float64)
+
+
+class SigmfReader(Reader):
+    """Recordings in SigMF, whose metadata and samples are two files."""
+
+    kind = "SigMF recording"
+    names = "SigMF (.sigmf-meta)"
+    reads = frozenset({"arrays"})
+
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether the ending is that of one of the two files; refuse sets of recordings."""
+        suffix = path.suffix.lower()
+        if suffix in (".sigmf", ".sigmf-collection"):
+            raise ValueError(
+                f"{path}: an archive or a collection of SigMF names other files: unpack it "
+                "(tar -xf), and give the .sigmf-meta of one recording, or of several"
+            )
+        return suffix in (".sigmf-meta", ".sigmf-data")
+
+    def open_arrays(self, path: Path, limit: int) -> ArrayFile:
+        """Open samples, sweeps and the numbers of the metadata."""
+        notes: list[str] = []
+        recording = SigmfRecording(path, limit, notes)
+        arrays = {array.name: array for array in recording.arrays}
+        about = recording.lines
+        opened = ArrayFile(path, self.kind, arrays, recording.read, limit, about, notes)
+        if "sweeps" in arrays:
+            opened.signal = "sweeps"
+            opened.repeated = "captures/"  # what the captures state is there for the sweeps as well
+        return opened
+
+
+READER = SigmfReader()
