@@ -139,7 +139,10 @@ def test_the_outline_is_that_of_the_lane(demo, unpacked, anchor):
 
 @pytest.mark.parametrize("values", [[], [np.nan], [3.0, 3.0], [1.0, np.nan, 2.0]])
 def test_few_or_no_confidences_are_drawn_too(values):
-    ranges = qgis.graduated("confidence", values).findall("ranges/range")
+    style = qgis.graduated("confidence", values)
+    layer = qgis.MapLayer("alarms", "alarms.gpkg", "EPSG:4326", "Point", style)
+    root = ElementTree.fromstring(qgis.project("", "", "EPSG:32632", (0, 0, 1, 1), [layer]))
+    ranges = root.findall(".//ranges/range")
     assert ranges
     finite = [value for value in values if np.isfinite(value)]
     limits = [(float(one.get("lower")), float(one.get("upper"))) for one in ranges]

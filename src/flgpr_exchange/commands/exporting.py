@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -41,9 +41,6 @@ from flgpr_exchange.maps.points import (
     write_outline,
 )
 from flgpr_exchange.sigmf.writing import write_sigmf
-
-if TYPE_CHECKING:
-    from xml.etree import ElementTree
 
 _MARGIN = 5.0  # m of ground around the lane
 _POINT_COLOURS = {"truth": "#d7263d", "objects": "#707070"}
@@ -253,7 +250,7 @@ def _lane_layers(
 ) -> Iterator[qgis.MapLayer]:
     """Write the outline of the lane and the run-view, and yield their layers."""
     write_outline(result.lane, folder / "lane.gpkg", anchor)
-    yield qgis.MapLayer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline())
+    yield qgis.MapLayer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.Outline())
     _write_view(result, detection, folder / "run-view.tif", anchor)
     style = _shading(result, detection)
     yield qgis.MapLayer("run-view", "run-view.tif", anchor.utm(), "", style)
@@ -274,7 +271,7 @@ def _project(
     )
 
 
-def _shading(result: Result, detection: Detection) -> ElementTree.Element:
+def _shading(result: Result, detection: Detection) -> qgis.Shaded:
     """Return the style of a run-view: the channel that raised the alarms, in shades of grey.
 
     They go from the median to the level that one pixel in 500 exceeds.
@@ -285,7 +282,7 @@ def _shading(result: Result, detection: Detection) -> ElementTree.Element:
 
     finite = values[np.isfinite(values)]
     low, high = np.quantile(finite, _SHADED_QUANTILES) if finite.size else (0.0, 1.0)
-    return qgis.shaded(band + 1, float(low), float(high))
+    return qgis.Shaded(band + 1, float(low), float(high))
 
 
 def alarm_channel(result: Result, detection: Detection) -> int:

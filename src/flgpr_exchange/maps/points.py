@@ -7,11 +7,9 @@ not thereby free of hazards.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -25,11 +23,9 @@ from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value, write_table
+from flgpr_exchange.maps.documents import document
 
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
-_NOT_IN_XML = re.compile(r"[\x00-\x08\x0b-\x1f\ud800-\udfff]")
-_KML = "http://www.opengis.net/kml/2.2"
-_GPX = "http://www.topografix.com/GPX/1/1"
 
 
 def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
@@ -69,23 +65,8 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
     OSError
         If the file cannot be written.
     """
-    document, add = _document(_KML, "kml")
-    body = add(document, "Document")
-    add(body, "name", title)
-    add(body, "description", STATEMENT)
-    for number, row in enumerate(points.to_dict("records")):
-        mark = add(body, "Placemark")
-        add(mark, "name", _name_of(row, number))
-        if row["time"]:
-            add(add(mark, "TimeStamp"), "when", row["time"])
-        data = add(mark, "ExtendedData")
-        for key, value in row.items():
-            text = json_value(value)
-            add(add(data, "Data", name=str(key)), "value", "" if text is None else text)
-        # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground
-        # instead.
-        add(add(mark, "Point"), "coordinates", f"{row['longitude']:.9f},{row['latitude']:.9f}")
-    _write_document(document, path)
+    text = document("points.kml", title=title, statement=STATEMENT, points=_marks(points))
+    write_whole(Path(path), text)
 
 
 def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
@@ -103,41 +84,18 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
     OSError
         If the file cannot be written.
     """
-    document, add = _document(_GPX, "gpx", version="1.1", creator="flgpr")
-    if (points["nature"] == NATURES["alarms"]).any():
-        add(add(document, "metadata"), "desc", STATEMENT)
+    are_alarms = (points["nature"] == NATURES["alarms"]).any()
+    statement = STATEMENT if are_alarms else ""
+    write_whole(Path(path), document("points.gpx", statement=statement, points=_marks(points)))
+
+
+def _marks(points: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return points with their names, and with their values as JSON has them."""
+    marks = []
     for number, row in enumerate(points.to_dict("records")):
-        mark = add(document, "wpt", lat=f"{row['latitude']:.9f}", lon=f"{row['longitude']:.9f}")
-        if row["time"]:
-            add(mark, "time", row["time"])
-        add(mark, "name", _name_of(row, number))
-        position = f"x {row['lane_x']:.3f} m, y {row['lane_y']:.3f} m in the lane"
-        add(mark, "desc", f"{row['nature']}: {position}")
-    _write_document(document, path)
-
-
-def _write_document(document: ElementTree.Element, path: str | Path) -> None:
-    """Write an XML document to a file, which holds its old content or all of the new one."""
-    text = ElementTree.tostring(document, encoding="utf-8", xml_declaration=True)
-    write_whole(Path(path), text + b"\n")
-
-
-def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
-    """Return a new XML document of a name space, and a function that adds elements of it."""
-    ElementTree.register_namespace("", space)
-
-    def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
-        """Add an element with text to another and return it."""
-        child = ElementTree.SubElement(parent, f"{{{space}}}{tag}", attributes)
-        child.text = None if text is None else xml_text(str(text))
-        return child
-
-    return ElementTree.Element(f"{{{space}}}{root}", attributes), add
-
-
-def xml_text(text: str) -> str:
-    """Return a text with question marks for the characters that XML does not allow."""
-    return _NOT_IN_XML.sub("?", text)
+        entries = {str(name): json_value(value) for name, value in row.items()}
+        marks.append({"name": _name_of(row, number), "row": row, "entries": entries})
+    return marks
 
 
 def _name_of(row: Mapping[Any, Any], number: int) -> str:
