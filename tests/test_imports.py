@@ -174,10 +174,11 @@ def test_a_study_uses_its_own_paper_and_the_kit(path):
 EXCHANGE_ROOMS = {
     "gpr": set(),
     "sigmf": set(),
-    "cphd": set(),
+    "cphd": {"documents"},
     "bags": set(),
     "gprmax": set(),
-    "maps": set(),
+    "documents": set(),
+    "maps": {"documents"},
     "motive": set(),
     "touchstone": set(),
     "commands": {"gpr", "sigmf", "cphd", "bags", "gprmax", "maps"},

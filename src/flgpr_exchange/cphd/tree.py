@@ -1,11 +1,9 @@
-"""The XML tree of a run as CPHD (CPHD 1.1, NGA.STND.0068)."""
+"""The XML tree of a run as CPHD (CPHD 1.1, NGA.STND.0068), from ``templates/metadata.xml``."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -16,11 +14,11 @@ from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
 from flgpr.store.extras import optional
+from flgpr_exchange.documents import document
 
 FloatArray = NDArray[np.float64]
 Vectors = dict[str, NDArray[Any]]
 """Parameters of a channel's vectors (scan, ...), by their names in CPHD."""
-_NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
 ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 TIME = "flgpr_time"
 _LONGEST_TITLE = 200  # characters
@@ -46,7 +44,7 @@ def metadata_tree(
     names : list of str
         Names of the channels, ``PAIR_POLARIZATION``.
     vectors : dict of str to dict
-        Parameters of the vectors of every channel.
+        Parameters of the vectors of every channel, in the order in which a file has them.
     anchor : Anchor
         States where the lane lies.
     scene : Grid
@@ -64,47 +62,34 @@ def metadata_tree(
     MissingExtraError
         If sarkit is not installed.
     """
-    root = _empty()
     first = vectors[names[0]]
-    title = str(run.attrs.get("title", "run"))
-    root["CollectionID"] = {
-        "CollectorName": "flgpr",
-        "CoreName": title[:_LONGEST_TITLE] or "run",
-        "CollectType": "BISTATIC",
-        "RadarMode": {"ModeType": "DYNAMIC STRIPMAP"},
-        "Classification": "UNCLASSIFIED",
-        "ReleaseInfo": "UNRESTRICTED",
-    }
-    root["Global"] = {
-        "DomainType": "FX",
-        "SGN": -1,
-        "Timeline": {
-            "CollectionStart": datetime(1970, 1, 1, tzinfo=UTC),
-            "TxTime1": float(time[0]),
-            "TxTime2": float(time[-1]),
-        },
-        "FxBand": {
-            "FxMin": float(first["FX1"][0]),
-            "FxMax": float(first["FX2"][0]),
-        },
-        "TOASwath": {
-            "TOAMin": float(first["TOA1"][0]),
-            "TOAMax": float(first["TOA2"][0]),
-        },
-    }
-    _scene(root, anchor, scene)
-    layout, bytes_of_vector = _layout(first)
-    _data(root, names, run.sizes["scan"], run.sizes["frequency"], bytes_of_vector)
-    _channels(root, run, names, first)
-    root["PVP"] = layout
+    layout, vector_bytes = _layout(first)
     middle, duration = _dwell(first)
-    root["Dwell"] = {
-        "NumCODTimes": 1,
-        "CODTime": [{"Identifier": "all", "CODTimePoly": np.array([[middle]])}],
-        "NumDwellTimes": 1,
-        "DwellTime": [{"Identifier": "all", "DwellTimePoly": np.array([[duration]])}],
-    }
-    return root.elem.getroottree()
+    text = document(
+        "flgpr_exchange.cphd",
+        "metadata.xml",
+        title=str(run.attrs.get("title", "run"))[:_LONGEST_TITLE] or "run",
+        first_time=float(time[0]),
+        last_time=float(time[-1]),
+        lowest=float(first["FX1"][0]),
+        highest=float(first["FX2"][0]),
+        nearest=float(first["TOA1"][0]),
+        farthest=float(first["TOA2"][0]),
+        place=_place(anchor, scene),
+        scene=scene,
+        scans=run.sizes["scan"],
+        tones=run.sizes["frequency"],
+        channels=[_channel(run, name) for name in names],
+        added=_added(run),
+        layout=layout,
+        vector_bytes=vector_bytes,
+        dwell_middle=middle,
+        dwell=duration,
+    )
+    etree = optional("lxml.etree", "cphd")
+    # Times of a long run are more text than a parser takes from anybody.
+    parser = etree.XMLParser(remove_blank_text=True, remove_comments=True, huge_tree=True)
+    return etree.fromstring(text, parser).getroottree()
 
 
 def _dwell(first: Vectors) -> tuple[float, float]:
@@ -119,149 +104,58 @@ def _dwell(first: Vectors) -> tuple[float, float]:
     return center, duration
 
 
-def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
-    """Add where the scene lies."""
+def _place(anchor: Anchor, scene: Grid) -> dict[str, Any]:
+    """Return where the scene lies: its centre, axes and corners on the Earth."""
     x1, x2, y1, y2 = scene.extent()
     center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
-    lon, lat, height = anchor.to_geodetic(center)
-    half = np.array([(x2 - x1) / 2, (y2 - y1) / 2])
-    corners = []
-    for side_x, side_y in _CORNERS:
-        corners.append(center + [side_x * half[0], side_y * half[1], 0])
-    corners_lat_lon = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
-    middle_pixel = np.array([(scene.nx - 1) / 2, (scene.ny - 1) / 2])
-    root["SceneCoordinates"] = {
-        "EarthModel": "WGS_84",
-        "IARP": {
-            "ECF": anchor.to_geocentric(center),
-            "LLH": np.array([lat, lon, height]),
-        },
-        "ReferenceSurface": {
-            "Planar": {
-                "uIAX": anchor.turn([1.0, 0, 0]),
-                "uIAY": anchor.turn([0, 1.0, 0]),
-            }
-        },
-        "ImageArea": {
-            "X1Y1": -half,
-            "X2Y2": half,
-        },
-        "ImageAreaCornerPoints": corners_lat_lon,
-        "ImageGrid": {
-            "IARPLocation": middle_pixel,
-            "IAXExtent": {
-                "LineSpacing": scene.dx,
-                "FirstLine": 0,
-                "NumLines": scene.nx,
-            },
-            "IAYExtent": {
-                "SampleSpacing": scene.dy,
-                "FirstSample": 0,
-                "NumSamples": scene.ny,
-            },
-        },
+    lon, lat, height = anchor.to_geodetic(center).tolist()
+    half = np.array([(x2 - x1) / 2, (y2 - y1) / 2, 0.0])
+    corners = center + half * [(*signs, 0) for signs in _CORNERS]
+    return {
+        "geocentric": anchor.to_geocentric(center).tolist(),
+        "geodetic": [lat, lon, height],
+        "x_axis": anchor.turn([1.0, 0, 0]).tolist(),
+        "y_axis": anchor.turn([0, 1.0, 0]).tolist(),
+        "half": half[:2].tolist(),
+        "corners": anchor.to_geodetic(corners)[:, [1, 0]].tolist(),
     }
 
 
-def _empty() -> Any:
-    """Return an empty tree."""
-    etree = optional("lxml.etree", "cphd")
-    element = etree.Element(f"{{{_NAMESPACE}}}CPHD", nsmap={None: _NAMESPACE})
-    return optional("sarkit.cphd", "cphd").ElementWrapper(element)
+def _channel(run: xr.Dataset, name: str) -> dict[str, Any]:
+    """Return name and polarization of a channel, and whether no sweep of it is missing."""
+    pair, label = name.split("_")[:2]
+    labels = [str(one) for one in run["polarization"].values]
+    sweeps = run["valid"].values[:, labels.index(label), int(pair)]
+    return {"name": name, "label": label, "complete": bool(sweeps.all())}
 
 
-def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[Any]:
-    """Yield a block's elements of a name, each of a tree of its own."""
-    for record in records:
-        # In a single tree sarkit looks every value up among all, so that the time grows as their
-        # square.
-        root = _empty()
-        root[block] = {name: [record]}
-        yield root.elem[0][0]
-
-
-def _data(root: Any, names: list[str], scans: int, tones: int, bytes_of_vector: int) -> None:
-    """Add how the arrays of the channels lie in the file."""
-    bytes_of_signal = scans * tones * _WORD  # complex numbers of two floats
-    channels = []
-    for number, name in enumerate(names):
-        channel = {
-            "Identifier": name,
-            "NumVectors": scans,
-            "NumSamples": tones,
-            "SignalArrayByteOffset": number * bytes_of_signal,
-            "PVPArrayByteOffset": number * scans * bytes_of_vector,
-        }
-        channels.append(channel)
-    root["Data"] = {
-        "SignalArrayFormat": "CF8",
-        "NumBytesPVP": bytes_of_vector,
-        "NumCPHDChannels": len(names),
-        "Channel": _elements("Data", "Channel", channels),
-        "NumSupportArrays": 0,
-    }
-
-
-def _channels(root: Any, run: xr.Dataset, names: list[str], first: Vectors) -> None:
-    """Add the parameters of the channels, and what of a run has no element in CPHD."""
-    valid = run["valid"].values
-    labels = [str(label) for label in run["polarization"].values]
-    lowest = first["FX1"][0]
-    highest = first["FX2"][0]
-    parameters = []
-    for name in names:
-        pair, label = name.split("_")[:2]
-        sweeps = valid[:, labels.index(label), int(pair)]
-        parameters.append(
-            {
-                "Identifier": name,
-                "RefVectorIndex": run.sizes["scan"] // 2,
-                "FXFixed": True,
-                "TOAFixed": True,
-                "SRPFixed": True,
-                "SignalNormal": bool(sweeps.all()),
-                "Polarization": {"TxPol": label[0], "RcvPol": label[1]},
-                "FxC": float(lowest + highest) / 2,
-                "FxBW": float(highest - lowest),
-                "TOASaved": float(first["TOA2"][0] - first["TOA1"][0]),
-                "DwellTimes": {"CODId": "all", "DwellId": "all"},
-            }
-        )
-
+def _added(run: xr.Dataset) -> dict[str, str]:
+    """Return as JSON what of a run has no element in CPHD."""
     attrs = {str(name): value for name, value in run.attrs.items()}
     times = []
     for time in run["time"].values.tolist():
         # JSON has no NaN.
         times.append(time if math.isfinite(time) else None)
-    added = [
-        ("flgpr_attrs", canonical_json(attrs).decode()),
-        ("flgpr_tx_position", json.dumps(run["tx_position"].values.tolist())),
-        ("flgpr_rx_position", json.dumps(run["rx_position"].values.tolist())),
-        ("flgpr_frequency", json.dumps(run["frequency"].values.tolist())),
-        (TIME, json.dumps(times)),
-    ]
-    root["Channel"] = {
-        "RefChId": names[0],
-        "FXFixedCPHD": True,
-        "TOAFixedCPHD": True,
-        "SRPFixedCPHD": True,
-        "Parameters": _elements("Channel", "Parameters", parameters),
-        "AddedParameters": {"Parameter": added},
+    return {
+        "flgpr_attrs": canonical_json(attrs).decode(),
+        "flgpr_tx_position": json.dumps(run["tx_position"].values.tolist()),
+        "flgpr_rx_position": json.dumps(run["rx_position"].values.tolist()),
+        "flgpr_frequency": json.dumps(run["frequency"].values.tolist()),
+        TIME: json.dumps(times),
     }
 
 
-def _layout(first: Vectors) -> tuple[dict[str, Any], int]:
+def _layout(first: Vectors) -> tuple[list[dict[str, Any]], int]:
     """Return how the parameters of a vector lie in it, and its bytes; a number is a word."""
-    dtype = optional("sarkit.cphd", "cphd").binary_format_string_to_dtype
     offset = 0  # in words of 8 bytes
-    table = {}
+    layout = []
     for name, values in first.items():
         size = 1
         form = "I8" if values.dtype.kind == "i" else "F8"
         if values.ndim > 1:
             size = 3
             form = "X=F8;Y=F8;Z=F8;"
-        table[name] = {"Offset": offset, "Size": size, "dtype": dtype(form)}
+        place = {"name": name, "offset": offset, "size": size, "format": form}
+        layout.append(place | {"added": name in ADDED})
         offset += size
-    added = [{"Name": name, **table.pop(name)} for name in ADDED]
-    return {**table, "AddedPVP": added}, _WORD * offset
+    return layout, _WORD * offset

@@ -23,7 +23,7 @@ from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value, write_table
-from flgpr_exchange.maps.documents import document
+from flgpr_exchange.documents import document
 
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 
@@ -65,7 +65,9 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
     OSError
         If the file cannot be written.
     """
-    text = document("points.kml", title=title, statement=STATEMENT, points=_marks(points))
+    text = document(
+        "flgpr_exchange.maps", "points.kml", title=title, statement=STATEMENT, points=_marks(points)
+    )
     write_whole(Path(path), text)
 
 
@@ -86,7 +88,10 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
     """
     are_alarms = (points["nature"] == NATURES["alarms"]).any()
     statement = STATEMENT if are_alarms else ""
-    write_whole(Path(path), document("points.gpx", statement=statement, points=_marks(points)))
+    write_whole(
+        Path(path),
+        document("flgpr_exchange.maps", "points.gpx", statement=statement, points=_marks(points)),
+    )
 
 
 def _marks(points: pd.DataFrame) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
-from flgpr_exchange.maps.documents import document
+from flgpr_exchange.documents import document
 
 #: colours of viridis, evenly spaced
 _VIRIDIS = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
@@ -126,6 +126,7 @@ def project(
         Content of the file.
     """
     return document(
+        "flgpr_exchange.maps",
         "project.qgs",
         title=title,
         about=about,

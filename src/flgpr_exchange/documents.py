@@ -12,15 +12,17 @@ from markupsafe import Markup
 _NOT_IN_XML = re.compile(r"[\x00-\x08\x0b-\x1f\ud800-\udfff]")
 
 
-def document(template: str, **values: Any) -> bytes:
+def document(package: str, template: str, **values: Any) -> bytes:
     """Return a document: a template with its values filled in, as UTF-8.
 
     Values are escaped; characters that XML does not allow become question marks.
 
     Parameters
     ----------
+    package : str
+        Package that holds the template in its folder ``templates``.
     template : str
-        File name of the template.
+        Its file name.
     **values
         Values for it.
 
@@ -29,14 +31,14 @@ def document(template: str, **values: Any) -> bytes:
     bytes
         The document.
     """
-    return _templates().get_template(template).render(**values).encode()
+    return _templates(package).get_template(template).render(**values).encode()
 
 
 @cache
-def _templates() -> Environment:
-    """Return the templates of this room."""
+def _templates(package: str) -> Environment:
+    """Return the templates of a package."""
     return Environment(
-        loader=PackageLoader("flgpr_exchange.maps"),
+        loader=PackageLoader(package),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=_printable,
