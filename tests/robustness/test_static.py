@@ -158,10 +158,8 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
     "simulate/scene/scene.py site_tables": ({"read_text", "tomllib.loads"}, OWN),
     "simulate/bodies/signature/table.py load_table": ({"read_bytes"}, OWN),
-    "flgpr_exchange/gprmax/deck_folder.py write_gprmax_decks": (
-        {"read_text", "tomllib.loads"},
-        OWN,
-    ),
+    "flgpr_exchange/gprmax/deck_results.py deck_texts": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_exchange/gpr/antennas.py ": ({"read_text", "tomllib.loads"}, OWN),
     "flgpr_exchange/bags/foxglove.py ": ({"read_bytes"}, OWN),
     "viewer/server.py _static": ({"read_bytes"}, OWN),
     "store/bundle.py write_bundle": ({"open"}, JUST_WRITTEN),

@@ -14,63 +14,13 @@ name does not say whose channel a file holds.
 from __future__ import annotations
 
 import re
+import tomllib
+from importlib import resources
 
-GSSI = {
-    "200HS": 200,
-    "D200HS": 200,
-    "50200HS": 200,
-    "350": 350,
-    "350HS": 350,
-    "HS350": 350,
-    "HS350US": 350,
-    "D400HS": 350,
-    "3101": 900,
-    "3101A": 900,
-    "3102": 500,
-    "3105": 300,
-    "3207": 100,
-    "3207AP": 100,
-    "5100": 1500,
-    "5103": 400,
-    "5103A": 400,
-    "5104": 270,
-    "5106": 200,
-    "5106A": 200,
-    "50270": 270,
-    "50270S": 270,
-    "50300": 300,
-    "D50300": 300,
-    "50400": 400,
-    "50400S": 400,
-    "800": 800,
-    "50800": 800,
-    "D50800": 800,
-    "51600": 1600,
-    "51600S": 1600,
-    "52600": 2600,
-    "52600S": 2600,
-    "4105": 2000,
-    "4105NR": 2000,
-    "4108": 1000,
-    "42000S": 2000,
-    "62000": 2000,
-    "62000-003": 2000,
-    "62300": 2300,
-    "62300XT": 2300,
-    "SS MINI": 1600,
-    "SSMINI": 1600,
-    "SSMINIXT": 2700,
-    "SS MINI XT": 2700,
-    "1.5/1.6GHZ": 1500,
-}
-"""Nominal frequency of GSSI's antennas, MHz."""
-GSSI_SETS = {"300/800D": (300, 800), "D300/800": (300, 800)}
-"""Antennas of two frequencies, MHz: that of the first channel and of the second."""
-MALA = {"GX80": 80, "GX160": 160, "GX450": 450, "GX750": 750, "CO700": 700}
-"""Nominal frequency of MALÅ's antennas that are called by a model, MHz.
-
-CO700 is as users' files have it.
-"""
+_MODELS = tomllib.loads(
+    (resources.files("flgpr_exchange.gpr") / "antennas.toml").read_text("utf-8")
+)
+"""Frequencies, MHz, by model: of GSSI's antennas and their sets of two, and of MALÅ's."""
 _WITH_UNIT = re.compile(r"(?<![\d./,])(\d+(?:[.,]\d+)?)[\s_-]*([MG])HZ")
 _LEADING = re.compile(
     r"(\d{2,4})(?:[\s_-]+(?:UN)?SHIELDED(?![A-Z]).*|[\s_-]+RTA(?![A-Z]).*|[\s_-]*)", re.DOTALL
@@ -161,7 +111,7 @@ def _look_up(name: str, maker: str, channel: int) -> tuple[float | None, str]:
     megahertz: float | None = None
     source = "by the table of models"
     if maker == "GSSI":
-        megahertz = _of_set(model, channel) or GSSI.get(model)
+        megahertz = _of_set(model, channel) or _MODELS["gssi"].get(model)
     elif maker == "MALÅ":
         megahertz = _of_mala(model)
     if megahertz is None:
@@ -184,7 +134,7 @@ def _model_name(name: str) -> str:
 
 def _of_set(model: str, channel: int) -> float | None:
     """Return the frequency, MHz, of a channel's antenna in a set; None if the name is no set's."""
-    frequencies = GSSI_SETS.get(model)
+    frequencies = _MODELS["gssi_sets"].get(model)
     return frequencies[channel] if frequencies and channel < len(frequencies) else None
 
 
@@ -196,8 +146,8 @@ def _of_mala(model: str) -> float | None:
     models = set()
     for letters, digits in _MALA_MODEL.findall(model):
         models.add(letters + digits)
-    known = models & set(MALA)
-    return MALA[known.pop()] if len(known) == 1 else None
+    known = models & _MODELS["mala"].keys()
+    return _MODELS["mala"][known.pop()] if len(known) == 1 else None
 
 
 def _with_unit(model: str) -> float | None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, World, draw_world
 from flgpr.store import lane_text, write_geojson, write_table, write_whole
 from flgpr.store.outputs import atomic_output
+from flgpr_exchange.gprmax.deck_results import MANIFEST, deck_texts
 from flgpr_exchange.gprmax.decks import Decks, make_decks
 
 PathLike = str | Path
@@ -53,9 +52,8 @@ def write_gprmax_decks(
         for name, text in decks.files.items():
             (partial / name).write_text(text, encoding="utf-8")
         manifest = json.dumps(decks.manifest, indent=1)
-        (partial / "manifest.json").write_text(manifest, encoding="utf-8")
-        packaged = resources.files("flgpr_exchange.gprmax") / "decks.toml"
-        texts = tomllib.loads(packaged.read_text(encoding="utf-8"))
+        (partial / MANIFEST).write_text(manifest, encoding="utf-8")
+        texts = deck_texts()
         (partial / "run.sh").write_text(texts["script"], encoding="utf-8")
         readme = _readme(texts["readme"], decks)
         (partial / "README.txt").write_text(readme, encoding="utf-8")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,12 @@ _NEEDED = (
     "runs",
 )
 """Entries of a manifest."""
+
+
+def deck_texts() -> dict[str, str]:
+    """Return the texts that are written beside decks, and the mapping of a merged B-scan."""
+    packaged = resources.files("flgpr_exchange.gprmax") / "decks.toml"
+    return tomllib.loads(packaged.read_text(encoding="utf-8"))
 
 
 def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.subsurface import buried_clutter
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.world import World, draw_track, draw_world
+from flgpr_exchange.gprmax.deck_results import FORMAT
 from flgpr_exchange.gprmax.grid import (
     CellGrid,
     GridPoint,
@@ -26,7 +27,6 @@ from flgpr_exchange.gprmax.grid import (
 )
 from flgpr_exchange.gprmax.scene import densest_body, scene_text
 
-FORMAT = "flgpr-gprmax-1"
 SCENE_FILE = "scene.txt"
 _ABSORBER = 10  # cells
 _MARGIN = 15  # cells between anything and the absorbing layers

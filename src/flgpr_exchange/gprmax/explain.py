@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.printable import printable
-from flgpr_exchange.gprmax.deck_results import MANIFEST
+from flgpr_exchange.gprmax.deck_results import MANIFEST, deck_texts
 from flgpr_exchange.gprmax.output import (
     GprmaxReceiver,
     attribute_text,
@@ -75,45 +75,15 @@ def _draft_of_merged(
     path: Path, title: str, variable: str, shape: tuple[int, int], interval: float
 ) -> str:
     """Return the mapping (TOML) of a field (step, trace) of a merged B-scan, ``interval`` in s."""
-    steps, traces = shape
-    lines = [
-        f"# Draft for {printable(path.name)}. "
-        "What ends in a question mark is a guess: check it and take the mark away.",
-        f"title = {json.dumps(title or path.stem)}",
-        'polarization = ["HH?"]',
-        "",
-        "[files]",
-        f"data = {json.dumps(path.name)}",
-        "",
-        "[signal]",
-        f"variable = {json.dumps(variable)}",
-        f'dims = ["sample", "scan"]  # of {steps} x {traces}',
-        "",
-        "[samples]",
-        f"span = [0.0, {interval * (steps - 1):.9g}]"
-        "  # of gprMax's own clock: the pulse leaves later",
-        'unit = "s"',
-        'meaning = "delay?"  # delay, range (one way) or path (there and back)',
-        "band = []  # first and last frequency to keep",
-        'band_unit = "GHz"',
-        "",
-        "[antenna_position]  # in the vehicle frame",
-        'x = "0?"',
-        'y = "0?"',
-        'z = "0?"',
-        'unit = "m"',
-        "",
-        "[pose]  # of every scan: of a file beside this one, or by flgpr import mapped --survey",
-        'x = "?"',
-        'y = "?"',
-        'z = "?"',
-        'unit = "m?"',
-        'heading = "0?"',
-        'pitch = "0?"',
-        'roll = "0?"',
-        'angle_unit = "deg"',
-    ]
-    return "\n".join(lines) + "\n"
+    return deck_texts()["mapping"].format(
+        file=printable(path.name),
+        title=json.dumps(title or path.stem),
+        data=json.dumps(path.name),
+        variable=json.dumps(variable),
+        steps=shape[0],
+        traces=shape[1],
+        last=f"{interval * (shape[0] - 1):.9g}",
+    )
 
 
 def explain_gprmax(path: Path) -> list[str]:
