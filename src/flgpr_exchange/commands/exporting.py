@@ -237,6 +237,7 @@ def _pack(folder: Path, path: Path, name: str) -> None:
 def _point_layer(rows: _Rows, folder: Path, time: str | None) -> qgis.MapLayer:
     """Write a table of points as GeoPackage and return its layer."""
     kind = rows.kind
+    style: qgis.ByKind | qgis.Graduated
     if kind in _POINT_COLOURS:
         style = qgis.by_kind(rows.table["kind"], _POINT_COLOURS[kind])
     else:
