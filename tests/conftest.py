@@ -13,6 +13,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from pathlib import Path
 
+from alone import BESIDE, IS_ALONE, hide_packages_beside
+
+if IS_ALONE:
+    hide_packages_beside()
+
 import hypothesis
 import numpy as np
 import pytest
@@ -24,7 +29,8 @@ from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "papers", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit", "test_score_page",
+    "papers", "evidence", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit",
+    "test_score_page",
     "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
@@ -32,10 +38,11 @@ NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan", "tes
 """Files in these folders whose tests look at none."""
 HEAVY = (
     "test_freeze_recipes",
-    "test_benchmarks",
+    "test_suite",
     "test_systems",
     "test_plain_errors",
     "test_freeze_commands",
+    "test_freeze_calls",
     "test_again",
     "test_kills",
     "test_workers",
@@ -95,6 +102,10 @@ HEAVY = (
 
 They are begun first, so that the processes end together.
 """
+collect_ignore = []
+if IS_ALONE:
+    for folders in BESIDE.values():
+        collect_ignore += folders
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
 # At its usual pace the collector goes through all that was imported time and again: a twentieth of

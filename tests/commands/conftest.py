@@ -2,18 +2,9 @@
 
 import pytest
 
-from flgpr.model import Grid
 from io_geodesy import anchor_text
 
 LANE_TOML = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
-
-
-@pytest.fixture
-def few_pixels(monkeypatch):
-    """Let the scan at which imaging is timed have a few pixels, all of them checked at a few tones."""
-    monkeypatch.setattr("flgpr.commands.imaging_cases.GRID", Grid(-1.0, 9.0, 9, 8, 0.2, 0.2))
-    monkeypatch.setattr("flgpr.commands.imaging_cases.CHECKED_PIXELS", 40)
-    monkeypatch.setattr("flgpr.commands.imaging_cases.CHECKED_TONES", 11)
 
 
 @pytest.fixture(scope="session")

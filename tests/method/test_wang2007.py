@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 import flgpr
+from alone import needs
 from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
 from flgpr.method.classifier import CLASSIFIER_A, make_training_set, train
-from flgpr.method.cleaned import CleanedRun
 from flgpr.method.detection import MAIN
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detect, detection_of, engine_of
 from flgpr.method.model import load_model, save_model
 from flgpr.progress import silent
@@ -22,8 +22,6 @@ from flgpr.recipe.schema import lane_of, parse_recipe, recipe_text
 from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
 from flgpr.store import Bundle, save_run, write_table
-from flgpr_papers.wang2007.examples import save_examples
-from flgpr_papers.wang2007.study import wide_view
 from small_lane import LANE, TARGETS, cut_down, small_recipe, small_run
 
 
@@ -232,15 +230,15 @@ def test_training_needs_one_truth_per_run(tmp_path):
         flgpr.train([tmp_path], [tmp_path], "demo-mean-self-signature", tmp_path / "m")
 
 
-def cleaned_run(run, recipe) -> CleanedRun:
-    setup = LaneSetup(run, recipe, LANE, whole_background=True)
+def cleaned_run(run, recipe) -> ImagedRun:
+    setup = ImagedRun(run, recipe, LANE, whole_background=True)
     engine_of(setup).run(names=("signature", "gain"))
-    return setup.cleaned
+    return setup
 
 
 def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_does(run):
     recipe = parse_recipe(cut_down(small_recipe(3), [("y = [2.5, 5.5]", "y = [2.5, 8.5]")]))
-    near, whole = (LaneSetup(run, recipe, LANE, whole_background=whole) for whole in (False, True))
+    near, whole = (ImagedRun(run, recipe, LANE, whole_background=whole) for whole in (False, True))
     for setup in (near, whole):
         engine_of(setup).run()
     assert (
@@ -255,7 +253,10 @@ def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_doe
     pd.testing.assert_frame_equal(one.features, other.features, check_exact=True)
 
 
+@needs("flgpr_papers")
 def test_the_full_range_view_is_that_of_whole_images(run, recipe):
+    from flgpr_papers.wang2007.study import wide_view
+
     cleaned = cleaned_run(run, recipe)
     view = wide_view(cleaned, run, recipe, LANE, silent)
     images = []
@@ -268,7 +269,10 @@ def test_the_full_range_view_is_that_of_whole_images(run, recipe):
     assert (view["looks"].values == want["looks"].values).all()
 
 
+@needs("flgpr_papers")
 def test_examples_show_the_targets_where_they_are(tmp_path, run, recipe, truth, found):
+    from flgpr_papers.wang2007.examples import save_examples
+
     cleaned = cleaned_run(run, recipe)
     away = found.alarms.iloc[[0]].assign(x=0.0, y=2.3, confidence=0.1)
     alarms = pd.concat([found.alarms, away], ignore_index=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from flgpr.door import refuse_links
 from flgpr.progress import Track, silent
 from flgpr.report.scene_preview import scene_figure
 from flgpr.simulate import Scene
@@ -119,11 +120,12 @@ def make_signature(
     Raises
     ------
     FileExistsError
-        If another file is at the output.
+        If another file is at the output, or it or its work folder is a symbolic link.
     """
     loaded_body = load_body(body)
     path = Path(f"{loaded_body.name}.npz" if output is None else output)
     work_folder = path.with_name(path.name + ".work")
+    refuse_links(path, work_folder)
     if os.path.lexists(path):
         if not _is_table_of(loaded_body, path):
             raise output_exists_error(path)
