@@ -24,7 +24,7 @@ NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 METHOD = {"engine", "progress", "stages", "recipe", "method"}
 BELOW_METHOD = {"model", "jit", "kernels", "store", "engine", "progress", "stages", "recipe"}
 FILES = {"store", "formats", "geo"}
-BELOW = NUMBERS | FILES | {"trials"}
+BELOW = NUMBERS | FILES
 ALLOWED = {
     "lazy": set(),
     "system": set(),
@@ -42,16 +42,16 @@ ALLOWED = {
     "geo": {"model", "store"},
     "formats": {"model", "store", "geo"},
     "io": FILES,
-    "trials": {"model", "scoring", "append_log"},
+    "trials": {"report"},
     "engine": {"model", "jit", "kernels", "progress"},
     "progress": set(),
     "stages": {"model", "jit", "kernels", "store", "engine", "progress"} | STAGES,
     "recipe": {"model", "kernels", "store", "stages"} | STAGES,
     "method": BELOW_METHOD | STAGES,
     "chain": {"stages"},
-    "results": {"model", "store", "geo", "scoring", "trials", *METHOD},
+    "results": {"model", "store", "geo", "scoring", *METHOD},
     "design": {"model", "kernels", "imaging", "simulate", *METHOD},
-    "report": {"model", "screen", "scoring", "trials", *METHOD, "results", "design"} | FILES,
+    "report": {"model", "screen", "scoring", *METHOD, "results", "design"} | FILES,
     "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live"},
     "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
     "proving_ground": set(),
@@ -64,7 +64,7 @@ ALLOWED = {
 }
 ALLOWED_BESIDE = {
     "flgpr_exchange": set(),
-    "flgpr_ground": set(),
+    "flgpr_ground": {"flgpr_trials"},
     "flgpr_papers": set(),
     "flgpr_trials": set(),
 }

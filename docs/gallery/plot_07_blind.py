@@ -13,8 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from flgpr.commands.plan import plan_lane, plan_mines
-from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
+from flgpr_trials.commands.plan import plan_lane, plan_mines
+from flgpr_trials.commands.sealed_scoring import score_sealed, seal_truth_file
 
 folder = Path(tempfile.mkdtemp())
 

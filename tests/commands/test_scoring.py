@@ -8,18 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.scoring import (
-    compare_alarms,
-    entrant_names,
-    find_entrants,
-    outcome_table,
-    read_lanes,
-    score_alarms,
-)
+from flgpr.commands.entrants import entrant_names, find_entrants
+from flgpr.commands.scoring import Scored, read_lanes
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc
 from flgpr.store import read_table
 from flgpr.trials import content_hash, read_register, register
+from scored import compare_alarms, score_alarms
 
 PHRASE = "correct horse battery"
 
@@ -157,7 +152,7 @@ def test_outcomes_have_a_row_for_each_target(scoring_files):
         scoring_files / "score",
         draws=20,
     )
-    outcomes = outcome_table(scores)
+    outcomes = Scored(scoring_files, scores).outcomes()
     assert outcomes["target_id"].tolist() == ["a", "b"]
     assert outcomes["detected"].all()
     assert outcomes["distance"].tolist() == pytest.approx([np.hypot(0.1, 0.2), 0.0])

@@ -165,7 +165,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
-    "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
+    "flgpr_trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
     "simulate/bodies/signature/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
     "flgpr_exchange/commands/exporting.py _pack": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exports.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
@@ -193,7 +193,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "commands/score_text.py score_summary": ({"json.loads"}, IN_HAND),
     "flgpr_exchange/bags/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "store/run_writer.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
-    "trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
+    "flgpr_trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
     "jobs/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
 }
 READS = {

@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.commands.registering import Entrant
+from flgpr.commands.entrants import Entrant
 from flgpr.door import MOST_JSON, Folder
 from flgpr.json_text import parse_json
 
@@ -49,6 +49,18 @@ class TrialCard:
         if self.scored_on:
             notes["scored_on"] = self.scored_on
         return notes
+
+
+def stated_card(
+    vendors: Sequence[str], lists: int, folder: Path, report: str, overwrite: bool
+) -> TrialCard:
+    """Return what the user states of a trial of so many lists, with the day of the score.
+
+    The other parameters are those of :func:`day_of_score`.
+    """
+    return TrialCard(
+        checked_vendors(list(map(str, vendors)), lists), day_of_score(folder, report, overwrite)
+    )
 
 
 def checked_vendors(vendors: Sequence[str], lists: int) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.report.curve_figures import figure_bytes, patch_figure, roc_figure
 from flgpr.report.figures import (
     channel_figure,
     complete_roc_figure,
@@ -22,14 +23,13 @@ from flgpr.report.figures import (
 )
 from flgpr.report.kit import render
 from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
+from flgpr.report.standards import checklist_rows, source_rows
 from flgpr.report.trial_block import score_block
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
 from flgpr.results.score import roc_json
 from flgpr.scoring import Rules, Score, score
 from flgpr.store import write_whole
-from flgpr.trials import figure_bytes, patch_figure, roc_figure
-from flgpr.trials.standards import checklist_rows, source_rows
 
 if TYPE_CHECKING:
     from flgpr.scoring.matching import LaneLike

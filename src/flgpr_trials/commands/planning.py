@@ -13,22 +13,22 @@ import numpy as np
 import pandas as pd
 
 from flgpr.commands.exports import Wish, write_export
-from flgpr.commands.registering import REGISTER_COLUMN, recipe_hash
 from flgpr.commands.scoring import borders, read_lanes
 from flgpr.door import read_named
 from flgpr.geo import read_anchor
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import transform_lonlat
 from flgpr.model.faults import faults_of
-from flgpr.report import sheet_html
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.extras import optional
 from flgpr.store.files import check_new, existing
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
-from flgpr.trials import content_hash, emplacement_plan, read_register
-from flgpr.trials.ledger import before_opening, enter
+from flgpr_trials.commands.registering import REGISTER_COLUMN, recipe_hash
+from flgpr_trials.ledger import before_opening, content_hash, enter, read_register
+from flgpr_trials.pages import sheet_html
+from flgpr_trials.planning import emplacement_plan
 
 PathLike = str | Path
 RegisterLine = dict[str, Any]  # a line of a register

@@ -1,158 +1,45 @@
 """Registers of recipes, plans and openings.
 
 A register demands that a recipe is entered before a truth is opened, and every opening is entered
-there. See ``flgpr/trials/ledger.py`` for the file.
+there. See ``flgpr_trials/ledger.py`` for the file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
+from flgpr.commands.entrants import Entrant
+from flgpr.commands.score_request import ScoreRequest, Trial
+from flgpr.commands.trials import REGISTER_COLUMN
+from flgpr.door import MOST_JSON, Folder, read_named
 from flgpr.json_text import parse_json
 from flgpr.method.model import MODEL_FILE, read_model
 from flgpr.recipe.schema import recipe_names, recipe_text
-from flgpr.results.manifest import read_result_manifest
-from flgpr.results.result import MODEL
-from flgpr.results.sections import SECTIONS, read_sections, results_at
-from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
-from flgpr.store.tables import parse_own_table, parse_table
-from flgpr.trials import (
-    Registration,
+from flgpr.store.tables import parse_table
+from flgpr_trials.blind import Registration
+from flgpr_trials.ledger import (
+    OPENED,
+    RegisterLike,
     WitnessedRegister,
+    before_opening,
     check_head,
     content_hash,
+    enter,
     head_of,
+    read_checked_register,
+    register_paths,
     require_registered,
     require_truth,
 )
-from flgpr.trials.ledger import (
-    OPENED,
-    RegisterLike,
-    before_opening,
-    enter,
-    read_checked_register,
-    register_paths,
-)
 
 PathLike = str | Path
-REGISTER_COLUMN = "book"
-"""Column of a planned truth that names its register."""
-
-
-@dataclass(frozen=True)
-class Entrant:
-    """An alarm list that is scored, and what it was made with, by hash; None where unknown."""
-
-    path: Path  #: the list
-    #: content of the list, read once: the bytes that are scored are the bytes that are hashed
-    data: bytes = field(repr=False)
-    recipe: str | None
-    model: str | None = None
-    of_result: bool = False  #: whether a result folder states the recipe, so that it is certain
-    #: whether the user named a recipe, which demands a register
-    recipe_was_named: bool = False
-    reading: TableReading | None = None  #: columns of the list as the user names them
-
-    def table(self) -> pd.DataFrame:
-        """Return the alarms."""
-        if self.of_result:
-            return parse_own_table(self.data, "alarms", self.path)
-        return parse_table(self.data, "alarms", self.path, self.reading)
-
-    def provenance(self, line: Mapping[str, Any] | None) -> dict[str, Any]:
-        """Return digests of list, recipe and model, with the time of the recipe's register line."""
-        digests: dict[str, Any] = {"alarms_sha256": content_hash(self.data)}
-        if line is None:
-            return digests
-        digests["recipe_sha256"] = self.recipe
-        digests["recipe_registered"] = line["time"]
-        digests["recipe_told_by"] = (
-            "its result folder" if self.of_result else "whoever gave the list"
-        )
-        if self.model is not None:
-            digests["model_sha256"] = self.model
-        return digests
-
-
-def find_entrant(
-    alarms: PathLike, recipe: PathLike | None = None, reading: TableReading | None = None
-) -> Entrant:
-    """Find the alarm list of a file or a result folder, and the recipe and model it was made with.
-
-    Parameters
-    ----------
-    alarms : path
-        Alarm list (CSV), or result folder.
-    recipe : path, optional
-        Packaged recipe or file. A result states its recipe itself; this must be the same.
-    reading : TableReading, optional
-        Columns of a list that is not of a result.
-
-    Returns
-    -------
-    Entrant
-        List, recipe and model.
-
-    Raises
-    ------
-    ValueError
-        If the recipe is not that of the result, sections differ in theirs, or a list was changed.
-    """
-    path = Path(alarms)
-    folder = path if path.is_dir() else path.parent
-    is_result = any(Folder(folder).has(name) for name in ("manifest.json", SECTIONS))
-    if is_result and (path.is_dir() or path.name == "alarms.csv"):
-        return _entrant_of_result(folder, recipe)
-    digest = None if recipe is None else recipe_hash(recipe).of_file
-    data = read_named(existing(path, "alarms file"))
-    return Entrant(path, data, digest, recipe_was_named=recipe is not None, reading=reading)
-
-
-def _entrant_of_result(folder: Path, recipe: PathLike | None) -> Entrant:
-    """Read the list of a result folder with the digests of its recipe and its model."""
-    path = existing(folder / "alarms.csv", "alarms file")
-    manifests = [read_result_manifest(result) for result in results_at(folder)]
-    data = _listed_alarms(folder, manifests[0])
-
-    recipes = {manifest["recipe_sha256"] for manifest in manifests}
-    models = {manifest["files"].get(f"{MODEL}/{MODEL_FILE}") for manifest in manifests}
-    if len(recipes) > 1 or len(models) > 1:
-        raise ValueError(f"{folder} must be made by one recipe and model, got sections of several")
-    [recipe_digest] = recipes
-    [model_digest] = models
-
-    if recipe is not None:
-        # The result knows the text; the register may hold the file, with other ends of lines.
-        hashes = recipe_hash(recipe)
-        if recipe_digest not in hashes:
-            raise ValueError(f"recipe must be the one that {folder} was made with, got {recipe}")
-        recipe_digest = hashes.of_file
-    return Entrant(
-        path,
-        data,
-        recipe_digest,
-        model_digest,
-        of_result=True,
-        recipe_was_named=recipe is not None,
-    )
-
-
-def _listed_alarms(folder: Path, manifest: Mapping[str, Any]) -> bytes:
-    """Read the alarm list of a result, which must have the digest that the result states."""
-    try:
-        if Folder(folder).has(SECTIONS):
-            return read_sections(folder).files.read("alarms.csv")
-        return listed_files(folder, manifest).read("alarms.csv")
-    except DoorError as error:
-        raise ValueError(f"{error}: a changed list is scored under a name of its own") from None
 
 
 class RecipeHashes(NamedTuple):
@@ -356,12 +243,10 @@ def default_register(truth: PathLike, table: pd.DataFrame) -> Path | None:
 
 
 def open_registered_truth(
-    truth: PathLike,
+    request: ScoreRequest,
     entrants: Sequence[Entrant],
     lanes: Mapping[str, Mapping[str, float]],
     rules: Mapping[str, float],
-    register: RegisterLike | None = None,
-    reading: TableReading | None = None,
 ) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Open a truth, once its register holds the recipes of all alarm lists that are scored.
 
@@ -370,18 +255,14 @@ def open_registered_truth(
 
     Parameters
     ----------
-    truth : path
-        Targets (CSV).
+    request : ScoreRequest
+        The truth (CSV) and its columns, and a register in place of the truth's own.
     entrants : sequence of Entrant
         Alarm lists.
     lanes : mapping
         Borders of each lane, m, by name.
     rules : mapping
         ``halo`` (m) and ``far`` (per m²) of the score.
-    register : path or WitnessedRegister, optional
-        Register in place of the truth's own.
-    reading : TableReading, optional
-        Columns of the truth.
 
     Returns
     -------
@@ -395,91 +276,112 @@ def open_registered_truth(
     ValueError
         If a recipe is named without a register, or the register does not hold what it must.
     """
-    data = read_named(existing(truth, "truth file"))
-    targets = parse_table(data, "truth", truth, reading)
+    data = read_named(existing(request.truth, "truth file"))
+    targets = parse_table(data, "truth", request.truth, request.truth_reading)
     digest = content_hash(data)
+    own_register = default_register(request.truth, targets)
+    register = register_of(request.trial) or own_register
+    if register is None and any(entrant.named_recipe for entrant in entrants):
+        raise ValueError(
+            f"recipe and book must be given together, got no book, and {request.truth} names none"
+        )
 
-    named_register = default_register(truth, targets)
-    if register is None:
-        register = named_register
-    if register is None:
-        if any(entrant.recipe_was_named for entrant in entrants):
-            raise ValueError(
-                f"recipe and book must be given together, got no book, and {truth} names none"
-            )
-        return targets, _provenance_of(entrants, [None] * len(entrants), digest)
-
-    lines = _lines_of_entrants(entrants, register)
-    path, _ = register_paths(register)
-    require_truth(path, digest, lanes, rules, planned=named_register is not None)
-    provenance = _provenance_of(entrants, lines, digest)
-
-    for entrant, of_list in zip(entrants, provenance, strict=True):
-        of_list["register"] = _enter_opening(register, entrant, of_list)
+    entered = [registered_entrant(entrant, register) for entrant in entrants]
+    if register is not None:
+        path, _ = register_paths(register)
+        require_truth(path, digest, lanes, rules, planned=own_register is not None)
+    provenance = [one.provenance() | {"truth_sha256": digest} for one in entered]
+    if register is not None:
+        for of_list in provenance:
+            opening = {
+                "event": OPENED,
+                "recipe": of_list["recipe_sha256"],
+                "alarms": of_list["alarms_sha256"],
+                "truth": digest,
+            }
+            of_list["register"] = head_of(enter(register, lambda _, opening=opening: opening))
     return targets, provenance
 
 
-def _provenance_of(
-    entrants: Sequence[Entrant], lines: Sequence[Mapping[str, Any] | None], digest: str
-) -> list[dict[str, Any]]:
-    """Return the provenance of each list, with the digest of the truth."""
-    provenance = []
-    for entrant, line in zip(entrants, lines, strict=True):
-        provenance.append({**entrant.provenance(line), "truth_sha256": digest})
-    return provenance
+@dataclass(frozen=True)
+class RegisteredEntrant:
+    """An alarm list, and the line of a register that holds its recipe; None without a register."""
+
+    entrant: Entrant
+    registration: Registration | None = None
+    line: dict[str, Any] | None = None
+
+    def provenance(self) -> dict[str, Any]:
+        """Return digests of list, recipe and model, with the time of the recipe's register line."""
+        digests = self.entrant.digests()
+        if self.registration is None or self.line is None:
+            return digests
+        digests["recipe_sha256"] = self.registration.recipe
+        digests["recipe_registered"] = self.line["time"]
+        digests["recipe_told_by"] = (
+            "its result folder" if self.entrant.of_result else "whoever gave the list"
+        )
+        if self.registration.model is not None:
+            digests["model_sha256"] = self.registration.model
+        return digests
 
 
-def _lines_of_entrants(entrants: Sequence[Entrant], register: RegisterLike) -> list[dict[str, Any]]:
-    """Return the lines of a register that enter the recipes of alarm lists, in their order."""
-    registrations = [_registration_in(entrant, register) for entrant in entrants]
-    path, _ = register_paths(register)
-    read_checked_register(register)  # checks it line by line and against its witness
-    lines = []
-    for registration in registrations:
-        lines.append(require_registered(path, registration.recipe, registration.model))
-    return lines
+def registered_entrant(entrant: Entrant, register: RegisterLike | None) -> RegisteredEntrant:
+    """Find the recipe of an alarm list in a register, before anybody opens a truth.
 
+    Parameters
+    ----------
+    entrant : Entrant
+        The list.
+    register : path or WitnessedRegister, optional
+        The register.
 
-def _enter_opening(
-    register: RegisterLike, entrant: Entrant, provenance: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Enter the opening of a truth for an alarm list; return the head of the register."""
-    opening = {
-        "event": OPENED,
-        "recipe": entrant.recipe,
-        "alarms": provenance["alarms_sha256"],
-        "truth": provenance["truth_sha256"],
-    }
-    return head_of(enter(register, lambda _: opening))
+    Returns
+    -------
+    RegisteredEntrant
+        With the register's line; without one where there is neither a register nor a recipe that
+        the user names.
 
-
-def check_registered(entrants: Sequence[Entrant], register: RegisterLike | None) -> None:
-    """Refuse recipes that a register does not hold, before anybody types a passphrase."""
-    for entrant in entrants:
-        registration = registration_of(entrant, register)
-        if registration is not None:
-            read_checked_register(registration.register)
-            path, _ = register_paths(registration.register)
-            require_registered(path, registration.recipe, registration.model)
-
-
-def registration_of(entrant: Entrant, register: RegisterLike | None) -> Registration | None:
-    """Return what a register must hold for an alarm list; None without register and recipe.
-
-    A recipe without a register, or a register without the list's recipe, is a ValueError.
+    Raises
+    ------
+    ValueError
+        If only one of both is there, or the register does not hold the recipe.
+    FileNotFoundError
+        If the register is missing.
     """
-    if register is not None:
-        return _registration_in(entrant, register)
-    if entrant.recipe_was_named:
-        raise ValueError("recipe and book must be given together, got no book")
-    return None
-
-
-def _registration_in(entrant: Entrant, register: RegisterLike) -> Registration:
-    """Return what a register must hold for an alarm list, whose recipe must be known."""
-    if entrant.recipe is None:
+    if register is None:
+        if entrant.named_recipe is not None:
+            raise ValueError("recipe and book must be given together, got no book")
+        return RegisteredEntrant(entrant)
+    recipe = recipe_of(entrant)
+    if recipe is None:
         raise ValueError(
             f"recipe and book must be given together, got no recipe for {entrant.path}"
         )
-    existing(register_paths(register)[0], "register")
-    return Registration(register, entrant.recipe, entrant.model)
+    path, _ = register_paths(register)
+    read_existing_register(register)
+    line = require_registered(path, recipe, entrant.model)
+    return RegisteredEntrant(entrant, Registration(register, recipe, entrant.model), line)
+
+
+def recipe_of(entrant: Entrant) -> str | None:
+    """Return the digest of the recipe that an alarm list was made with; None if nobody names one.
+
+    A result states its recipe itself; one that the user names must be the same, or it is a
+    ValueError.
+    """
+    if entrant.named_recipe is None:
+        return entrant.recipe
+    # The result knows the text; the register may hold the file, with other ends of lines.
+    hashes = recipe_hash(entrant.named_recipe)
+    if entrant.of_result and entrant.recipe not in hashes:
+        raise ValueError(
+            f"recipe must be the one that {entrant.path.parent} was made with, "
+            f"got {entrant.named_recipe}"
+        )
+    return hashes.of_file
+
+
+def register_of(trial: Trial) -> RegisterLike | None:
+    """Return the register that the user names, with its witness."""
+    return None if trial.book is None else with_witness(trial.book, trial.witness)

@@ -1,6 +1,6 @@
 """Blind scoring: scores against a sealed truth without positions, and a log of every look.
 
-The sealed file itself is that of ``trials/sealing.py``.
+The sealed file itself is that of ``flgpr_trials/sealing.py``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from flgpr.scoring.chance_level import Chance, chance
 from flgpr.scoring.curve import operating_row
 from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.matching import Match, match
-from flgpr.trials.ledger import (
+from flgpr_trials.ledger import (
     OPENED,
     RegisterLike,
     WitnessedRegister,
@@ -32,7 +32,7 @@ from flgpr.trials.ledger import (
     require_registered,
     require_truth,
 )
-from flgpr.trials.sealing import Phrase, SealedTruth, decrypt_truth
+from flgpr_trials.sealing import Phrase, SealedTruth, decrypt_truth
 
 FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 _LOG_ENDING = ".log.jsonl"
@@ -201,6 +201,11 @@ def score_blind(
         If alarms, file, passphrase, log or register are not valid.
     """
     look = match_blind(alarms, sealed, passphrase, log, registered=registered, witness=witness)
+    return blind_score(look)
+
+
+def blind_score(look: BlindLook) -> BlindScore:
+    """Summarise a look at a sealed truth: operating points and counts, and no positions."""
     matched = look.matched
     rules = look.rules
     area = rules["area"]

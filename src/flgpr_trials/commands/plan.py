@@ -15,7 +15,7 @@ from flgpr.commands.shell import Arguments, command
 if TYPE_CHECKING:
     import pandas as pd
 
-    from flgpr.trials import SamplePlan
+    from flgpr_trials.planning import SamplePlan
 
 
 def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
@@ -59,7 +59,7 @@ def plan_mines(
     ValueError
         If a probability or a rate breaks its rule.
     """
-    from flgpr.trials import sample_size
+    from flgpr_trials.planning import sample_size
 
     return sample_size(
         pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint
@@ -70,7 +70,7 @@ def _lane_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
     """Yield the files, the seed and the time of the register line."""
-    from flgpr.commands.planning import plan_files
+    from flgpr_trials.commands.planning import plan_files
 
     plan, line = returned
     yield from plan_files(call.output, call.anchor is not None).values()
@@ -131,11 +131,11 @@ def plan_lane(
 
     Notes
     -----
-    The files are those of :func:`flgpr.commands.planning.plan_files`. Who can guess the seed has
+    The files are those of :func:`flgpr_trials.commands.planning.plan_files`. Who can guess the seed has
     the plan. A plan that was drawn of the same inputs is left as it is; one that was stopped before
     it was registered is finished.
     """
-    from flgpr.commands.planning import PlanOrder, draw_and_register
+    from flgpr_trials.commands.planning import PlanOrder, draw_and_register
 
     rules = {"halo": float(halo), "far": float(far)}
     order = PlanOrder(lane, targets, Path(output), seed, spacing, edge, recipe, book, anchor, rules)
@@ -174,7 +174,7 @@ def register_recipe(
     FileNotFoundError
         If the register, the recipe or the model is missing.
     """
-    from flgpr.commands.registering import enter_recipe, with_witness
+    from flgpr_trials.commands.registering import enter_recipe, with_witness
 
     return enter_recipe(recipe, with_witness(book, witness), model)
 
@@ -234,7 +234,11 @@ def check_register(
         If a line was altered, or one that the witness or a report knows is missing; it names the
         line.
     """
-    from flgpr.commands.registering import heads_of_reports, read_existing_register, with_witness
+    from flgpr_trials.commands.registering import (
+        heads_of_reports,
+        read_existing_register,
+        with_witness,
+    )
 
     register = with_witness(book, witness)
     lines = read_existing_register(register)
@@ -285,6 +289,6 @@ def survey_plan(
     Every row of the sheet says in ``emplaced`` yes or no. Where place or depth is empty it is as
     planned.
     """
-    from flgpr.commands.surveying import register_survey
+    from flgpr_trials.commands.surveying import register_survey
 
     return register_survey(plan, sheet, output, book, within)

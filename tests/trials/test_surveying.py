@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.commands.plan import plan_lane, survey_plan
-from flgpr.commands.scoring import score_alarms
 from flgpr.store import read_table
 from flgpr.trials import read_register
+from flgpr_trials.commands.plan import plan_lane, survey_plan
+from scored import score_alarms
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
 

@@ -23,7 +23,7 @@ from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.lane_roc import roc_of
 from flgpr.scoring.matching import LaneLike, as_lanes, match, one_of
-from flgpr.trials.passphrase import check_passphrase
+from flgpr_trials.passphrase import check_passphrase
 
 FORMAT = "flgpr-sealed-truth-2"
 _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
@@ -172,7 +172,7 @@ class SealedTruth:
 def decrypt_truth(path: str | Path, passphrase: Phrase) -> SealedTruth:
     """Decrypt a sealed file, all of which must be as it was written.
 
-    Nothing is entered in a log: that is for the caller, see ``trials/blind.py``.
+    Nothing is entered in a log: that is for the caller, see ``flgpr_trials/blind.py``.
 
     Parameters
     ----------

@@ -10,13 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.plan import plan_lane
-from flgpr.commands.planning import plan_files
-from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 from flgpr.geo import read_anchor
 from flgpr.model import Lane
-from flgpr.report.trial_pages import lane_maps
 from flgpr.trials import register
+from flgpr_trials.commands.plan import plan_lane
+from flgpr_trials.commands.planning import plan_files
+from flgpr_trials.pages import lane_maps
+from scored_blind import score_sealed, seal_truth_file
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 75.0\n"
 ANCHOR = """

@@ -1,9 +1,8 @@
-"""Pages of a trial: the crew's plan, the score of a blind test, and detectors side by side."""
+"""Pages of a trial: the crew's plan, and the score of a blind test."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from operator import itemgetter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,12 @@ from matplotlib.lines import Line2D
 
 from flgpr.geo.anchor import Anchor
 from flgpr.model import Lane
+from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
+from flgpr.report.curve_figures import COLOURS, MARKS
 from flgpr.report.kit import render
-from flgpr.report.score_page import in_words
-from flgpr.report.trial_block import NOT_STATED, blind_block, comparison_block
-from flgpr.scoring import SideBySide
-from flgpr.trials import BlindScore
-from flgpr.trials.figures import COLOURS, MARKS, compared_roc_figure
-from flgpr.trials.standards import checklist_rows, source_rows
+from flgpr.report.standards import checklist_rows, source_rows
+from flgpr.report.trial_block import TrialBlock, list_block
+from flgpr_trials.blind import BlindScore
 
 _STRIP = 30.0  # length of lane in a row of the map, m
 _STRIPS = 4  # rows in a picture: half a printed page
@@ -28,38 +26,6 @@ _LOWEST_STRIP = 1.1  # inches
 _HIGHEST_STRIP = 3.5
 # Mines are emplaced to the centimetre; depths have a digit more.
 _DIGITS = {"depth_m": ".3f"}
-_POINT = (
-    "{n_detected:.0f} of {n_targets:.0f}",
-    "{pd:.2f}",
-    "{pd_low:.2f} to {pd_high:.2f}",
-    "{chance}",
-    "{n_false:.0f}",
-    "{far:.4f}",
-    "{far_low:.4f} to {far_high:.4f}",
-)
-POINT_HEAD = (
-    ">found",
-    ">Pd",
-    ">Pd interval",
-    ">chance",
-    ">false alarms",
-    ">FAR (per m²)",
-    ">FAR interval (per m²)",
-)
-_PAIR = (
-    "{far_allowed:g}",
-    "{first} less {second}",
-    "{difference:+.2f}",
-    "{low:+.2f} to {high:+.2f}",
-)
-_MEAN = (
-    "{first} less {second}",
-    "{pd_mean_a:.3f} ({low_a:.3f} to {high_a:.3f}), chance {chance_a:.3f}",
-    "{pd_mean_b:.3f} ({low_b:.3f} to {high_b:.3f}), chance {chance_b:.3f}",
-    "{difference:+.3f}",
-    "{low:+.3f} to {high:+.3f}",
-    "{p_value:.3g}",
-)
 
 
 def sheet_html(
@@ -113,6 +79,7 @@ def sheet_html(
         crs = anchor.utm()
     return render(
         "sheet.html",
+        "flgpr_trials",
         lanes=entries,
         name=name,
         digest=digest,
@@ -244,18 +211,37 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         points_by_group[str(group)] = points
         rows = []
         for row in points.to_dict("records"):
-            rows.append([f"{row['far_allowed']:g}", *_cells(row, _POINT)])
+            rows.append([f"{row['far_allowed']:g}", *point_cells(row)])
         groups[str(group)] = rows
     return render(
         "blind.html",
+        "flgpr_trials",
         blind=blind,
         groups=groups,
         head=[">allowed FAR (per m²)", *POINT_HEAD],
         picture=points_figure(points_by_group),
         targets=_target_texts(blind.targets),
         notes={name: _head_in_words(value) for name, value in notes.items()},
-        trial=blind_block(blind, notes),
+        trial=_blind_block(blind, notes),
         standards={"rows": checklist_rows(), "sources": source_rows()},
+    )
+
+
+def _blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
+    """Return the head of the page of a blind score, whose lane and places stay secret."""
+    counts = blind.counts
+    rules = (
+        f"halo radius {counts['halo_radius']:g} m, FAR over {counts['area']:.2f} m² "
+        f"(rule {counts['area_rule']}), 95 % intervals"
+    )
+    return list_block(
+        notes,
+        "alarm list",
+        (counts["n_alarms"], counts["n_targets"]),
+        notes.get("sealed_sha256"),
+        "sealed with the truth",
+        rules,
+        "sealed lane",
     )
 
 
@@ -276,152 +262,3 @@ def _head_in_words(note: Any) -> Any:
     if isinstance(note, dict) and set(note) == {"lines", "head"}:
         return f"{note['lines']} lines, the last is {note['head']}"
     return note
-
-
-def comparison_html(
-    comparison: SideBySide,
-    curves: Mapping[str, pd.DataFrame],
-    rules: Mapping[str, Any],
-    notes: Mapping[str, Any],
-    lanes: Mapping[str, Lane] | None = None,
-) -> str:
-    """Return the page of detectors side by side.
-
-    Parameters
-    ----------
-    comparison : SideBySide
-        Points, pairs and means.
-    curves : mapping of str to pandas.DataFrame
-        ROC curves by detector; empty shows the points only.
-    rules : mapping
-        Rules of the scores.
-    notes : mapping
-        Provenance to print, by detector.
-    lanes : mapping of str to Lane, optional
-        Lanes by name; none where they are sealed.
-
-    Returns
-    -------
-    str
-        The page, HTML without references to other files.
-    """
-    points_by_detector = {}
-    for name, table in comparison.points.groupby("detector", sort=False):
-        points_by_detector[str(name)] = table
-    names = list(dict.fromkeys(comparison.points["detector"]))
-    unranked = [name for name in names if "ranking" in notes.get(name, {})]
-    roc = None
-    if curves:
-        labels = {name: _curve_label(name, notes.get(name, {})) for name in curves}
-        roc = compared_roc_figure(curves, labels, comparison.points, rules["far_max"])
-    return render(
-        "comparison.html",
-        names=names,
-        unranked=unranked,
-        head=[">allowed FAR (per m²)", "detector", *POINT_HEAD],
-        points=_point_rows(comparison.points),
-        pairs=_pair_rows(comparison.pairs),
-        means=_mean_rows(comparison.means),
-        tests=len(comparison.pairs),
-        picture=points_figure(points_by_detector),
-        roc=roc,
-        rules={name: in_words(value) for name, value in rules.items()},
-        level=f"{100 * rules['level']:g}",
-        far_max=f"{rules['far_max']:g}",
-        notes=notes,
-        trial=comparison_block(names, lanes or {}, rules, notes),
-        standards={"rows": checklist_rows(), "sources": source_rows()},
-    )
-
-
-def _point_rows(points: pd.DataFrame) -> list[list[str]]:
-    """Return the rows of the table of operating points, the smallest allowed FAR first."""
-    records = sorted(points.to_dict("records"), key=itemgetter("far_allowed"))
-    rows = []
-    for record in records:
-        far_allowed = f"{record['far_allowed']:g}"
-        rows.append([far_allowed, record["detector"], *_cells(record, _POINT)])
-    return rows
-
-
-def _pair_rows(pairs: pd.DataFrame) -> list[list[str]]:
-    """Return the rows of the table of paired tests, the smallest allowed FAR first."""
-    rows = []
-    for record in pairs.to_dict("records"):
-        only_one = f"{record['only_first']} and {record['only_second']}"
-        p_value = f"{record['p']:.3g}"
-        rows.append([*_cells(record, _PAIR), only_one, p_value])
-    return sorted(rows, key=_far_of)
-
-
-def _mean_rows(means: pd.DataFrame | None) -> list[list[str]] | None:
-    """Return the rows of the table of mean Pd; None where there are no curves to average."""
-    if means is None:
-        return None
-    return [_cells(record, _MEAN) for record in means.to_dict("records")]
-
-
-def _curve_label(name: str, notes: Mapping[str, Any]) -> str:
-    """Return the name of a curve in a legend: the vendor, where one is stated, and the list."""
-    vendor = notes.get("vendor", NOT_STATED)
-    return name if vendor == NOT_STATED else f"{vendor}: {name}"
-
-
-def _far_of(pair: list[str]) -> float:
-    """Return the allowed FAR of a row of pairs."""
-    return float(pair[0])
-
-
-def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
-    """Draw operating points with their intervals of Pd, side by side at each allowed FAR.
-
-    A dash marks chance.
-
-    Parameters
-    ----------
-    groups : mapping of str to pandas.DataFrame
-        Operating points by name of the group: ``far_allowed`` (per m²), ``pd``, ``pd_low``,
-        ``pd_high``, ``chance`` and ``n_targets``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-    """
-    figure = Figure(figsize=(8.2, 3.6), layout="constrained")
-    axes = figure.add_subplot()
-    step = 0.7 / max(1, len(groups))
-    allowed_fars: set[float] = set()
-    for points in groups.values():
-        allowed_fars.update(points["far_allowed"])
-    allowed = sorted(allowed_fars)
-
-    for number, (name, points) in enumerate(groups.items()):
-        # The groups stand side by side about the tick of their FAR.
-        offset = (number - (len(groups) - 1) / 2) * step
-        position = np.searchsorted(allowed, points["far_allowed"]) + offset
-        colour = COLOURS[number % len(COLOURS)]
-        marker = MARKS[number % len(MARKS)]
-        axes.vlines(position, points["pd_low"], points["pd_high"], color=colour, lw=1.6)
-        targets = points["n_targets"].iloc[0]
-        label = f"{name} ({targets:.0f} targets)"
-        axes.plot(position, points["pd"], marker, color=colour, ms=5, label=label)
-        axes.plot(position, points["chance"], "_", color=colour, ms=9, mew=1.6, alpha=0.7)
-    axes.plot([], [], "_", color="0.3", ms=9, label="chance")
-    axes.set_xticks(range(len(allowed)), [f"{far:g}" for far in allowed])
-    axes.set(
-        ylim=(-0.03, 1.03),
-        xlabel="allowed false alarms per m²",
-        ylabel="probability of detection",
-    )
-    axes.grid(axis="y", alpha=0.3)
-    figure.legend(fontsize=8, loc="outside right upper", frameon=False)
-    return figure
-
-
-def _cells(row: Mapping[Any, Any], cells: Sequence[str]) -> list[str]:
-    """Return the texts of a row by the formats of its cells."""
-    level = row.get("chance", 0.0)
-    chance = "not known" if np.isnan(level) else f"{level:.2f}"
-    values = {**row, "chance": chance}
-    return [cell.format_map(values) for cell in cells]

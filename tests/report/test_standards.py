@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flgpr.trials.standards import ITEMS, SOURCES, checklist_rows, source_rows
+from flgpr.report.standards import ITEMS, SOURCES, checklist_rows, source_rows
 
 PAGE = Path(__file__).parents[2] / "docs" / "guide" / "test-standards.md"
 

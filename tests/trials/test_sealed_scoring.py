@@ -4,14 +4,9 @@ import json
 
 import pytest
 
-from flgpr.commands.sealed_scoring import (
-    compare_sealed,
-    holds_sealed_score,
-    require_seal,
-    score_sealed,
-    seal_truth_file,
-)
 from flgpr.trials import content_hash, head_of, read_register
+from flgpr_trials.commands.sealed_scoring import require_seal
+from scored_blind import compare_sealed, holds_sealed_score, score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"
 

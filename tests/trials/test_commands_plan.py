@@ -7,10 +7,10 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.plan import plan_lane, plan_mines
-from flgpr.commands.scoring import score_alarms
 from flgpr.store import read_table
 from flgpr.trials import content_hash
+from flgpr_trials.commands.plan import plan_lane, plan_mines
+from scored import score_alarms
 
 
 def test_a_lane_is_planned_once_and_registered_with_its_recipe(scoring_files):

@@ -3,18 +3,18 @@
 import pandas as pd
 import pytest
 
-from flgpr.commands.registering import (
-    check_registered,
+from flgpr.recipe.schema import recipe_text
+from flgpr.trials import content_hash, head_of, read_register, register
+from flgpr_trials.commands.registering import (
     default_register,
     enter_recipe,
-    find_entrant,
     heads_of_reports,
     read_existing_register,
     recipe_hash,
-    registration_of,
+    recipe_of,
+    registered_entrant,
 )
-from flgpr.recipe.schema import recipe_text
-from flgpr.trials import content_hash, head_of, read_register, register
+from scored import find_entrant
 from small_results import small_result
 
 ALARMS = "x,y,confidence\n0.1,3,2\n"
@@ -30,24 +30,27 @@ def alarms(tmp_path):
 def test_a_list_of_a_file_has_a_recipe_only_if_it_is_named(alarms, tmp_path):
     recipe = tmp_path / "recipe.toml"
     recipe.write_text("name = 'x'\n")
-    assert find_entrant(alarms).recipe is None
+    book = tmp_path / "book.jsonl"
+    line = register(book, recipe=content_hash(recipe))
+    assert recipe_of(find_entrant(alarms)) is None
     entrant = find_entrant(alarms, recipe)
-    assert entrant.recipe == content_hash(recipe)
+    assert recipe_of(entrant) == content_hash(recipe)
     assert entrant.table()["confidence"].tolist() == [2.0]
-    assert entrant.provenance(None) == {"alarms_sha256": content_hash(alarms)}
-    told = entrant.provenance({"time": "2026-01-01"})
+    unregistered = registered_entrant(find_entrant(alarms), None)
+    assert unregistered.provenance() == {"alarms_sha256": content_hash(alarms)}
+    told = registered_entrant(entrant, book).provenance()
     assert told["recipe_told_by"] == "whoever gave the list"
-    assert told["recipe_registered"] == "2026-01-01"
+    assert told["recipe_registered"] == line["time"]
 
 
 def test_a_result_states_its_recipe_and_another_is_refused(tmp_path):
     small_result(tmp_path / "result")
     entrant = find_entrant(tmp_path / "result")
     assert entrant.of_result
-    assert entrant.recipe == content_hash(recipe_text("wang2007"))
-    assert find_entrant(tmp_path / "result", "wang2007").recipe == entrant.recipe
+    assert recipe_of(entrant) == content_hash(recipe_text("wang2007"))
+    assert recipe_of(find_entrant(tmp_path / "result", "wang2007")) == entrant.recipe
     with pytest.raises(ValueError, match=r"recipe must be the one that .*result was made with"):
-        find_entrant(tmp_path / "result", "demo")
+        recipe_of(find_entrant(tmp_path / "result", "demo"))
     (tmp_path / "result" / "alarms.csv").write_text(ALARMS)
     with pytest.raises(ValueError, match="a changed list is scored under a name of its own"):
         find_entrant(tmp_path / "result")
@@ -92,17 +95,17 @@ def test_a_recipe_is_entered_once_and_not_after_an_opening(tmp_path):
 
 
 def test_a_recipe_and_a_register_go_together(alarms, tmp_path):
-    assert registration_of(find_entrant(alarms), None) is None
+    assert registered_entrant(find_entrant(alarms), None).registration is None
     with pytest.raises(ValueError, match="got no book"):
-        registration_of(find_entrant(alarms, "demo"), None)
+        registered_entrant(find_entrant(alarms, "demo"), None)
     book = tmp_path / "book.jsonl"
     with pytest.raises(ValueError, match=r"got no recipe for .*alarms-of-mine"):
-        registration_of(find_entrant(alarms), book)
+        registered_entrant(find_entrant(alarms), book)
     register(book, event="recipe", recipe=content_hash("another"))
     with pytest.raises(ValueError, match="recipe must be registered"):
-        check_registered([find_entrant(alarms, "demo")], book)
+        registered_entrant(find_entrant(alarms, "demo"), book)
     enter_recipe("demo", book)
-    check_registered([find_entrant(alarms, "demo")], book)
+    assert registered_entrant(find_entrant(alarms, "demo"), book).line["number"] == 2
 
 
 def test_a_report_without_a_head_of_a_register_is_refused(tmp_path):

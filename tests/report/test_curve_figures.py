@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
+from flgpr.report.curve_figures import compared_roc_figure
 from flgpr.scoring import example_roc
 from flgpr.trials import figure_bytes, patch_figure, roc_figure
-from flgpr.trials.figures import compared_roc_figure
 
 CURVE = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
 BAND = pd.DataFrame({"far": [0.0, 0.1], "pd_low": [0.0, 0.5], "pd_high": [0.5, 1.0]})

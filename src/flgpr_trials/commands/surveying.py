@@ -9,16 +9,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.commands.planning import CREW_COLUMNS, RegisterLine, require_unopened
-from flgpr.commands.registering import default_register
 from flgpr.door import read_named
 from flgpr.model import check_truth
 from flgpr.model.faults import faults_of
 from flgpr.store.files import existing
 from flgpr.store.outputs import write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
-from flgpr.trials import content_hash, read_register
-from flgpr.trials.ledger import enter
+from flgpr_trials.commands.planning import CREW_COLUMNS, RegisterLine, require_unopened
+from flgpr_trials.commands.registering import default_register
+from flgpr_trials.ledger import content_hash, enter, read_register
 
 PathLike = str | Path
 _YES = ("yes", "y", "x", "1", "true")
