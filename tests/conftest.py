@@ -31,7 +31,8 @@ DATA = Path(__file__).parent / "data"
 DRAWING = {
     "papers", "evidence", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit",
     "test_score_page",
-    "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_curve_figures", "test_figure_text", "test_notebook_html",
+    "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_curve_figures",
+    "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
 NOT_DRAWING = {"test_scoring", "test_demo_shell"}

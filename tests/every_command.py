@@ -308,6 +308,19 @@ COMMANDS = [
         loose=("sealed",),
     ),
     Command(
+        "compare",
+        "compare {in}/alarms.csv {in}/others.csv --truth {in}/truth.csv --lane {in}/lane.toml -o {out}/score",
+        "compare {in}/alarms.csv {in}/others.csv --truth {in}/truth.csv --lane {in}/lane.toml --halo 0.5 "
+        "-o {out}/score",
+    ),
+    Command(
+        "seal",
+        "seal {in}/truth.csv --lane {in}/lane.toml -o {out}/sealed",
+        "seal {in}/truth.csv --lane {in}/lane.toml --halo 0.5 -o {out}/sealed",
+        typed=f"{PHRASE}\n{PHRASE}\n",
+        loose=("sealed",),
+    ),
+    Command(
         "score --sealed",
         "score {in}/alarms.csv --sealed {out}/sealed -o {out}/score",
         "score {in}/others.csv --sealed {out}/sealed -o {out}/score",

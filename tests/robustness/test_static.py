@@ -32,6 +32,7 @@ BY_NAME = {
     "commands/app.py": "what installed distributions offer",
     "commands/exports.py": "what installed distributions offer",
     "commands/simulate.py": "what installed distributions offer",
+    "commands/trials.py": "what installed distributions offer",
     "formats/reader.py": "what installed distributions offer",
     "detect/estimator_table.py": "estimators by a table, and what installed distributions offer",
 }

@@ -5,6 +5,7 @@ from flgpr_trials.blind import BlindScore as BlindScore
 from flgpr_trials.blind import Registration as Registration
 from flgpr_trials.blind import open_truth as open_truth
 from flgpr_trials.blind import score_blind as score_blind
+from flgpr_trials.commands.seal import seal as seal
 from flgpr_trials.ledger import WitnessedRegister as WitnessedRegister
 from flgpr_trials.ledger import alarm_hash as alarm_hash
 from flgpr_trials.ledger import check_head as check_head
