@@ -243,16 +243,7 @@ def check_witness(lines: Sequence[Mapping[str, Any]], witness: str | Path, path:
             f"register {path} must be one that {witness} knows, got one that begins otherwise"
         )
     for record in records:
-        count = record["lines"]
-        if count > len(lines):
-            raise ValueError(
-                f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, "
-                f"and {witness} saw {count} on {record['time']}"
-            )
-        if lines[count - 1]["hash"] != record["head"]:
-            raise ValueError(
-                f"register {path} has another line {count} than {witness} saw on {record['time']}"
-            )
+        _require_head(lines, record, path, f"{witness} saw", f" on {record['time']}")
     return len(records)
 
 
@@ -275,15 +266,25 @@ def check_head(
     ValueError
         If a line is missing or differs.
     """
+    _require_head(lines, recorded, path, f"{source} tells")
+
+
+def _require_head(
+    lines: Sequence[Mapping[str, Any]],
+    recorded: Mapping[str, Any],
+    path: str | Path,
+    who_tells: str,
+    when: str = "",
+) -> None:
+    """Refuse a register that lacks the last line that somebody counted, or has another one."""
     count = recorded["lines"]
-    head = recorded["head"]
     if count > len(lines):
         raise ValueError(
             f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, "
-            f"and {source} tells {count}"
+            f"and {who_tells} {count}{when}"
         )
-    if count and lines[count - 1]["hash"] != head:
-        raise ValueError(f"register {path} has another line {count} than {source} tells")
+    if count and lines[count - 1]["hash"] != recorded["head"]:
+        raise ValueError(f"register {path} has another line {count} than {who_tells}{when}")
 
 
 def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
@@ -338,6 +339,22 @@ def before_opening(lines: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
         if line.get("event") == OPENED:
             return lines[:number]
     return lines
+
+
+def require_unopened(lines: Sequence[dict[str, Any]], too_late: str) -> None:
+    """Raise a ValueError with a message if a truth was opened under a register of these lines."""
+    if len(before_opening(lines)) < len(lines):
+        raise ValueError(too_late)
+
+
+def enter_unopened(path: RegisterLike, entry: Mapping[str, Any], too_late: str) -> dict[str, Any]:
+    """Append a line to a register unless a truth was opened under it, which is a ValueError."""
+
+    def make_entry(lines: list[dict[str, Any]]) -> Mapping[str, Any]:
+        require_unopened(lines, too_late)
+        return entry
+
+    return enter(path, make_entry)[-1]
 
 
 def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:

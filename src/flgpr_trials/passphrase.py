@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 
 _SHORTEST = 8  # characters
@@ -11,6 +12,15 @@ PASSPHRASE_RULE = (
     f"at least {_SHORTEST} characters and hard to guess, such as four words that do not belong "
     "together; whoever loses it cannot open the truth again"
 )
+
+
+def require_seal() -> None:
+    """Refuse, before anybody types a passphrase, where a library for sealing is missing."""
+    for library in ("cryptography", "zxcvbn"):
+        if importlib.util.find_spec(library) is None:
+            raise ModuleNotFoundError(
+                f"sealed truth needs the library {library}: pip install 'flgpr[seal]'"
+            )
 
 
 def check_passphrase(passphrase: str) -> None:
@@ -44,12 +54,9 @@ def check_passphrase(passphrase: str) -> None:
         raise ValueError(
             f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}"
         )
-    try:
-        from zxcvbn import zxcvbn  # type: ignore[import-untyped]
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            'a passphrase is judged by the library zxcvbn: pip install "flgpr[seal]"'
-        ) from error
+    require_seal()
+    from zxcvbn import zxcvbn  # type: ignore[import-untyped]
+
     guesses = float(zxcvbn(passphrase[:_JUDGED])["guesses"])
     if guesses < _LEAST_GUESSES:
         exponent = max(round(math.log10(guesses)), 0)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -14,6 +17,7 @@ from flgpr.model import Lane
 from flgpr.scoring.matching import LaneLike, as_lanes
 
 _MOST = 100_000
+_MOST_MINES = 10**12
 _TRIES = 2_000
 
 
@@ -84,41 +88,37 @@ def sample_size(
     if true_far is not None and not 0 <= true_far < far:
         raise ValueError(f"true_far must be under far = {far}, got {true_far}")
     confidence_of_each = (1 + confidence) / 2 if joint else confidence
-    mines, misses, pd_power = _plan_mines(pd, true_pd, confidence_of_each, power)
-    area, false_alarms, far_power = _plan_area(far, true_far, confidence_of_each, power)
+    least_mines = partial(mines_needed, pd, confidence=confidence_of_each)
+    least_area = partial(area_needed, far, confidence=confidence_of_each)
+    misses, pd_power = 0, math.nan
+    if true_pd is not None:
+        misses, pd_power = _fewest(
+            lambda count: _at_most(count, least_mines(count), 1 - true_pd),
+            power,
+            f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses",
+        )
+    false_alarms, far_power = 0, math.nan
+    if true_far is not None:
+        false_alarms, far_power = _fewest(
+            lambda count: float(special.pdtr(count, true_far * least_area(count))),
+            power,
+            f"true_far must be further under far = {far}, got {true_far}: "
+            f"over {_MOST} false alarms",
+        )
+    mines, area = least_mines(misses), least_area(false_alarms)
     return SamplePlan(mines, misses, area, false_alarms, pd_power, far_power)
 
 
-def _plan_mines(
-    pd: float, true_pd: float | None, confidence: float, power: float
-) -> tuple[int, int, float]:
-    """Return mines, misses that may happen, and the power; NaN without an assumed Pd."""
-    if true_pd is None:
-        return mines_needed(pd, 0, confidence), 0, math.nan
-    for misses in range(_MOST):
-        mines = mines_needed(pd, misses, confidence)
-        pd_power = _at_most(misses, mines, 1 - true_pd)
-        if pd_power >= power:
-            return mines, misses, pd_power
-    raise ValueError(
-        f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses"
-    )
+def _fewest(power_of: Callable[[int], float], power: float, too_close: str) -> tuple[int, float]:
+    """Return how many failures must be allowed for a power, and the power then.
 
-
-def _plan_area(
-    far: float, true_far: float | None, confidence: float, power: float
-) -> tuple[float, int, float]:
-    """Return area, m², false alarms that may happen, and the power; NaN without an assumed FAR."""
-    if true_far is None:
-        return area_needed(far, 0, confidence), 0, math.nan
-    for false_alarms in range(_MOST):
-        area = area_needed(far, false_alarms, confidence)
-        far_power = float(special.pdtr(false_alarms, true_far * area))
-        if far_power >= power:
-            return area, false_alarms, far_power
-    raise ValueError(
-        f"true_far must be further under far = {far}, got {true_far}: over {_MOST} false alarms"
-    )
+    A ValueError says that it takes too many.
+    """
+    for count in range(_MOST):
+        reached = power_of(count)
+        if reached >= power:
+            return count, reached
+    raise ValueError(too_close)
 
 
 def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
@@ -154,18 +154,11 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
     _check_open(pd=pd, confidence=confidence)
     if misses < 0:
         raise ValueError(f"misses must not be negative, got {misses}")
-    too_few = misses
-    enough = misses + 1
-    while _at_most(misses, enough, 1 - pd) > 1 - confidence:
-        too_few = enough
-        enough = 2 * enough
-    while enough - too_few > 1:
-        middle = (too_few + enough) // 2
-        if _at_most(misses, middle, 1 - pd) <= 1 - confidence:
-            enough = middle
-        else:
-            too_few = middle
-    return enough
+    numbers = range(misses + 1, _MOST_MINES)
+    is_shown = bisect_left(
+        numbers, True, key=lambda mines: _at_most(misses, mines, 1 - pd) <= 1 - confidence
+    )
+    return numbers[is_shown]
 
 
 def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> float:

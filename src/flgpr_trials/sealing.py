@@ -23,7 +23,7 @@ from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.lane_roc import roc_of
 from flgpr.scoring.matching import LaneLike, as_lanes, match, one_of
-from flgpr_trials.passphrase import check_passphrase
+from flgpr_trials.passphrase import check_passphrase, require_seal
 
 FORMAT = "flgpr-sealed-truth-2"
 _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
@@ -273,13 +273,10 @@ def _json_value(value: Any) -> Any:
 
 def _cipher(passphrase: str, header: Mapping[str, Any]) -> Any:
     """Return the cipher of a sealed file, whose key comes from the passphrase by scrypt."""
-    try:
-        from cryptography.hazmat.primitives.ciphers.aead import AESGCM
-        from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            'sealed truth needs the library cryptography: pip install "flgpr[seal]"'
-        ) from error
+    require_seal()
+    from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+    from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
+
     scrypt = header["scrypt"]
     salt = base64.b64decode(scrypt["salt"])
     key = Scrypt(salt=salt, length=32, n=scrypt["n"], r=8, p=1).derive(passphrase.encode())

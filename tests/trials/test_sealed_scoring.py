@@ -5,7 +5,7 @@ import json
 import pytest
 
 from flgpr.trials import content_hash, head_of, read_register
-from flgpr_trials.commands.sealed_scoring import require_seal
+from flgpr_trials.passphrase import require_seal
 from scored_blind import compare_sealed, holds_sealed_score, score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,6 +29,7 @@ from flgpr.commands.score_options import (
     Passphrase,
     Recipes,
     Sealed,
+    Show,
     Truth,
     TruthColumns,
     Unranked,
@@ -46,13 +46,6 @@ from flgpr.commands.score_request import ScoreRequest, Trial
 from flgpr.commands.score_text import answer_json, answer_lines
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 from flgpr.commands.trials import needed_trials
-
-
-class Show(StrEnum):
-    """What the scores of a sealed truth may tell."""
-
-    curve = "curve"
-    targets = "targets"
 
 
 def _lines(returned: Any, call: Arguments) -> Iterator[Any]:

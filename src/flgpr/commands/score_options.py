@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -76,6 +77,13 @@ PANELS = {
     "Register and sealed truth": ("recipe", "book", "witness", "sealed"),
 }
 """Names of options by the title of the box in which the help shows them."""
+
+
+class Show(StrEnum):
+    """What the scores of a sealed truth may tell."""
+
+    curve = "curve"
+    targets = "targets"
 
 
 def path_of_list(alarms: Any) -> Path:

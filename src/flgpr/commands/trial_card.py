@@ -134,15 +134,14 @@ def day_of_score(folder: Path, report: str, overwrite: bool) -> str:
         return today
     try:
         notes = parse_json(Folder(folder).read(report, MOST_JSON))["notes"]
-        stated = next(_stated_days(notes), today)
-        return datetime.strptime(stated, "%Y-%m-%d").date().isoformat()
+        stated = [
+            of_list["scored_on"] for of_list in notes_of_lists(notes) if "scored_on" in of_list
+        ]
+        return datetime.strptime([*stated, today][0], "%Y-%m-%d").date().isoformat()
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return today
 
 
-def _stated_days(notes: Mapping[str, Any]) -> Any:
-    """Yield the days in the notes of one alarm list, or in those of several by name."""
-    of_lists = [value for value in notes.values() if isinstance(value, dict)]
-    for entry in [notes, *of_lists]:
-        if "scored_on" in entry:
-            yield entry["scored_on"]
+def notes_of_lists(notes: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the notes of a report's one alarm list, or those of several, which stand by name."""
+    return [notes, *(value for value in notes.values() if isinstance(value, dict))]

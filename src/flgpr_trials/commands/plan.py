@@ -182,17 +182,14 @@ def register_recipe(
 CheckedRegister = tuple[list[dict[str, Any]], dict[Any, dict[str, Any]]]
 
 
-def _head(lines: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the number of lines of a register and the hash of the last."""
-    return {"lines": len(lines), "head": lines[-1]["hash"] if lines else ""}
-
-
 def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
     """Yield the lines of a register, its head, and what witnesses know of it."""
+    from flgpr_trials.ledger import head_of
+
     lines, heads = returned
     for line in lines:
         yield f"  {line['number']:4d}  {line['time']}  {json.dumps(line.get('event', ''))}"
-    last = _head(lines)["head"]
+    last = head_of(lines)["head"]
     yield f"{call.book}: {len(lines)} lines, each fits the one before; the last is {last}"
     for name, head in heads.items():
         yield f"{name} knows {head['lines']} of them"
@@ -202,8 +199,10 @@ def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
 
 def _check_json(returned: CheckedRegister, _: Arguments) -> dict[str, Any]:
     """Return the head of a register and those that reports know."""
+    from flgpr_trials.ledger import head_of
+
     lines, heads = returned
-    return _head(lines) | {"reports": {str(name): head for name, head in heads.items()}}
+    return head_of(lines) | {"reports": {str(name): head for name, head in heads.items()}}
 
 
 @command(lines=_check_lines, as_json=_check_json, quiet=False)

@@ -26,7 +26,7 @@ from flgpr.store.files import check_new, existing
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
 from flgpr_trials.commands.registering import REGISTER_COLUMN, recipe_hash
-from flgpr_trials.ledger import before_opening, content_hash, enter, read_register
+from flgpr_trials.ledger import content_hash, enter, read_register, require_unopened
 from flgpr_trials.pages import sheet_html
 from flgpr_trials.planning import emplacement_plan
 
@@ -242,9 +242,3 @@ def _crew_sheet(plan: pd.DataFrame, anchor: Anchor | None) -> pd.DataFrame:
         sheet["easting_m"] = utm[:, 0]
         sheet["northing_m"] = utm[:, 1]
     return sheet.assign(**dict.fromkeys(CREW_COLUMNS, ""))
-
-
-def require_unopened(lines: Sequence[RegisterLine], too_late: str) -> None:
-    """Raise a ValueError with a message if a truth was opened under a register."""
-    if len(before_opening(lines)) < len(lines):
-        raise ValueError(too_late)

@@ -6,7 +6,7 @@ there. See ``flgpr_trials/ledger.py`` for the file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ import pandas as pd
 
 from flgpr.commands.entrants import Entrant
 from flgpr.commands.score_request import ScoreRequest, Trial
+from flgpr.commands.trial_card import notes_of_lists
 from flgpr.commands.trials import REGISTER_COLUMN
 from flgpr.door import MOST_JSON, Folder, read_named
 from flgpr.json_text import parse_json
@@ -32,6 +33,7 @@ from flgpr_trials.ledger import (
     check_head,
     content_hash,
     enter,
+    enter_unopened,
     head_of,
     read_checked_register,
     register_paths,
@@ -97,26 +99,13 @@ def enter_recipe(
         entry["model"] = content_hash(read_model(model))
 
     earlier = before_opening(read_checked_register(register))
-    same = [line for line in earlier if _is_entry(line, entry)]
-    if same:
-        log_finished(f"recipe {recipe} in {path}", "a register only grows")
-        return same[-1]
-
-    def entry_unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
-        count = len(before_opening(lines))
-        if count < len(lines):
-            raise ValueError(
-                "recipe must be registered before the truth is opened; "
-                f"line {count + 1} is an opening"
-            )
-        return entry
-
-    return enter(register, entry_unless_opened)[-1]
-
-
-def _is_entry(line: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
-    """Return whether a line enters just this recipe and model."""
-    return all(line.get(name) == entry.get(name) for name in ("event", "recipe", "model"))
+    for line in reversed(earlier):
+        if all(line.get(name) == entry.get(name) for name in ("event", "recipe", "model")):
+            log_finished(f"recipe {recipe} in {path}", "a register only grows")
+            return line
+    opening = len(earlier) + 1
+    too_late = f"recipe must be registered before the truth is opened; line {opening} is an opening"
+    return enter_unopened(register, entry, too_late)
 
 
 def with_witness(register: PathLike, witness: PathLike | None) -> RegisterLike:
@@ -184,8 +173,9 @@ def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
     A report that states none is a ValueError.
     """
     try:
-        provenance = parse_json(_report_bytes(Path(report)))["notes"]
-        heads = list(_stated_heads(provenance, kinds))
+        notes = notes_of_lists(parse_json(_report_bytes(Path(report)))["notes"])
+        stated = [of_list.get(kind) for of_list in notes for kind in kinds]
+        heads = [head for head in stated if isinstance(head, dict)]
         is_valid = bool(heads) and all(_is_head(head) for head in heads)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         is_valid = False
@@ -195,16 +185,6 @@ def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
             f"{' or '.join(kinds)}, got {report}"
         )
     return heads
-
-
-def _stated_heads(provenance: Mapping[str, Any], kinds: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Yield the heads in the provenance of one alarm list, or in those of several by name."""
-    of_lists = [value for value in provenance.values() if isinstance(value, dict)]
-    for entry in [provenance, *of_lists]:
-        for kind in kinds:
-            head = entry.get(kind)
-            if isinstance(head, dict):
-                yield head
 
 
 def _is_head(head: Mapping[str, Any]) -> bool:

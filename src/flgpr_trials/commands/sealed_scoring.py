@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -30,15 +29,7 @@ from flgpr_trials.commands.registering import (
 )
 from flgpr_trials.ledger import content_hash
 from flgpr_trials.pages import blind_html
-
-
-def require_seal() -> None:
-    """Refuse, before anybody types a passphrase, where a library for sealing is missing."""
-    for library in ("cryptography", "zxcvbn"):
-        if importlib.util.find_spec(library) is None:
-            raise ModuleNotFoundError(
-                f"sealed truth needs the library {library}: pip install 'flgpr[seal]'"
-            )
+from flgpr_trials.passphrase import require_seal
 
 
 def score_sealed(request: ScoreRequest) -> BlindScore | SideBySide | None:

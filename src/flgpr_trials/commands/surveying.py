@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +14,12 @@ from flgpr.model.faults import faults_of
 from flgpr.store.files import existing
 from flgpr.store.outputs import write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
-from flgpr_trials.commands.planning import CREW_COLUMNS, RegisterLine, require_unopened
+from flgpr_trials.commands.planning import CREW_COLUMNS, RegisterLine
 from flgpr_trials.commands.registering import default_register
-from flgpr_trials.ledger import content_hash, enter, read_register
+from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened
 
 PathLike = str | Path
+_TEXT_COLUMNS = ("target_id", "lane", "emplaced", "remark")
 _YES = ("yes", "y", "x", "1", "true")
 _NO = ("no", "n", "0", "false")
 
@@ -73,8 +73,11 @@ def register_survey(
         raise ValueError(f"book must be given: {plan} names no register")
     lines = read_register(existing(path, "register"))
 
-    plan_line = _entered_plan(lines, content_hash(data))
-    if plan_line is None:
+    digest = content_hash(data)
+    plan_lines = [
+        line for line in lines if (line.get("event"), line.get("plan")) == ("plan", digest)
+    ]
+    if not plan_lines:
         raise ValueError(f"plan must be one that stands in {path}, unaltered, got {plan}")
     too_late = (
         f"what was emplaced must be entered before the truth is opened; {path} tells of an opening"
@@ -82,21 +85,14 @@ def register_survey(
 
     truth, offset = _read_sheet(sheet, planned, within)
     text = csv_text(truth)
-    entry = _survey_entry(plan_line, offset, len(planned) - len(truth), text)
+    entry = _survey_entry(plan_lines[-1], offset, len(planned) - len(truth), text)
 
     # The same survey may have been entered, and its truth be missing: it is written again.
     earlier = [line for line in lines if entry.items() <= line.items()]
     if not earlier:
         require_unopened(lines, too_late)
     write_new(Path(output), text)
-    if earlier:
-        return truth, earlier[-1]
-
-    def entry_unless_opened(lines_now: list[RegisterLine]) -> RegisterLine:
-        require_unopened(lines_now, too_late)
-        return entry
-
-    return truth, enter(path, entry_unless_opened)[-1]
+    return truth, earlier[-1] if earlier else enter_unopened(path, entry, too_late)
 
 
 def _survey_entry(
@@ -117,117 +113,73 @@ def _survey_entry(
     return entry
 
 
-def _entered_plan(lines: Sequence[RegisterLine], digest: str) -> RegisterLine | None:
-    """Return the last line that enters a plan of a digest."""
-    for line in reversed(lines):
-        if line.get("event") == "plan" and line.get("plan") == digest:
-            return line
-    return None
-
-
 def _read_sheet(
     sheet: PathLike, planned: pd.DataFrame, within: float
 ) -> tuple[pd.DataFrame, NDArray[np.float64]]:
-    """Read what was emplaced, and how far each target lies from its plan, m."""
+    """Read what was emplaced, and how far each target lies from its plan, m.
+
+    Targets have the positions and depths that the crew recorded.
+    """
     path = existing(sheet, "sheet")
     with faults_of(path):
-        filled_in = read_columns(path, "target_id", "lane", "emplaced", "remark")
-        truth = _emplaced_targets(planned, filled_in, within)
-    offset_x = (truth["x"] - truth.pop("planned_x")).to_numpy()
-    offset_y = (truth["y"] - truth.pop("planned_y")).to_numpy()
-    return truth, np.hypot(offset_x, offset_y)
+        recorded = _recorded_rows(read_columns(path, *_TEXT_COLUMNS), planned)
+        is_emplaced = _ticked(recorded)
+        values = {}
+        for name in ("x", "y", "depth"):
+            values[name] = _recorded_values(name, planned, recorded, within)
+        is_half = recorded["emplaced_x_m"].isna() != recorded["emplaced_y_m"].isna()
+        for target in recorded.index[is_half]:
+            raise ValueError(f"{target}: emplaced_x_m and emplaced_y_m must be filled in together")
+        truth = check_truth(planned.assign(**values)[is_emplaced].reset_index(drop=True))
+        if truth.empty:
+            raise ValueError("sheet must have a target that was emplaced, got none")
+    step = values["x"] - planned["x"], values["y"] - planned["y"]
+    return truth, np.hypot(*step).to_numpy()[is_emplaced]
 
 
-def _emplaced_targets(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.DataFrame:
-    """Return the targets that were emplaced, at the positions and depths that the crew recorded.
+def _recorded_rows(sheet: pd.DataFrame, plan: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of the sheet by the targets' names, in the order of the plan.
 
-    The columns ``planned_x`` and ``planned_y`` have the positions of the plan.
+    Each target must be there once.
     """
-    keys = _target_keys(plan, sheet)
-    recorded = _rows_in_order(sheet, keys, plan)
-    is_emplaced = _ticked(recorded, keys)
-    truth = plan.assign(planned_x=plan["x"], planned_y=plan["y"])
-    for name in ("x", "y", "depth"):
-        truth[name] = _recorded_values(name, plan, recorded, keys, within)
-
-    is_half = recorded["emplaced_x_m"].isna() != recorded["emplaced_y_m"].isna()
-    if is_half.any():
-        key = keys[int(np.flatnonzero(is_half)[0])]
-        raise ValueError(
-            f"{' '.join(key)}: emplaced_x_m and emplaced_y_m must be filled in together"
-        )
-
-    emplaced = check_truth(truth[is_emplaced].reset_index(drop=True))
-    if emplaced.empty:
-        raise ValueError("sheet must have a target that was emplaced, got none")
-    return emplaced
-
-
-def _target_keys(plan: pd.DataFrame, sheet: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Return lane and name of each target of the plan, in its order; the sheet must have them."""
-    names = _key_columns(plan)
-    missing = [name for name in (*names, *CREW_COLUMNS[:-1]) if name not in sheet]
+    keys = ["lane", "target_id"] if "lane" in plan else ["target_id"]
+    missing = [name for name in (*keys, *CREW_COLUMNS[:-1]) if name not in sheet]
     if missing:
         columns = ", ".join(map(str, sheet))
         raise ValueError(f"sheet must have the columns {', '.join(missing)}; got {columns}")
-    return _keys_of(plan, names)
-
-
-def _key_columns(plan: pd.DataFrame) -> list[str]:
-    """Return the columns that identify a target."""
-    return ["lane", "target_id"] if "lane" in plan else ["target_id"]
-
-
-def _keys_of(table: pd.DataFrame, names: list[str]) -> list[tuple[str, ...]]:
-    """Return the values of key columns as texts, row by row."""
-    return [tuple(map(str, row)) for row in table[names].to_numpy()]
-
-
-def _rows_in_order(
-    sheet: pd.DataFrame, keys: Sequence[tuple[str, ...]], plan: pd.DataFrame
-) -> pd.DataFrame:
-    """Return the rows of the sheet in the order of the plan; each target must be there once."""
-    sheet_keys = _keys_of(sheet, _key_columns(plan))
-    if sorted(sheet_keys) != sorted(keys):
-        differing = sorted({*sheet_keys} ^ {*keys})
-        difference = " ".join(differing[0]) if differing else "one of them twice"
+    names, planned_names = (
+        [" ".join(map(str, row)) for row in table[keys].to_numpy()] for table in (sheet, plan)
+    )
+    if sorted(names) != sorted(planned_names):
+        differing = sorted({*names} ^ {*planned_names})
         raise ValueError(
             "sheet must have each target of the plan once and no other, "
-            f"got a difference in {difference}"
+            f"got a difference in {differing[0] if differing else 'one of them twice'}"
         )
-    order = [sheet_keys.index(key) for key in keys]
-    return sheet.iloc[order].reset_index(drop=True)
+    return sheet.set_axis(names).loc[planned_names]
 
 
-def _ticked(recorded: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> NDArray[np.bool_]:
+def _ticked(recorded: pd.DataFrame) -> NDArray[np.bool_]:
     """Return by target whether it was emplaced; the crew must say yes or no."""
     # A spreadsheet turns a tick of 1 into 1.0.
     ticks = recorded["emplaced"].fillna("").astype(str).str.strip().str.lower()
     ticks = ticks.str.removesuffix(".0")
-    for key, tick in zip(keys, ticks, strict=True):
-        if tick not in (*_YES, *_NO):
-            raise ValueError(f"{' '.join(key)}: emplaced must be yes or no, got {tick!r}")
+    for target, tick in ticks[~ticks.isin((*_YES, *_NO))].items():
+        raise ValueError(f"{target}: emplaced must be yes or no, got {tick!r}")
     return ticks.isin(_YES).to_numpy()
 
 
 def _recorded_values(
-    name: str,
-    plan: pd.DataFrame,
-    recorded: pd.DataFrame,
-    keys: Sequence[tuple[str, ...]],
-    within: float,
+    name: str, plan: pd.DataFrame, recorded: pd.DataFrame, within: float
 ) -> NDArray[np.float64]:
     """Return a coordinate of all targets, m: the crew's to a millimetre, or the planned one."""
     cells = recorded[f"emplaced_{name}_m"]
-    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
-
-    is_empty = cells.isna().to_numpy()
-    difference = np.abs(values - plan[name].fillna(0.0).to_numpy())
-    is_off = ~is_empty & ~(difference <= within)
-    if is_off.any():
-        row = int(np.flatnonzero(is_off)[0])
+    planned = plan[name].set_axis(cells.index)
+    values = pd.to_numeric(cells, errors="coerce")
+    is_off = cells.notna() & ~((values - planned.fillna(0.0)).abs() <= within)
+    for target in cells.index[is_off]:
         raise ValueError(
-            f"{' '.join(keys[row])}: emplaced_{name}_m must be within {within:g} m of the planned "
-            f"{plan[name].iloc[row]:g} m, got {cells.iloc[row]}"
+            f"{target}: emplaced_{name}_m must be within {within:g} m of the planned "
+            f"{planned[target]:g} m, got {cells[target]}"
         )
-    return np.where(is_empty, plan[name], values.round(3))
+    return np.where(cells.isna(), planned, values.to_numpy(dtype=np.float64).round(3))
