@@ -138,7 +138,7 @@ ITEMS = (
         "local personnel, their training and experience; what people contribute to the result",
         ("CWA 14747-1",),
         "no",
-        "the test team adds them; flgpr score --agreement compares analysts",
+        "the test team adds them; flgpr agree compares analysts",
     ),
     Item(
         "Repetition",
