@@ -20,11 +20,11 @@ from flgpr.scoring.curve import operating_row
 from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.matching import Match, match
 from flgpr_trials.ledger import (
-    OPENED,
     RegisterLike,
     WitnessedRegister,
     alarm_hash,
     enter,
+    enter_opening,
     head_of,
     read_checked_register,
     read_register,
@@ -307,13 +307,12 @@ def match_blind(
     heads = {"log": head_of(lines)}
     if registered is not None:
         opening = {
-            "event": OPENED,
             "recipe": registered.recipe,
             "alarms": entry["alarms"],
             "sealed": opened.identity,
             "look": looks[-1]["hash"],
         }
-        heads["register"] = head_of(enter(registered.register, lambda _: opening))
+        heads["register"] = enter_opening(registered.register, opening)
     return BlindLook(matched, truth, opened.rules, looks, line, heads)
 
 

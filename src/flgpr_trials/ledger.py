@@ -357,6 +357,11 @@ def enter_unopened(path: RegisterLike, entry: Mapping[str, Any], too_late: str) 
     return enter(path, make_entry)[-1]
 
 
+def enter_opening(path: RegisterLike, opening: Mapping[str, Any]) -> dict[str, Any]:
+    """Enter a look at a truth into a register; return the head of the register."""
+    return head_of(enter(path, lambda _: {"event": OPENED, **opening}))
+
+
 def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:
     """Read a register, which must hold every line that its witness saw of it.
 

@@ -138,7 +138,7 @@ def comparison_lines(comparison: SideBySide) -> Iterator[str]:
         yield f"at most {far:g} false alarms per m²"
         for row in points.to_dict("records"):
             by_chance = "not known" if math.isnan(row["chance"]) else f"{row['chance']:.2f}"
-            point = _POINT.format(by_chance=by_chance, **row)
+            point = _POINT.format_map({**row, "by_chance": by_chance})
             yield f"  {row['detector']:{width}}  {point}"
         pairs = comparison.pairs[comparison.pairs["far_allowed"] == far]
         for row in pairs.to_dict("records"):

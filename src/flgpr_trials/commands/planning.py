@@ -14,6 +14,7 @@ import pandas as pd
 
 from flgpr.commands.exports import Wish, write_export
 from flgpr.commands.scoring import borders, read_lanes
+from flgpr.commands.trials import REGISTER_COLUMN
 from flgpr.door import read_named
 from flgpr.geo import read_anchor
 from flgpr.geo.anchor import Anchor
@@ -25,7 +26,7 @@ from flgpr.store.extras import optional
 from flgpr.store.files import check_new, existing
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
-from flgpr_trials.commands.registering import REGISTER_COLUMN, recipe_hash
+from flgpr_trials.commands.registering import recipe_hash
 from flgpr_trials.ledger import content_hash, enter, read_register, require_unopened
 from flgpr_trials.pages import sheet_html
 from flgpr_trials.planning import emplacement_plan

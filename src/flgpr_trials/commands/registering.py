@@ -26,15 +26,13 @@ from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_table
 from flgpr_trials.blind import Registration
 from flgpr_trials.ledger import (
-    OPENED,
     RegisterLike,
     WitnessedRegister,
     before_opening,
     check_head,
     content_hash,
-    enter,
+    enter_opening,
     enter_unopened,
-    head_of,
     read_checked_register,
     register_paths,
     require_registered,
@@ -274,12 +272,11 @@ def open_registered_truth(
     if register is not None:
         for of_list in provenance:
             opening = {
-                "event": OPENED,
                 "recipe": of_list["recipe_sha256"],
                 "alarms": of_list["alarms_sha256"],
                 "truth": digest,
             }
-            of_list["register"] = head_of(enter(register, lambda _, opening=opening: opening))
+            of_list["register"] = enter_opening(register, opening)
     return targets, provenance
 
 
