@@ -172,6 +172,9 @@ shown = CliRunner().invoke(app, ["--help"])
 assert shown.exit_code == 0 and "benchmark" not in shown.output, shown.output
 import flgpr.proving_ground
 assert flgpr.proving_ground.__all__ == []
+import flgpr.trials
+assert flgpr.trials.__all__ == ["figure_bytes", "patch_figure", "roc_figure"]
+assert "Plan a test" not in shown.output
 assert "MultipleKernelClassifier" not in flgpr.detect.__all__
 from flgpr.method.method import detect
 from flgpr.recipe.fit import area_of

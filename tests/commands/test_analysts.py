@@ -82,3 +82,10 @@ def test_what_are_no_verdicts_is_refused_in_a_line(analysts, tmp_path):
         ran = CliRunner().invoke(app, ["score", "--agreement", *map(str, arguments)])
         assert (ran.exit_code, ran.output.count("\n")) == (2, 1), ran.output
         assert words in ran.output
+
+
+def test_the_verb_and_the_earlier_spelling_print_the_same(analysts):
+    now = CliRunner().invoke(app, ["agree", *map(str, analysts)])
+    before = CliRunner().invoke(app, ["score", "--agreement", *map(str, analysts)])
+    assert (now.exit_code, now.stdout) == (0, before.stdout)
+    assert before.stderr == "`flgpr score --agreement` is `flgpr agree` now\n"

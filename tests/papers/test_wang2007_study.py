@@ -15,11 +15,12 @@ from flgpr.model import Lane
 from flgpr.progress import silent
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.scoring import pd_mean, roc_of
-from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
+from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_bundle
 from flgpr_papers.kit.cache import store_lane
 from flgpr_papers.kit.findings import NO_VERDICT
+from flgpr_papers.kit.rescoring import Draw, Rescorer
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 from flgpr_papers.wang2007 import lanes, study

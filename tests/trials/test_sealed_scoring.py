@@ -3,7 +3,9 @@
 import json
 
 import pytest
+from typer.testing import CliRunner
 
+from flgpr.commands.app import app
 from flgpr.trials import content_hash, head_of, read_register
 from flgpr_trials.passphrase import require_seal
 from scored_blind import compare_sealed, holds_sealed_score, score_sealed, seal_truth_file
@@ -80,3 +82,25 @@ def test_a_library_that_is_missing_is_told_before_a_passphrase_is_typed(monkeypa
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zxcvbn" else name)
     with pytest.raises(ModuleNotFoundError, match=r"library zxcvbn: pip install 'flgpr\[seal\]'"):
         require_seal()
+
+
+def test_the_verb_seals_and_compares(scoring_files):
+    pytest.importorskip("cryptography")
+    truth, lane, sealed = (str(scoring_files / name) for name in ("truth.csv", "lane.toml", "s"))
+    told = CliRunner().invoke(
+        app, ["seal", truth, "--lane", lane, "-o", sealed], input=f"{PHRASE}\n{PHRASE}\n"
+    )
+    assert told.exit_code == 0, told.output
+    assert told.stdout == f"wrote {sealed}\n"
+    assert "now" not in told.stderr.splitlines()[-1]
+    other = scoring_files / "other.csv"
+    other.write_text("x,y,confidence\n0,10,1\n1,30,2\n")
+    lists = [str(scoring_files / "alarms.csv"), str(other)]
+    output = ["-o", str(scoring_files / "both")]
+    told = CliRunner().invoke(
+        app, ["compare", *lists, "--sealed", sealed, *output], input=f"{PHRASE}\n"
+    )
+    assert told.exit_code == 0, told.output
+    assert len(read_register(f"{sealed}.log.jsonl")) == 2
+    refused = CliRunner().invoke(app, ["compare", *lists, "--sealed", sealed, "--halo", "1"])
+    assert "the truth was sealed with, got --halo" in refused.stderr

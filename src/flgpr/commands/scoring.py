@@ -58,10 +58,6 @@ class Lists:
     rules: Rules
     result: Result | None = None  #: that is scored by the rules of its recipe
 
-    def borders(self) -> dict[str, dict[str, float]]:
-        """Return the borders of each lane, m, by name, as registers hold them."""
-        return borders(self.lanes)
-
 
 @dataclass(frozen=True)
 class OpenedTruth:
@@ -322,7 +318,7 @@ def open_truth(request: ScoreRequest, lists: Lists) -> OpenedTruth:
         targets, notes = _open_without_register(request, lists.entrants)
     else:
         entered = {"halo": rules.halo, "far": rules.far}
-        targets, notes = package.open_truth(request, lists.entrants, lists.borders(), entered)
+        targets, notes = package.open_truth(request, lists.entrants, borders(lists.lanes), entered)
 
     name = request.truth.name
     tell_doubts(targets, "truth", name, lists.lanes)
@@ -347,7 +343,7 @@ def _open_without_register(
     data = read_named(existing(request.truth, "truth file"))
     targets = parse_table(data, "truth", request.truth, request.truth_reading)
     if REGISTER_COLUMN in targets.columns:
-        needed_trials(f"{request.truth}, which names a register,")
+        needed_trials(f"{request.truth}, which names a register")
     digest = {"truth_sha256": sha256(data)}
     return targets, [entrant.digests() | digest for entrant in entrants]
 

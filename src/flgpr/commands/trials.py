@@ -78,5 +78,5 @@ def needed_trials(what: str) -> Trials:
     """Return the package of trials; where it is missing, what needs it is a ValueError."""
     package = installed_trials()
     if package is None:
-        raise ValueError(f"{what} needs the package flgpr_trials, which is not installed")
+        raise ValueError(f"the package flgpr_trials is needed for {what}, and is not installed")
     return package

@@ -17,10 +17,11 @@ from flgpr.features import FEATURES
 from flgpr.method.classifier import count_mines, duplication, label_lanes
 from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
-from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
+from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import select_targets
 from flgpr.screen import prescreen
+from flgpr_papers.kit.rescoring import Draw, Rescorer
 
 
 def _is_no_simulant(kind: Any) -> Any:

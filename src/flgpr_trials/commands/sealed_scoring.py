@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -182,8 +182,10 @@ def holds_sealed_score(request: ScoreRequest, entrants: Sequence[Entrant]) -> bo
         expected.append((content_hash(entrant.data), sealed, recipe))
     try:
         report = parse_json(Folder(request.output).read(file.name, MOST_JSON))
-        stated = sorted(_stated_digests(report["notes"], is_comparison))
-        is_same = stated == sorted(expected) and report["flgpr"] == flgpr.__version__
+        of_lists = report["notes"].values() if is_comparison else [report["notes"]]
+        names = ("alarms_sha256", "sealed_sha256", "recipe_sha256")
+        stated = [tuple(of_list.get(name, "") for name in names) for of_list in of_lists]
+        is_same = sorted(stated) == sorted(expected) and report["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
         is_same = False
 
@@ -191,12 +193,3 @@ def holds_sealed_score(request: ScoreRequest, entrants: Sequence[Entrant]) -> bo
         raise output_exists_error(file, f"{OVERWRITE}, or choose another output")
     log_finished(request.output, f"{OVERWRITE}, which is another look")
     return True
-
-
-def _stated_digests(
-    provenance: Mapping[str, Any], is_comparison: bool
-) -> Iterator[tuple[str, ...]]:
-    """Yield the digests of list, sealed truth and recipe that a report states of each list."""
-    of_lists = list(provenance.values()) if is_comparison else [provenance]
-    for entry in of_lists:
-        yield entry["alarms_sha256"], entry["sealed_sha256"], entry.get("recipe_sha256", "")
