@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 import unicodedata
 from typing import Annotated, Literal
 
@@ -63,6 +64,15 @@ class Cost(Table):
     #: seconds of all trainings
     training_seconds: Annotated[NotNegative | None, Largest(MOST_SECONDS)] = None
     peak_mib: Annotated[NotNegative | None, Largest(MOST_MIB)] = None  #: largest process, MiB
+
+    def declared(self) -> dict[str, float]:
+        """Return the columns of the table of costs; NaN for what is not declared."""
+        seconds, peak_mib = self.training_seconds, self.peak_mib
+        return {
+            "seconds_per_km": self.seconds_per_km,
+            "training_seconds": math.nan if seconds is None else seconds,
+            "peak_bytes": math.nan if peak_mib is None else peak_mib * 2**20,
+        }
 
 
 class Card(Table):

@@ -21,7 +21,6 @@ from flgpr_ground.running import ALARMS, begin_folder, read_ground, seal_tested,
 from flgpr_ground.submission import (
     Submission,
     check_submission,
-    in_tier,
 )
 from flgpr_ground.table import write_score_tables
 
@@ -160,7 +159,7 @@ def _by_tier(submission: Submission, ground: Ground) -> Iterator[tuple[Ground, s
         for split, alarms in submission.alarms.items():
             tested = {lane.name for lane in tier.tested(split)}
             if tested & set(submission.lanes[split]):
-                yield tier, split, in_tier(alarms, tier)
+                yield tier, split, tier.alarms_in_tier(alarms)
 
 
 def _digests(submission: Submission, ground: Ground) -> Iterator[tuple[str, str]]:

@@ -289,6 +289,12 @@ class Ground:
         """All lanes by name."""
         return {lane.name: lane for lane in self._make_lanes()}
 
+    def alarms_in_tier(self, alarms: pd.DataFrame) -> pd.DataFrame:
+        """Return the alarms, by their column ``lane``, in the lanes of the tier; without one all."""
+        if not self.tier:
+            return alarms
+        return alarms[alarms["lane"].isin(self.lanes)].reset_index(drop=True)
+
     @property
     def stored_lane_count(self) -> int:
         """How many of its lanes are run stores that were there already."""

@@ -50,6 +50,15 @@ def read_ground(folder: Path) -> Ground:
     return load_ground(quick, folder / "ground.toml")
 
 
+def common_ground(folders: Sequence[Path]) -> Ground:
+    """Read the ground that all folders are of; several are a ValueError."""
+    grounds = [read_ground(folder) for folder in folders]
+    if any(ground != grounds[0] for ground in grounds):
+        titles = ", ".join(ground.title for ground in grounds)
+        raise ValueError(f"folders must all be of one ground, got {titles}")
+    return grounds[0]
+
+
 def passphrase(ground: Ground) -> str:
     """Return the passphrase of the sealed truth.
 
@@ -356,14 +365,8 @@ def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
                 f"{split}.csv must name the lanes of {split} in the column lane: "
                 f"{', '.join(sorted(lanes_of_split))}"
             )
-    if not ground.tier:
-        return tables
-    of_tier = {}
-    for split, table in tables.items():
-        in_tier = table[table["lane"].isin(ground.lanes)]
-        if len(in_tier):
-            of_tier[split] = in_tier.reset_index(drop=True)
-    return of_tier
+    in_tier = {split: ground.alarms_in_tier(table) for split, table in tables.items()}
+    return {split: table for split, table in in_tier.items() if len(table) or not ground.tier}
 
 
 def made_of(entry: Entry) -> str:
