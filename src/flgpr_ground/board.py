@@ -78,10 +78,8 @@ class Board:
         """Entries that are shown without a rank, with the reason."""
         reasons = {}
         for name, card in self.cards.items():
-            if card.test_truth_seen:
-                reasons[name] = "its card says that test truth was seen"
-            elif card.test_lanes_seen:
-                reasons[name] = "its card says that test lanes were seen"
+            if card.why_not_ranked:
+                reasons[name] = card.why_not_ranked
         for name, (_, title) in ORACLES.items():
             reasons[name] = f"no detector: {title}"
         return reasons

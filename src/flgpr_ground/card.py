@@ -121,9 +121,11 @@ class Card(Table):
         return parameters
 
     @property
-    def is_blind(self) -> bool:
-        """Whether it declares that test lanes and their truth were not seen; only then it ranks."""
-        return not (self.test_lanes_seen or self.test_truth_seen)
+    def why_not_ranked(self) -> str:
+        """Why it has no rank; empty if it declares that test lanes and their truth were not seen."""
+        if self.test_truth_seen:
+            return "its card says that test truth was seen"
+        return "its card says that test lanes were seen" if self.test_lanes_seen else ""
 
 
 def parse_card(data: bytes) -> tuple[Card | None, list[str]]:

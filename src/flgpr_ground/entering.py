@@ -15,7 +15,7 @@ from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
 from flgpr.trials import alarm_hash
 from flgpr_ground.card import CARD, RECORD, entered_card
 from flgpr_ground.entries import Entry
-from flgpr_ground.ground import Ground
+from flgpr_ground.ground import Ground, in_tier
 from flgpr_ground.leaderboard import refuse_other_page, write_leaderboard
 from flgpr_ground.running import ALARMS, begin_folder, read_ground, seal_tested, write_about
 from flgpr_ground.submission import (
@@ -159,7 +159,7 @@ def _by_tier(submission: Submission, ground: Ground) -> Iterator[tuple[Ground, s
         for split, alarms in submission.alarms.items():
             tested = {lane.name for lane in tier.tested(split)}
             if tested & set(submission.lanes[split]):
-                yield tier, split, tier.alarms_in_tier(alarms)
+                yield tier, split, in_tier(alarms, tier)
 
 
 def _digests(submission: Submission, ground: Ground) -> Iterator[tuple[str, str]]:

@@ -30,7 +30,7 @@ from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import seal_truth
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
-from flgpr_ground.ground import Ground, GroundLane, load_ground
+from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
 
 SEALED = "truth.sealed.json"
 PRINTS = "fingerprints.csv"
@@ -365,8 +365,8 @@ def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
                 f"{split}.csv must name the lanes of {split} in the column lane: "
                 f"{', '.join(sorted(lanes_of_split))}"
             )
-    in_tier = {split: ground.alarms_in_tier(table) for split, table in tables.items()}
-    return {split: table for split, table in in_tier.items() if len(table) or not ground.tier}
+    of_tier = {split: in_tier(table, ground) for split, table in tables.items()}
+    return {split: table for split, table in of_tier.items() if len(table) or not ground.tier}
 
 
 def made_of(entry: Entry) -> str:

@@ -192,9 +192,9 @@ def _rows(
     level = chance(matched)
     groups = _groups(ground, split, matched.truth)
     mines = groups[MINES]
-    for group, rows in groups.items():
+    for group, of_group in groups.items():
         paired = reference if group == MINES else None
-        yield from _points(ground, group, matched, level, rows.to_numpy(), paired)
+        yield from _points(ground, group, matched, level, of_group.to_numpy(), paired)
 
     site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
     site_of_target = matched.truth["lane"].map(site_of_lane)
