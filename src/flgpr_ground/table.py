@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
 from flgpr.report import render
@@ -481,80 +480,45 @@ def _page(
     ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
 ) -> str:
     """Return the page of all tiers."""
+    opening = {}
+    if ground.table.tiers:
+        opening["wide"] = tiers_figure(ground, scores)
+        opening["narrow"] = tiers_figure(ground, scores, narrow=True)
     tiers = []
     for tier in ground.chosen_tiers():
         tier_scores = of_tier(scores, tier)
-        if len(tier_scores):
-            tiers.append((tier, list(_page_splits(tier, tier_scores))))
-    heads = ["entry"]
-    heads += [f"Pd at {far:g} per m²" for far in ground.table.fars]
-    heads.append(f"against {ground.table.reference}")
-    cost_heads = ["entry"]
-    if ground.table.tiers:
-        cost_heads.append("tier")
-    cost_heads += [">processor seconds per km", ">training, s", ">largest process, MiB"]
+        splits = []
+        for split in ground.table.splits:
+            if (tier_scores["split"] == split).any():
+                figure = split_figure(tier, tier_scores, split)
+                splits.append((split, figure, _scores_of_entries(tier, tier_scores, split)))
+        if splits:
+            tiers.append((tier, splits))
     return render(
         "benchmark.html",
         package="flgpr_ground",
         ground=ground,
-        opening=_opening(ground, scores),
+        opening=opening,
         opening_split=opening_split(ground),
         tiers=tiers,
-        heads=heads,
         titles=titles,
-        cost_heads=cost_heads,
-        costs=[_cost_cells(cost) for cost in costs.to_dict("records")],
+        costs=costs.to_dict("records"),
+        pd_in_words=pd_in_words,
+        paired_in_words=paired_in_words,
     )
 
 
-def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
-    """Return the figure that opens the page of a ground with tiers, for wide and narrow screens."""
-    if not ground.table.tiers:
-        return {}
-    return {
-        "wide": tiers_figure(ground, scores),
-        "narrow": tiers_figure(ground, scores, narrow=True),
-    }
-
-
-def _cost_cells(cost: Mapping[Any, Any]) -> list[str]:
-    """Return a row of the table of costs."""
-    cells = [cost["entry"]]
-    if "tier" in cost:
-        cells.append(cost["tier"])
-    for name in ("seconds_per_km", "training_seconds"):
-        cells.append(f"{cost[name]:.0f}")
-    cells.append(f"{cost['peak_bytes'] / 2**20:.0f}")
-    return cells
-
-
-def _page_splits(
-    ground: Ground, scores: pd.DataFrame
-) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
-    """Yield name, title, figure and rows of the table of every split that was run."""
-    for split, row in ground.table.splits.items():
-        if (scores["split"] == split).any():
-            figure = split_figure(ground, scores, split)
-            yield split, row.title, figure, list(_page_rows(ground, scores, split))
-
-
-def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table of a split, the largest Pd at the FAR of comparison first."""
+def _scores_of_entries(
+    ground: Ground, scores: pd.DataFrame, split: str
+) -> dict[str, dict[float, dict[Any, Any]]]:
+    """Return the scores of all mines by entry and FAR, the largest Pd at that of comparison first."""
     mines = scores[(scores["split"] == split) & (scores["group"] == MINES)]
     compared = mines[mines["far_allowed"] == ground.table.far]
     ranked = compared.sort_values("pd", ascending=False, kind="stable")
-    order = list(ranked["entry"])
-    mines = mines.set_index("entry", drop=False).loc[order].rename_axis(None)
-    for entry, rows in mines.groupby("entry", sort=False):
-        by_far = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        cells = [str(entry)]
-        for far in ground.table.fars:
-            cells.append(pd_in_words(by_far[far]))
-        if entry == ground.table.reference:
-            cells.append("reference")
-        else:
-            cells.append(paired_in_words(by_far[ground.table.far]))
-        yield tuple(cells)
+    by_entry: dict[str, dict[float, dict[Any, Any]]] = {str(name): {} for name in ranked["entry"]}
+    for row in mines.to_dict("records"):
+        by_entry[str(row["entry"])][row["far_allowed"]] = row
+    return by_entry
 
 
 def listing(

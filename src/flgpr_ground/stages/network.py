@@ -17,8 +17,8 @@ from flgpr.engine import Arrays
 from flgpr.features import cut_regions
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
-from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
-from flgpr_ground.stages.run_views import check_images, maxima_in_lane
+from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
 _BATCH = 256  # chips that are scored at once

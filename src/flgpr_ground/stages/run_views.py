@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from flgpr.screen import local_maxima
 from flgpr.stages import FloatArray, TrainingView
+from flgpr.stages.too_few import Change
 
 
 def maxima_in_lane(lane: TrainingView, level: FloatArray, radius: float) -> FloatArray:
@@ -29,3 +33,14 @@ def check_images(view: xr.DataArray, learnt_images: int) -> None:
             f"model must have been trained on run-views of {images} images, as this one, "
             f"got {learnt_images}"
         )
+
+
+def kinds_change(settings: Any, views: Sequence[TrainingView]) -> list[Change]:
+    """Return the change to the kinds of targets that the truth holds.
+
+    None where a stage learns from all of them already.
+    """
+    kinds = sorted(set(pd.concat([lane.truth["kind"] for lane in views])))
+    if not set(kinds) - set(settings.kinds):
+        return []
+    return [Change("kinds", kinds, list(settings.kinds))]
