@@ -26,7 +26,7 @@ endef
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo benchmark quick test test-slow test-full lint docs robustness oldest newest wheel-check sbom clean
+.PHONY: demo benchmark bench quick test test-slow test-full lint docs robustness oldest newest wheel-check sbom clean
 
 # Opens the report in the browser where there is a display.
 demo: $(VENV)/.core
@@ -35,6 +35,10 @@ demo: $(VENV)/.core
 # Detectors side by side on the quick form of the proving ground, both tiers: some five minutes.
 benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
+
+# The imaging operator beside the machine's limits; ARGS=--peers: and beside other codes.
+bench: $(VENV)/.bench
+	$(BIN)/python benchmarks/imaging_speed $(ARGS)
 
 quick: $(VENV)/.test
 	$(call beside_the_checks,$(PYTEST) -q -m "not slow" $(addprefix tests/,$(QUICK)))
@@ -54,7 +58,7 @@ lint: $(VENV)/.test
 # Tests of what docs/evidence/robustness.md promises.
 ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
     commands/test_implausible_poses.py ground/test_scorers.py \
-    formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
+    exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
     store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
@@ -72,7 +76,7 @@ VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method reci
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.
 NOT_VERSIONS := method/test_goldens.py recipe/test_recipe_for_run.py recipe/test_recipe_like.py \
-    formats/test_fuzz_exchange.py formats/test_gpr_notes_property.py formats/test_notes_property.py \
+    exchange/test_fuzz_exchange.py exchange/test_gpr_notes_property.py formats/test_notes_property.py \
     live/test_live_fuzz.py live/test_live_machines.py live/test_live_positions.py live/test_senders.py \
     scoring/test_bootstrap.py scoring/test_boxes.py scoring/test_chance_level.py scoring/test_comparison.py \
     scoring/test_lane_roc.py store/test_store_machines.py trials/test_planning.py
@@ -143,6 +147,10 @@ $(VENV)/.test: $(VENV)/bin/python pyproject.toml constraints.txt
 
 $(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[benchmark]'
+	touch $@
+
+$(VENV)/.bench: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e '.[bench]'
 	touch $@
 
 $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt

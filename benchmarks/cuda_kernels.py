@@ -5,7 +5,7 @@
 
 Registers, spills and shared memory are those that ``ptxas`` reports, instructions those of the
 machine code's loop over the pairs (``nvdisasm``), cache lines per load those of the benchmark's
-scan (``flgpr bench imaging``). An update is one pixel, pair and image. The rates are bounds of
+scan (``make bench``). An update is one pixel, pair and image. The rates are bounds of
 single units at the boost clock, calculated, not measured:
 
 - issue: four instructions a clock and multiprocessor, of 32 threads each;
@@ -37,10 +37,10 @@ from cuda.pathfinder import find_nvidia_binary_utility
 from numba import types
 from numba.cuda import compile_ptx
 
-from flgpr.commands.imaging_cases import SUBBANDS, sri_scan
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging.cuda import _groups
 from flgpr.kernels import gpu
+from imaging_speed.cases import SUBBANDS, sri_scan
 
 # name, compute capability, multiprocessors, boost clock (GHz), fp32 lanes and most threads of each
 CARDS = (

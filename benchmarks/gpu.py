@@ -2,7 +2,7 @@
 
     python benchmarks/gpu.py [-o gpu.json] [--rounds 7] [--scans 60]
 
-1. The imaging sums: ``flgpr bench imaging --device cuda --peers`` (15 images and one channel,
+1. The imaging sums: ``python benchmarks/imaging_speed --device cuda --peers`` (15 images and one channel,
   single scans and batches,
    from host to host, on the device and the interpolation alone; cuFINUFFT where it is installed;
    errors).
@@ -24,12 +24,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from flgpr.commands.imaging_speed import bench_imaging, format_bench
 from flgpr.imaging import ImagingOperator
 from flgpr.method.method import detect
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, write_whole
+from imaging_speed.speed import bench_imaging, format_bench
 from suite.data import STEP, write_noise_run
 
 TESTS = Path(__file__).parents[1] / "tests/imaging/cuda_simulated.py"

@@ -175,6 +175,16 @@ def far_at(far: np.ndarray, level: float) -> float:
     return float(ordered[math.ceil(level * len(ordered)) - 1])
 
 
+def groups_of(table: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Yield tier, group and its mines, for all groups that a tier has."""
+    for tier, of_tier in table.groupby("tier", sort=False):
+        for group in GROUPS:
+            kind = of_tier["kind"]
+            mines = of_tier[kind != "simulant" if group == "mines" else kind == group]
+            if len(mines):
+                yield tier, group, mines
+
+
 def summary(table: pd.DataFrame) -> pd.DataFrame:
     """Return false alarms at a Pd and mines found at a rate, with intervals, by tier and kind.
 
@@ -184,28 +194,22 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     rng = np.random.default_rng(51)
     columns = [name for name in (*RUNGS, *ENTRIES) if name in table]
-    for tier, of_tier in table.groupby("tier", sort=False):
-        for group in GROUPS:
-            mines = of_tier[of_tier["kind"] != "simulant"]
-            if group != "mines":
-                mines = mines[mines["kind"] == group]
-            if not len(mines):
-                continue
-            samples = rng.integers(0, len(mines), (2000, len(mines)))
-            for column in columns:
-                if mines[column].isna().any():
-                    continue  # not computed at all sites of the tier
-                far = mines[column].to_numpy()
-                row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
-                for level in LEVELS:
-                    drawn = np.sort([far_at(far[sample], level) for sample in samples])
-                    row[f"far_at_{level:g}"] = far_at(far, level)
-                    row[f"low_{level:g}"] = drawn[49]
-                    row[f"high_{level:g}"] = drawn[1949]
-                found = int((far <= FAR).sum())
-                low, high = clopper_pearson(found, len(far))
-                row |= {"found": found, "pd": found / len(far), "pd_low": low, "pd_high": high}
-                rows.append(row)
+    for tier, group, mines in groups_of(table):
+        samples = rng.integers(0, len(mines), (2000, len(mines)))
+        for column in columns:
+            if mines[column].isna().any():
+                continue  # not computed at all sites of the tier
+            far = mines[column].to_numpy()
+            row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
+            for level in LEVELS:
+                drawn = np.sort([far_at(far[sample], level) for sample in samples])
+                row[f"far_at_{level:g}"] = far_at(far, level)
+                row[f"low_{level:g}"] = drawn[49]
+                row[f"high_{level:g}"] = drawn[1949]
+            found = int((far <= FAR).sum())
+            low, high = clopper_pearson(found, len(far))
+            row |= {"found": found, "pd": found / len(far), "pd_low": low, "pd_high": high}
+            rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -218,27 +222,21 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     columns = [name for name in RUNGS if name in table and name != "oracle"]
-    for tier, of_tier in table.groupby("tier", sort=False):
-        for group in GROUPS:
-            mines = of_tier[of_tier["kind"] != "simulant"]
-            if group != "mines":
-                mines = mines[mines["kind"] == group]
-            if not len(mines):
-                continue
-            by_oracle = mines["oracle"] <= FAR
-            for column in columns:
-                if mines[column].isna().any():
-                    continue  # not computed at all sites of the tier
-                by_rung = mines[column] <= FAR
-                lost = int((by_oracle & ~by_rung).sum())
-                gained = int((by_rung & ~by_oracle).sum())
-                row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
-                row |= {"oracle": int(by_oracle.sum()), "lost": lost, "gained": gained}
-                row["p"] = mcnemar_test(lost, gained)
-                low, high = math.nan, math.nan
-                if by_oracle.any():
-                    low, high = clopper_pearson(lost, int(by_oracle.sum()))
-                rows.append(row | {"share_low": low, "share_high": high})
+    for tier, group, mines in groups_of(table):
+        by_oracle = mines["oracle"] <= FAR
+        for column in columns:
+            if mines[column].isna().any():
+                continue  # not computed at all sites of the tier
+            by_rung = mines[column] <= FAR
+            lost = int((by_oracle & ~by_rung).sum())
+            gained = int((by_rung & ~by_oracle).sum())
+            row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
+            row |= {"oracle": int(by_oracle.sum()), "lost": lost, "gained": gained}
+            row["p"] = mcnemar_test(lost, gained)
+            low, high = math.nan, math.nan
+            if by_oracle.any():
+                low, high = clopper_pearson(lost, int(by_oracle.sum()))
+            rows.append(row | {"share_low": low, "share_high": high})
     return pd.DataFrame(rows)
 
 

@@ -29,7 +29,7 @@ Signatures are scaled to the energy of the mine's own echo in whitened clutter, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -117,25 +117,8 @@ def candidate_scene(scene: Scene, mine, candidate: Candidate) -> Scene:
 
 def candidate_echoes(setup, lane: GroundLane, mine, point: np.ndarray) -> np.ndarray:
     """Return the echoes (look, candidate, value) of all candidates in the looks at a mine."""
-    cleaned = setup.cleaned
-    grid = cleaned.grid
-    simulators = []
-    for candidate in candidates():
-        scene = candidate_scene(lane.scene, mine, candidate)
-        simulators.append(Simulator(scene, lane.sensor, lane.seed))
-    looks = []
-    for index, scan in enumerate(cleaned.imager.scans.tolist()):
-        numbers, places = places_in_sight(setup, point[None], setup.setup.pose(index))
-        if not len(numbers):
-            continue
-        level = cleaned.gains[index][..., None, None] * cleaned.background.gain
-        level = chips_at(level, grid, places)[0]
-        pixels = chips_at(np.moveaxis(grid.points(), 2, 0)[None], grid, places)
-        pixels = pixels.reshape(3, -1).T
-        operator = cleaned.imager.operator_on(scan, pixels, cleaned.imager.subbands)
-        signals = np.stack([simulator.bodies(scan) for simulator in simulators])
-        looks.append(operator.adjoint(signals).reshape(len(simulators), -1) / level)
-    return np.array(looks)
+    scenes = [candidate_scene(lane.scene, mine, candidate) for candidate in candidates()]
+    return echoes_at(setup, lane, scenes, point[None])
 
 
 # Signatures of the lane's own bodies, of which one thing is hidden
@@ -187,29 +170,33 @@ def hidden_echoes(
     setup, lane: GroundLane, mines: pd.DataFrame, hidden: tuple[str, ...] = HIDDEN
 ) -> np.ndarray:
     """Return the echoes (look, hidden, value) at the mines of a lane, in the order of `looks_at_mines`."""
-    cleaned = setup.cleaned
-    grid = cleaned.grid
-    points = ground_points(mines)
+    scenes = [hidden_scene(lane.scene, lane.seed, what) for what in hidden]
+    return echoes_at(setup, lane, scenes, ground_points(mines))
+
+
+def echoes_at(setup, lane: GroundLane, scenes: Sequence[Scene], points: np.ndarray) -> np.ndarray:
+    """Return the echoes (look, scene, value) of the bodies of scenes in the looks at points of a lane.
+
+    They are images of chips over the lane's background, scan by scan.
+    """
+    grid = setup.near
     coordinates = np.moveaxis(grid.points(), 2, 0)[None]
-    simulators = []
-    for what in hidden:
-        scene = hidden_scene(lane.scene, lane.seed, what)
-        simulators.append(Simulator(scene, lane.sensor, lane.seed))
+    simulators = [Simulator(scene, lane.sensor, lane.seed) for scene in scenes]
     looks = []
-    for index, scan in enumerate(cleaned.imager.scans.tolist()):
+    for index, scan in enumerate(setup.near_imager.scans.tolist()):
         numbers, places = places_in_sight(setup, points, setup.setup.pose(index))
         if not len(numbers):
             continue
         count = len(places)
-        levels = cleaned.gains[index][..., None, None] * cleaned.background.gain
+        levels = setup.gains[index][..., None, None] * setup.background.gain
         level = chips_at(levels, grid, places)
         pixels = chips_at(coordinates, grid, places).reshape(count, 3, -1)
         pixels = np.moveaxis(pixels, 1, 2).reshape(-1, 3)
-        operator = cleaned.imager.operator_on(scan, pixels, cleaned.imager.subbands)
+        operator = setup.near_imager.operator_on(scan, pixels, setup.near_imager.subbands)
         signals = np.stack([simulator.bodies(scan) for simulator in simulators])
         image = operator.adjoint(signals)
         chips = image.reshape(*image.shape[:3], count, -1)
-        chips = np.moveaxis(chips, 3, 0).reshape(count, len(hidden), -1)
+        chips = np.moveaxis(chips, 3, 0).reshape(count, len(scenes), -1)
         looks.append(chips / level[:, None])
     return np.concatenate(looks)
 

@@ -29,7 +29,8 @@ from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "papers", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit", "test_score_page",
+    "papers", "evidence", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit",
+    "test_score_page",
     "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
@@ -37,10 +38,11 @@ NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan", "tes
 """Files in these folders whose tests look at none."""
 HEAVY = (
     "test_freeze_recipes",
-    "test_benchmarks",
+    "test_suite",
     "test_systems",
     "test_plain_errors",
     "test_freeze_commands",
+    "test_freeze_calls",
     "test_again",
     "test_kills",
     "test_workers",

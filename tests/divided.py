@@ -2,8 +2,8 @@
 
 from functools import cache
 
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.alarms import Maxima
 from flgpr.method.passes.gain import SmoothGain
 from flgpr.method.passes.run_view import RunView
@@ -24,7 +24,7 @@ def recorded():
 def setup(text=None, **options):
     """Make the setup of the small lane, without what explains alarms and without results."""
     recipe = parse_recipe(text or small_recipe())
-    return LaneSetup(recorded(), recipe, LANE, explains=False, **options)
+    return ImagedRun(recorded(), recipe, LANE, explains=False, **options)
 
 
 def in_blocks(kind, lane, blocks, exact=True):
@@ -33,7 +33,7 @@ def in_blocks(kind, lane, blocks, exact=True):
     for block in blocks:
         part = kind(lane, block)
         for index in block:
-            part.add(LaneScan(lane, index))
+            part.add(ImagedScan(lane, index))
         total.merge(part.state(exact))
     return total.result()
 

@@ -13,17 +13,14 @@ from command_inputs import PHRASE, write_inputs
 from flgpr.commands import simulation
 from flgpr.commands.app import app
 from flgpr.model import load_sensor
-from flgpr.progress import silent
 from flgpr.simulate import load_scene
 from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.store import open_run, write_whole
-from flgpr_papers import overview, reasons
+from flgpr_papers import overview
 from flgpr_papers.kit.cache import read_or_make, store_lane, write_arrays
 from flgpr_papers.kit.findings import measured, write_findings
 from flgpr_papers.kit.page import draw
-from flgpr_papers.kit.reasons import Trial
-from flgpr_papers.worlds import statements
 from robust import digests
 
 
@@ -90,8 +87,6 @@ def _make_studies_cheap(inputs, change):
     """Let a study with a lane, a record, an array, a figure and a page stand for those of the papers."""
     study = MadeUpStudy(inputs)
     change(overview, "study_of", lambda _: study)
-    for module in (statements, reasons):
-        change(module, "import_module", lambda _: study)
 
 
 class MadeUpStudy:
@@ -118,15 +113,6 @@ class MadeUpStudy:
         page = folder / self.PAGE
         write_whole(page, f"level {level}")
         return page
-
-    def findings_in(self, _world, work):
-        store_lane(work, self.scene, 3, self.sensor, silent)
-        return [measured("A above B", "", "level", (0.2, 0.1, 0.3), verdict="agrees")]
-
-    def trials(self, home, _quick, _world, track):
-        store, _, _ = store_lane(home / "lanes", self.scene, 3, self.sensor, track)
-        level = read_or_make(home / "reasons" / "level.json", lambda: _rms(store))
-        return [Trial("A above B", "", "nothing", "level", (level, 0.0, 2 * level), "one lane")]
 
 
 def _rms(store):
@@ -441,13 +427,6 @@ COMMANDS = [
         "reproduce all -o {out}/papers --quick",
         "reproduce all -o {out}/papers",
     ),
-    Command(
-        "reproduce worlds",
-        "reproduce worlds --part statements -o {out}/map --quick",
-        "reproduce worlds --part statements -o {out}/map",
-        loose=("map/statements/*.json",),
-    ),
-    Command("reproduce reasons", "reproduce reasons -o {out}/papers --quick"),
 ]
 
 

@@ -21,7 +21,7 @@ from .data import complex_noise, size
 class Imaging:
     """A scan of the ``sri-array`` on 91,200 pixels: 36 pairs, 1024 tones, three polarizations.
 
-    ``flgpr bench imaging --peers`` sets the same work beside other codes and the machine's limits.
+    ``python benchmarks/imaging_speed --peers`` sets the same work beside other codes and the machine's limits.
     """
 
     def setup(self) -> None:

@@ -73,6 +73,6 @@ print(f"relative error on {few.shape[0] * few.shape[1]} pixels: {error:.1e}")
 assert error < 1e-3
 
 # %%
-# To measure your device: ``flgpr bench imaging --device cuda`` times single scans and batches of 32 from host to host,
+# To measure your device: ``python benchmarks/imaging_speed --device cuda`` times single scans and batches of 32 from host to host,
 # and the sums alone with the data on the device, with ``--peers`` beside cuFINUFFT. ``device`` is an argument of
 # :class:`flgpr.imaging.ImagingOperator` and :class:`flgpr.imaging.ScanImager`, and a key of a recipe's table ``[image]``.

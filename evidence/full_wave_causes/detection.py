@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pandas as pd
 
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.method.model import Model
 from flgpr.recipe.schema import Recipe
@@ -34,7 +34,7 @@ FOLDS = ((2.0, 3.4), (3.4, 4.8), (4.8, 6.2))  # m along the lane
 
 def examples(recipe: Recipe, data: LaneData, blocked: pd.DataFrame | None = None) -> dict:
     """Return the sums of clutter of a lane, and the simulated signatures in its units."""
-    setup = LaneSetup(
+    setup = ImagedRun(
         data.run,
         recipe,
         data.lane,
@@ -53,7 +53,7 @@ def learnt(recipe: Recipe, gathered: list[dict]) -> Model:
 
 def alarms_of(recipe: Recipe, data: LaneData, model: Model | None = None) -> pd.DataFrame:
     """Return the alarms of a lane; those of a map are ranked by it."""
-    setup = LaneSetup(data.run, recipe, data.lane, model, explains=False)
+    setup = ImagedRun(data.run, recipe, data.lane, model, explains=False)
     engine_of(setup).run()
     if recipe.map is None:
         return detection_of(setup).alarms[["x", "y", "confidence"]]
@@ -122,8 +122,8 @@ DETECTORS = {
 def early_part(data: LaneData) -> np.ndarray:
     """Return what the stage `early` takes out of a run's signal."""
     recipe = contrast_recipe(early=True)
-    setup = LaneSetup(data.run, recipe, data.lane, explains=False)
-    stage = setup.images.stages["clutter.early"]
+    setup = ImagedRun(data.run, recipe, data.lane, explains=False)
+    stage = setup.clutter_stages["clutter.early"]
     signal = data.run["signal"].values
     print(stage.notes(), flush=True)
     return np.stack([scan - stage.clean(0, scan) for scan in signal])

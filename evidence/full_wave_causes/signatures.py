@@ -9,7 +9,7 @@ import xarray as xr
 
 from flgpr.clutter import early_basis, subtract_early
 from flgpr.imaging import ImagingOperator, ScanImager
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, load_sensor
 from flgpr.simulate import Simulator
 from flgpr.stages.body_signatures import Bodies, Imaging, signatures
@@ -183,8 +183,8 @@ def in_the_lane(twins: int) -> tuple[list[dict], list[dict], tuple[float, float]
     worlds = [("full wave", 0, real, scale)]
     scene = twin_scene(SURFACES[OWN])
     worlds += [(OWN, seed, twin(scene, seed), 1.0) for seed in range(twins)]
-    setup = LaneSetup(real.run, contrast_recipe(early=True), LANE, explains=False)
-    path = setup.images.stages["clutter.early"].notes()["early_path"]
+    setup = ImagedRun(real.run, contrast_recipe(early=True), LANE, explains=False)
+    path = setup.clutter_stages["clutter.early"].notes()["early_path"]
     basis = early_basis(real.run["frequency"].values, path)
     rows = []
     clutter = []

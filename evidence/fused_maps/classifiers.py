@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingClassifier
@@ -13,7 +13,14 @@ from sklearn.preprocessing import StandardScaler
 
 from fused_maps.lanes import BANDS, FOUR, LOW, Lane
 from fused_maps.learnt import Clutter, Trained, ratios_of
-from fused_maps.looks_at_some import Looks, free_places, looks_at_some, put_in_bodies, ring_powers
+from fused_maps.looks_at_some import (
+    Looks,
+    all_looks,
+    free_places,
+    looks_at_some,
+    put_in_bodies,
+    ring_powers,
+)
 from fused_maps.scores import Bench
 from fused_maps.signatures import CLASSES
 
@@ -34,31 +41,35 @@ def features_of(some: Looks, known: Sequence[tuple[Clutter, dict[str, list]]]) -
     return np.stack(columns, axis=1)
 
 
+def examples(
+    bench: Bench, trained: Trained, rings: dict[int, np.ndarray], mines: int, ground: int
+) -> Iterator[tuple[Looks, int]]:
+    """Yield looks at drawn places of every lane and their label: bodies put in 1, ground as it is 0."""
+    rng = np.random.default_rng(51)
+    for lane in trained.lanes:
+        free = free_places(lane)
+        with_bodies = looks_at_some(lane, rings[id(lane)], rng.choice(free, mines))
+        put_in_bodies(with_bodies, lane, bench, rng)
+        yield with_bodies, 1
+        yield looks_at_some(lane, rings[id(lane)], rng.choice(free, ground, replace=False)), 0
+
+
 def try_injected(bench: Bench) -> None:
     """Train classifiers on bodies put into the ground of the other sites."""
     rings = {id(lane): ring_powers(lane) for lane in bench.lanes}
 
     def learn(trained: Trained):
-        rng = np.random.default_rng(51)
         known = [trained.classes(bands) for bands in (LOW, FOUR)]
         features, labels = [], []
-        for lane in trained.lanes:
-            free = free_places(lane)
-            mines = looks_at_some(lane, rings[id(lane)], rng.choice(free, 250))
-            put_in_bodies(mines, lane, bench, rng)
-            ground = looks_at_some(lane, rings[id(lane)], rng.choice(free, 1500, replace=False))
-            for some, label in ((mines, 1), (ground, 0)):
-                features.append(features_of(some, known))
-                labels.append(np.full(some.count, label))
+        for some, label in examples(bench, trained, rings, 250, 1500):
+            features.append(features_of(some, known))
+            labels.append(np.full(some.count, label))
         return known, np.concatenate(features), np.concatenate(labels)
 
     learnt = bench.by_site(learn)
     shown = {}
     for lane in bench.lanes:
-        everything = Looks(
-            lane.place, lane.metre, lane.weight, lane.chip, rings[id(lane)], lane.places
-        )
-        shown[id(lane)] = features_of(everything, learnt[lane.site][0])
+        shown[id(lane)] = features_of(all_looks(lane, rings[id(lane)]), learnt[lane.site][0])
     low = [*range(4), *(8 + 7 * polarization + band for polarization in range(3) for band in LOW)]
     every = list(range(shown[id(bench.lanes[0])].shape[1]))
     for title, columns in (("three sub-bands", low), ("four and all contrasts", every)):
@@ -123,18 +134,12 @@ def try_chips(bench: Bench) -> None:
         return np.column_stack([part.real, part.imag, rest, decibels.reshape(len(chips), -1)])
 
     def learn(trained: Trained):
-        rng = np.random.default_rng(51)
         clutter = trained.clutter(LOW)
         directions = trained.directions(clutter, everything, 24)
         shown, labels = [], []
-        for lane in trained.lanes:
-            free = free_places(lane)
-            mines = looks_at_some(lane, rings[id(lane)], rng.choice(free, 1000))
-            put_in_bodies(mines, lane, bench, rng)
-            ground = looks_at_some(lane, rings[id(lane)], rng.choice(free, 2000, replace=False))
-            for some, label in ((mines, 1), (ground, 0)):
-                shown.append(inputs(some, clutter, directions))
-                labels.append(np.full(len(shown[-1]), label))
+        for some, label in examples(bench, trained, rings, 1000, 2000):
+            shown.append(inputs(some, clutter, directions))
+            labels.append(np.full(len(shown[-1]), label))
         model = MLPClassifier((64,), alpha=0.1, max_iter=60, early_stopping=True, random_state=0)
         fitted = make_pipeline(StandardScaler(), model)
         return clutter, directions, fitted.fit(np.concatenate(shown), np.concatenate(labels))
@@ -143,10 +148,8 @@ def try_chips(bench: Bench) -> None:
 
     def value(lane: Lane) -> np.ndarray:
         clutter, directions, network = learnt[lane.site]
-        everywhere = Looks(
-            lane.place, lane.metre, lane.weight, lane.chip, rings[id(lane)], lane.places
-        )
-        p = network.predict_proba(inputs(everywhere, clutter, directions))[:, 1].astype(float)
+        looks = all_looks(lane, rings[id(lane)])
+        p = network.predict_proba(inputs(looks, clutter, directions))[:, 1].astype(float)
         p = np.clip(p, 1e-9, 1 - 1e-9)
         return lane.mean(np.log(p) - np.log1p(-p))
 

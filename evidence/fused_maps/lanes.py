@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import engine_of
 from flgpr.model import Grid, load_sensor
 from flgpr.recipe.schema import parse_recipe, recipe_text
@@ -157,26 +157,25 @@ def images_recipe():
 
 def cut_looks(lane: GroundLane, store: Path, file: Path) -> None:
     """Write all looks at a lane into a file."""
-    setup = LaneSetup(open_run(store), images_recipe(), lane.lane, explains=False)
+    setup = ImagedRun(open_run(store), images_recipe(), lane.lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
-    cleaned = setup.cleaned
     borders = lane.lane
     raster = Grid.spanning((borders.x_min, borders.x_max), (borders.y_min, borders.y_max), STEP)
     points = raster.points().reshape(-1, 3)
     table = LikelihoodSettings(sensor="sri-array")
     parts: dict[str, list] = {name: [] for name in ("place", "scan", "xy", "chip", "contrast")}
-    for index in range(len(cleaned)):
-        image = cleaned.coherent(index)
+    for index in range(len(setup)):
+        image = setup.coherent(index)
         numbers, places = places_in_sight(setup, points, image.attrs["pose"])
         if not len(numbers):
             continue
-        row = np.round((places[:, 1] - cleaned.grid.y_min) / cleaned.grid.dy).astype(int)
-        column = np.round((places[:, 0] - cleaned.grid.x_min) / cleaned.grid.dx).astype(int)
+        row = np.round((places[:, 1] - setup.near.y_min) / setup.near.dy).astype(int)
+        column = np.round((places[:, 0] - setup.near.x_min) / setup.near.dx).astype(int)
         shown = np.moveaxis(contrasts(image, table)[:, :, row, column], 2, 0)
         parts["place"].append(numbers)
         parts["scan"].append(np.full(len(numbers), index))
         parts["xy"].append(places)
-        parts["chip"].append(chips_at(image.values, cleaned.grid, places))
+        parts["chip"].append(chips_at(image.values, setup.near, places))
         parts["contrast"].append(shown)
     result = setup.results["gain"]
     truth = lane.truth()

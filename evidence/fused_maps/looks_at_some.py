@@ -63,6 +63,11 @@ def free_places(lane: Lane) -> np.ndarray:
     return np.intersect1d(np.flatnonzero(lane.to_target > 1.5), lane.place)
 
 
+def all_looks(lane: Lane, ring: np.ndarray) -> Looks:
+    """Return all looks of a lane as they are."""
+    return Looks(lane.place, lane.metre, lane.weight, lane.chip, ring, lane.places)
+
+
 def looks_at_some(lane: Lane, ring: np.ndarray, chosen: np.ndarray) -> Looks:
     """Return the looks at chosen places, in their order; a place may come twice."""
     order = np.argsort(lane.place, kind="stable")

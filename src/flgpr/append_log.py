@@ -1,8 +1,9 @@
 """Files that only grow, line by line: journals of writers and registers of trials.
 
 One process at a time holds a log. A line is on the disk, with its folder's entry, before it counts.
-What a kill or a full disk leaves of a line, text without its end, is dropped when the log is held
-next, so that it cannot spoil the line after.
+What a kill or a full disk leaves of a line, text without its end, is dropped before the next line
+is added, so that it cannot spoil that. Until then nothing changes: whoever holds a file that is no
+log of theirs can still leave it as it is.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class AppendLog:
     lines : list of bytes
         Complete lines without their ends.
     torn : bytes
-        Text after the last of them when the log was opened, which was dropped.
+        Text after the last of them, which goes when a line is added or dropped.
 
     Raises
     ------
@@ -75,6 +76,8 @@ class AppendLog:
         """Add a line so that it is on the disk; if that fails the log stays as it was."""
         if b"\n" in line:
             raise ValueError("line must not hold the end of a line")
+        if self.torn:
+            self.keep(len(self.lines))
         try:
             write_all(self._file, line + b"\n")
             os.fsync(self._file.fileno())
@@ -88,6 +91,7 @@ class AppendLog:
         """Drop all lines but the first ``count``."""
         self._file.truncate(self._ends[count - 1] if count else 0)
         os.fsync(self._file.fileno())
+        self.torn = b""
         del self.lines[count:]
         del self._ends[count:]
 
@@ -96,7 +100,7 @@ class AppendLog:
         self._file.close()
 
     def _begin(self) -> None:
-        """Read the complete lines, and drop what follows them."""
+        """Read the complete lines, and what follows them."""
         text = _read(self._file, self.path)
         *self.lines, self.torn = text.split(b"\n")
         self._ends: list[int] = []
@@ -104,8 +108,6 @@ class AppendLog:
         for line in self.lines:
             end += len(line) + 1
             self._ends.append(end)
-        if self.torn:
-            self.keep(len(self.lines))
 
 
 def read_log(path: Path, wait: float = 0.0) -> tuple[list[bytes], bytes]:

@@ -453,6 +453,36 @@ def _folder_by_path(root: Path, name: str, folders: Sequence[str]) -> Path:
     return folder
 
 
+def refuse_links(*paths: Path) -> None:
+    """Refuse symbolic links at names that a writer removes, replaces, or makes as temporary ones.
+
+    What a link leads to is somebody else's: a writer that took it for its own unfinished work would
+    delete it. A link in the place of a file is refused as well, although to rename a file over it
+    would spare what it leads to: the user, who made it so that the output lies elsewhere, would
+    find it gone and the output here. Folders on the way to an output may be links.
+
+    Parameters
+    ----------
+    *paths : Path
+        Names of outputs and of what is made beside them; nothing need lie there.
+
+    Raises
+    ------
+    FileExistsError
+        If one is a link, wherever it leads and whether anything lies there.
+    """
+    for path in paths:
+        try:
+            state = os.lstat(path)
+        except OSError:  # nothing is there; what else is wrong is told where it is written
+            continue
+        if _is_link(state):
+            raise FileExistsError(
+                f"{path} must not be a symbolic link, got one to {os.readlink(path)}: "
+                "remove the link or name another output"
+            )
+
+
 def _is_link(state: os.stat_result) -> bool:
     """Return whether a name leads elsewhere: a symbolic link, or a junction of Windows."""
     is_junction = getattr(state, "st_reparse_tag", 0) in _LEADS_ELSEWHERE

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.store import sha256, write_table, write_whole
 from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
 from flgpr.trials import alarm_hash
@@ -122,6 +122,7 @@ def _refuse_faults(submission: Submission) -> None:
 def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
     """Refuse a name that was entered with other alarms or another card, or that a recipe has."""
     own_folder = folder / ENTRIES / submission.name
+    refuse_links(own_folder)
     if not own_folder.exists():
         return
     if read_ground(folder) == ground and Folder(own_folder).has(RECORD):

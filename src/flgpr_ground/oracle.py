@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
 from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import engine_of
 from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.recipe.schema import load_recipe
@@ -242,13 +242,13 @@ class BareGround:
 
     Parameters
     ----------
-    setup : LaneSetup
+    setup : ImagedRun
         The lane with its background.
     lane : Lane
         Its borders.
     """
 
-    def __init__(self, setup: LaneSetup, lane: Lane) -> None:
+    def __init__(self, setup: ImagedRun, lane: Lane) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
@@ -373,7 +373,7 @@ def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> Compl
     return np.asarray(chip / rms[:, None], dtype=np.complex64)
 
 
-def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
+def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> ImagedRun:
     """Return a lane with its background.
 
     Parameters
@@ -387,21 +387,21 @@ def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> LaneSetup:
 
     Returns
     -------
-    LaneSetup
+    ImagedRun
         The lane, whose images are cleaned when they are asked for.
     """
     run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
-    setup = LaneSetup(run, load_recipe(recipe), lane.lane, explains=False)
+    setup = ImagedRun(run, load_recipe(recipe), lane.lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
     return setup
 
 
-def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
+def looks_at(setup: ImagedRun, points: FloatArray) -> Looks:
     """Cut the chips about places out of all scans that see them.
 
     Parameters
     ----------
-    setup : LaneSetup
+    setup : ImagedRun
         A lane with its background.
     points : (place, 3) ndarray
         Places in the lane frame, m.
@@ -412,22 +412,22 @@ def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
         Scan after scan.
     """
     looks = []
-    for index in range(len(setup.cleaned)):
-        image = setup.cleaned.coherent(index)
+    for index in range(len(setup)):
+        image = setup.coherent(index)
         numbers, places = places_in_sight(setup, points, image.attrs["pose"])
-        chips = chips_at(image.values, setup.cleaned.grid, places)
+        chips = chips_at(image.values, setup.near, places)
         looks.append(Looks(numbers, places[:, 1], chips))
     return join_looks(looks)
 
 
 def looks_at_mines(
-    setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame
+    setup: ImagedRun, lane: GroundLane, mines: pd.DataFrame
 ) -> tuple[Looks, ComplexArray]:
     """Cut the chips about the mines of a lane, and what the mines' bodies add to them.
 
     Parameters
     ----------
-    setup : LaneSetup
+    setup : ImagedRun
         The lane with its background.
     lane : GroundLane
         The same lane, with its scene.
@@ -442,20 +442,19 @@ def looks_at_mines(
         What the bodies add to each look.
     """
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
-    cleaned = setup.cleaned
     points = ground_points(mines)
     looks = []
     echoes = []
-    for index, scan in enumerate(cleaned.imager.scans.tolist()):
-        image = cleaned.coherent(index)
+    for index, scan in enumerate(setup.near_imager.scans.tolist()):
+        image = setup.coherent(index)
         numbers, places = places_in_sight(setup, points, image.attrs["pose"])
         if not len(numbers):
             continue
-        echo = cleaned.imager.image(scan, simulator.bodies(scan)).values
-        echo = echo / (cleaned.gains[index][..., None, None] * cleaned.background.gain)
-        chips = chips_at(image.values, cleaned.grid, places)
+        echo = setup.near_imager.image(scan, simulator.bodies(scan)).values
+        echo = echo / (setup.gains[index][..., None, None] * setup.background.gain)
+        chips = chips_at(image.values, setup.near, places)
         looks.append(Looks(numbers, places[:, 1], chips))
-        echoes.append(chips_at(echo.astype(np.complex64), cleaned.grid, places))
+        echoes.append(chips_at(echo.astype(np.complex64), setup.near, places))
     return join_looks(looks), np.concatenate(echoes)
 
 
@@ -469,7 +468,7 @@ def join_looks(looks: Sequence[Looks]) -> Looks:
 
 
 def places_in_sight(
-    setup: LaneSetup, points: FloatArray, pose: ArrayLike
+    setup: ImagedRun, points: FloatArray, pose: ArrayLike
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Return the numbers of the places whose chips the image of a pose shows, and their x and y.
 
@@ -477,7 +476,7 @@ def places_in_sight(
 
     Parameters
     ----------
-    setup : LaneSetup
+    setup : ImagedRun
         A lane with its background.
     points : (place, 3) ndarray of float
         Places in the lane frame, m.
@@ -492,7 +491,7 @@ def places_in_sight(
         Their x and y, m.
     """
     places = lane_to_scan(points, np.asarray(pose))[:, :2]
-    x_min, x_max, y_min, _ = setup.cleaned.grid.extent()
+    x_min, x_max, y_min, _ = setup.near.extent()
     edge = 2 * STEP
     y_max = setup.recipe.run_view.y_max
     inside_x = (places[:, 0] > x_min + edge) & (places[:, 0] < x_max - edge)

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.door import Folder
-from flgpr.jobs.job import code_versions
+from flgpr.door import Folder, refuse_links
+from flgpr.jobs.job import code_versions, make_job
 from flgpr.jobs.survey import detect_survey
-from flgpr.jobs.training import train_on_lanes, training_lanes
+from flgpr.jobs.training import train_on_lanes
 from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
@@ -240,10 +240,15 @@ class _EntryRun:
         if self.recipe.learning() or self.recipe.detector is not None:
             model = self._trained(trained_on)
         results = self.folder / "results"
+        refuse_links(results)
         runs, borders = self._files(tested)
         with self._counting_costs(results) as (options, costs):
             text = recipe_text(self.file)
-            detect_survey(runs, text, results, borders, model, report=False, options=options)
+            jobs = []
+            for run, lane in zip(runs, borders, strict=True):
+                output = results / run.stem
+                jobs.append(make_job(run, text, lane, output, False, model, options=options))
+            detect_survey(jobs, results, options=options)
         self.costs |= costs
         tables = []
         for lane in tested:
@@ -262,12 +267,10 @@ class _EntryRun:
         with self._counting_costs(model.with_name(f"{name}-costs")) as (options, costs):
             runs, borders, truths = self._files(trained_on, "-truth.csv")
             text = recipe_text(self.file)
-            no_others: list[dict[str, Path]] = [{} for _ in runs]
-            lanes = training_lanes(
-                parse_recipe(text), runs, truths, borders, no_others, options.max_memory
-            )
-            radius = self.ground.table.halo
-            train_on_lanes(text, lanes, model, (), radius, options, overwrite=True)
+            jobs = []
+            for run, lane, truth in zip(runs, borders, truths, strict=True):
+                jobs.append(make_job(run, text, lane, model, False, truth=truth, options=options))
+            train_on_lanes(jobs, model, (), self.ground.table.halo, options, overwrite=True)
         self.costs[f"training {name}"] = {
             "processor_seconds": sum(cost["processor_seconds"] for cost in costs.values()),
             "peak_bytes": max(cost["peak_bytes"] for cost in costs.values()),
@@ -317,6 +320,7 @@ def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: 
     options : RunOptions
         Who does the work.
     """
+    refuse_links(folder)
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)
     write_about(ground, entry, folder)

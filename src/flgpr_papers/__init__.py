@@ -5,7 +5,5 @@ Every paper has a package of its own and a page; ``kit`` is what they share.
 
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.overview import reproduce
-from flgpr_papers.reasons import explain
-from flgpr_papers.worlds import map_worlds
 
-__all__ = ["PAPERS", "explain", "map_worlds", "reproduce"]
+__all__ = ["PAPERS", "reproduce"]

@@ -256,7 +256,6 @@ def test_workers_that_are_ended_in_compiled_code_leave_nothing_and_say_nothing(t
     [
         (["benchmark", "run", "wang2007", "--quick"], "flgpr.proving_ground.run_benchmark"),
         (["reproduce", "wang2007", "--quick"], "flgpr_papers.reproduce"),
-        (["reproduce", "worlds", "--quick"], "flgpr_papers.map_worlds"),
     ],
 )
 def test_a_study_that_is_interrupted_says_that_it_goes_on(words, work, tmp_path, monkeypatch):

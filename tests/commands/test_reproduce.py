@@ -17,17 +17,16 @@ def test_reproduce_names_the_papers_it_knows(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("paper", "options", "rule"),
+    ("paper", "rule"),
     [
-        ("none2001", {}, "paper must be one of cosgrove2004, .*, all, worlds or reasons"),
-        ("fuse2018", {"part": ["detection"]}, "part must be left out for fuse2018"),
-        ("all", {"part": ["detection"]}, "part must be left out for all"),
-        ("worlds", {"world": "as-found"}, "world must be left out, got 'as-found'"),
+        ("none2001", "paper must be one of cosgrove2004, .* or all, got 'none2001'$"),
+        ("worlds", "got 'worlds'; it is now python evidence/worlds$"),
+        ("reasons", "got 'reasons'; it is now python evidence/reasons$"),
     ],
 )
-def test_options_that_do_not_go_with_a_paper_are_refused(paper, options, rule, tmp_path):
+def test_what_is_no_paper_is_refused_and_what_moved_is_named(paper, rule, tmp_path):
     with pytest.raises(ValueError, match=rule):
-        reproduce(paper, tmp_path / "x", **options)
+        reproduce(paper, tmp_path / "x")
     assert not (tmp_path / "x").exists()
 
 

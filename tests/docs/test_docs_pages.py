@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from flgpr.commands.app import app
-from flgpr.commands.export import FORMATS
+from flgpr.commands.exports import export_formats
 from flgpr.model import sensor_presets
 from flgpr.recipe.schema import recipe_names
 from flgpr.simulate import sites
@@ -59,7 +59,7 @@ CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
 @pytest.mark.parametrize("page", CURRENT, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
     named = re.findall(
-        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`",
+        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py|/worlds/worlds))/[\w./-]*\w)/?`",
         FENCE.sub("", read(page)),
     )
     wrong = [
@@ -174,8 +174,8 @@ def check_flgpr(words):
     for sensor in [given.get("sensor"), *(given.get("compare") or [])]:
         assert sensor is None or sensor.endswith((".toml", ".zarr")) or sensor in sensor_presets()
     assert given.get("site", "arid-sand") in sites()
-    assert given.get("paper", "all") in {*PAPERS, "all", "worlds"}
-    assert given.get("to", "kml") in FORMATS
+    assert given.get("paper", "all") in {*PAPERS, "all"}
+    assert given.get("to", "kml") in export_formats()
     assert given.get("engine", "flgpr") in {"flgpr", "gprmax"}
 
 
@@ -189,7 +189,8 @@ def check_script(words):
     script, *options = words
     if script == "-m":
         return
-    source = (ROOT / script).read_text(encoding="utf-8")
+    path = ROOT / script
+    source = (path / "__main__.py" if path.is_dir() else path).read_text(encoding="utf-8")
     for word in options:
         assert not word.startswith("-") or f'"{word}"' in source, f"{script}: no option {word}"
 

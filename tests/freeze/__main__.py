@@ -1,8 +1,8 @@
-"""Write frozen tables anew: results, files, commands and names, or those parts that are named.
+"""Write frozen tables anew: results, files, commands, calls and names, or those parts that are named.
 
 Usage, in the root of the repository::
 
-    PYTHONPATH=src:tests python -m freeze [recipes] [formats] [commands] [names]
+    PYTHONPATH=src:tests python -m freeze [recipes] [formats] [commands] [calls] [names]
     PYTHONPATH=src:tests python -m freeze machine
 
 What is written anew is a change that must be meant: read the difference before it is committed. The
@@ -17,8 +17,9 @@ import tempfile
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
-from freeze import commands, formats, frozen, names, recipes
+from freeze import calls, commands, formats, frozen, names, recipes
 from freeze.lanes import make_lanes
 
 
@@ -75,6 +76,21 @@ def write_commands() -> None:
         frozen.write_json(commands.KEYS, keys)
 
 
+def write_calls() -> None:
+    """Write the table of one call of every command."""
+    table = {}
+    with tempfile.TemporaryDirectory() as home:
+        inputs = Path(home) / "inputs"
+        inputs.mkdir()
+        calls.make_inputs(inputs)
+        for name in calls.CALLS:
+            output = Path(home) / "out"
+            with pytest.MonkeyPatch.context() as patch:
+                table[name] = calls.call(name, inputs, output, patch.setattr)
+            shutil.rmtree(output)
+    frozen.write_json(calls.TABLE, calls.call_table(table))
+
+
 def write_names() -> None:
     """Write the tables of public names and of what a user may set."""
     frozen.write_json(names.TABLE, names.name_table())
@@ -86,6 +102,7 @@ PARTS = {
     "recipes": lambda: write_recipes(check=False),
     "formats": write_formats,
     "commands": write_commands,
+    "calls": write_calls,
     "names": write_names,
 }
 

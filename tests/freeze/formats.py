@@ -209,10 +209,10 @@ def _write_test_plan(folder: Path) -> None:
 def file_table(folder: Path) -> dict:
     """Describe every file below a folder: keys, columns, types and shapes, or its size."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): _describe(path) for path in paths}
+    return {path.relative_to(folder).as_posix(): describe(path) for path in paths}
 
 
-def _describe(path: Path):
+def describe(path: Path):
     if path.name == "zarr.json":
         return _zarr(json.loads(path.read_text()))
     readers = {

@@ -8,6 +8,7 @@ is known.
 
 import hashlib
 import json
+from datetime import date, datetime
 from functools import cache
 from pathlib import Path
 
@@ -26,6 +27,11 @@ TOLERANCE = 1e-3
 FORMAT = "%.6g"
 VALUES = ("format", "version")
 """Keys of JSON whose values are frozen as well."""
+_TYPES = {
+    bool: "boolean", int: "number", float: "number", str: "text", type(None): "null",
+    date: "date", datetime: "time",
+}  # fmt: skip
+"""Names of the types of JSON and TOML."""
 
 
 def digest(data: bytes) -> str:
@@ -133,24 +139,23 @@ def json_shape(value, folder: Path):
         return shape
     if isinstance(value, list):
         shapes = [json_shape(one, folder) for one in value]
-        return [_merged(shapes)] if shapes else []
-    names = {bool: "boolean", int: "number", float: "number", str: "text", type(None): "null"}
-    return names[type(value)]
+        return [merged(shapes)] if shapes else []
+    return _TYPES[type(value)]
 
 
-def _merged(shapes):
+def merged(shapes):
     """Merge structures into one that says what each of them may be."""
     if all(isinstance(one, dict) for one in shapes):
         keys = sorted({key for one in shapes for key in one})
-        merged = {}
+        joined = {}
         for key in keys:
             held = [one[key] for one in shapes if key in one]
             name = key if len(held) == len(shapes) else f"{key} (not always)"
-            merged[name] = _merged(held)
-        return merged
+            joined[name] = merged(held)
+        return joined
     if all(isinstance(one, list) for one in shapes):
         inner = [entry for one in shapes for entry in one]
-        return [_merged(inner)] if inner else []
+        return [merged(inner)] if inner else []
     distinct = sorted({json.dumps(one, sort_keys=True) for one in shapes})
     if len(distinct) == 1:
         return shapes[0]

@@ -4,38 +4,33 @@ import inspect
 import re
 from enum import Enum
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
-import flgpr
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene
-from freeze.frozen import DATA
+from freeze.frozen import DATA, read_json
 
 TABLE = DATA / "names.json"
 SETTINGS = DATA / "settings.json"
 RECIPES = DATA / "recipes.json"
-ROOT = Path(flgpr.__file__).parent
-EXTENDED = {
-    "flgpr.chain.stages": [
-        "ClutterStage", "FeatureStage", "MapStage", "ScreenStage", "Setup", "Stage", "Table",
-        "TrainingView", "find_stage",
-    ],
-    "flgpr.accessor": ["RunAccessor"],
-}  # fmt: skip
-"""Modules without a stub that others build on: what a stage of somebody else is made of."""
 _LONGEST = 200
+_MODULE = re.compile(r"\b(?:[A-Za-z_]\w*\.)+(?=[A-Za-z_])")
 
 
 def public_modules() -> dict[str, list[str]]:
-    """Return the names of every package that has a stub, of the papers, and of ``EXTENDED``."""
-    found = {}
-    for stub in sorted(ROOT.rglob("__init__.pyi")):
-        module = ".".join(stub.parent.relative_to(ROOT.parent).parts)
-        found[module] = sorted(import_module(module).__all__)
-    found["flgpr_papers"] = sorted(import_module("flgpr_papers").__all__)
-    return found | EXTENDED
+    """Return the modules that users import, which the table itself lists, and the names of each.
+
+    Sources are not looked through: a module may lie anywhere as long as its name is imported. A new
+    one is put into the table by hand, with ``{}`` or, if it has no ``__all__``, with its names.
+    """
+    listed = read_json(TABLE)
+    return {module: offered(module) or sorted(names) for module, names in listed.items()}
+
+
+def offered(module: str) -> list[str]:
+    """Return what a module says that it offers; nothing where it says nothing."""
+    return sorted(getattr(import_module(module), "__all__", ()))
 
 
 def name_table() -> dict[str, dict]:
@@ -78,20 +73,20 @@ def signature(function) -> str:
         before = one.kind
         word = {kinds.VAR_POSITIONAL: "*", kinds.VAR_KEYWORD: "**"}.get(one.kind, "") + one.name
         if one.annotation is not kinds.empty:
-            word += f": {_annotation(one.annotation)}"
+            word += f": {annotation(one.annotation)}"
         if one.default is not kinds.empty:
             word += f" = {_default(one.default)}"
         words.append(word)
     returned = ""
     if known.return_annotation is not inspect.Signature.empty:
-        returned = f" -> {_annotation(known.return_annotation)}"
+        returned = f" -> {annotation(known.return_annotation)}"
     return f"({', '.join(words)}){returned}"
 
 
-def _annotation(kind) -> str:
-    if isinstance(kind, str):
-        return kind
-    return kind.__name__ if isinstance(kind, type) else str(kind)
+def annotation(kind) -> str:
+    """Write a type without the modules of its classes, which may lie elsewhere tomorrow."""
+    text = kind.__name__ if isinstance(kind, type) else str(kind)
+    return _MODULE.sub("", text)
 
 
 def _default(value) -> str:
@@ -123,7 +118,7 @@ def _fields(kind: type) -> str:
     words = []
     for name, field in kind.model_fields.items():
         declared = next(one for one in kind.__mro__ if name in vars(one).get("__annotations__", {}))
-        word = f"{name}: {_annotation(declared.__annotations__[name])}"
+        word = f"{name}: {annotation(declared.__annotations__[name])}"
         words.append(word if field.is_required() else f"{word} = {_default(field.default)}")
     return f"({', '.join(words)})"
 

@@ -1,26 +1,40 @@
 """Public names, with parameters, members and values, and settings of files are what they were."""
 
+from importlib import import_module
+
 import pytest
 
+from flgpr.model import Grid
 from freeze import names
 from freeze.frozen import read_json
 
-
-@pytest.fixture(scope="module")
-def table():
-    return names.name_table()
+FROZEN = read_json(names.TABLE)
 
 
-@pytest.mark.parametrize("module", names.public_modules())
-def test_a_package_offers_what_it_offered(module, table):
-    frozen = read_json(names.TABLE)[module]
-    assert sorted(table[module]) == sorted(frozen)
-    for name, described in table[module].items():
-        assert described == frozen[name], name
+@pytest.mark.parametrize("module", FROZEN)
+def test_a_module_offers_what_it_offered_under_the_name_that_users_import(module):
+    home = import_module(module)
+    for name, frozen in FROZEN[module].items():
+        assert names.describe(getattr(home, name)) == frozen, name
 
 
-def test_these_are_the_packages(table):
-    assert sorted(table) == sorted(read_json(names.TABLE))
+@pytest.mark.parametrize("module", FROZEN)
+def test_a_module_that_lists_what_it_offers_lists_what_is_frozen(module):
+    assert names.offered(module) in ([], sorted(FROZEN[module]))
+
+
+@pytest.mark.parametrize(
+    ("annotation", "written"),
+    [
+        ("xr.Dataset | None", "Dataset | None"),
+        ("Mapping[str, flgpr.model.Grid]", "Mapping[str, Grid]"),
+        (Grid, "Grid"),
+        (Grid | None, "Grid | None"),
+        (list[Grid], "list[Grid]"),
+    ],
+)
+def test_types_are_written_without_their_modules(annotation, written):
+    assert names.annotation(annotation) == written
 
 
 @pytest.mark.parametrize("name", ["Recipe", "Scene", "Sensor"])

@@ -73,6 +73,18 @@ def test_these_are_the_packaged_recipes():
     assert sorted(live) == sorted([*CAUSAL, "demo-mean-self-signature"])
 
 
+def test_digests_of_every_packaged_recipe_are_kept_of_every_machine():
+    names = recipe_names()
+    kept = [
+        *names,
+        *(f"{name} in sections" for name in names),
+        *(f"{name} live" for name in CAUSAL),
+    ]
+    assert read_digests()
+    for known in read_digests().values():
+        assert sorted(known["digests"]) == sorted(kept)
+
+
 def test_it_finds_what_it_found(case):
     for table, values in result_tables(case.folder / "result").items():
         check_table(values, frozen_table(case.name, table))

@@ -12,7 +12,7 @@ import flgpr
 from flgpr.clutter import standing_field, subtract_standing
 from flgpr.live.detector import LiveDetector
 from flgpr.method.detection import rank_alarms
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detect, engine_of
 from flgpr.method.model import load_model
 from flgpr.method.sections import Section, lane_threshold
@@ -342,7 +342,7 @@ def test_a_column_of_the_run_view_ranks_without_a_model(run):
 
 def test_sections_rank_alike(run):
     one = recipe("rx", 'columns]]\nstage = "rx"\nguard = [0.4, 0.4]\nouter = [0.8, 2.5]')
-    whole = LaneSetup(run, one, LANE, explains=False)
+    whole = ImagedRun(run, one, LANE, explains=False)
     engine_of(whole).run()
     alarms = rank_alarms(whole).alarms
     known = whole.results["alarms"]
@@ -351,7 +351,7 @@ def test_sections_rank_alike(run):
     threshold = lane_threshold(one, LANE, maxima, int(known["seen"]))
     parts = []
     for section in (Section(0, rows // 2, threshold), Section(rows // 2, rows, threshold)):
-        part = LaneSetup(run, one, LANE, section=section, explains=False)
+        part = ImagedRun(run, one, LANE, section=section, explains=False)
         engine_of(part).run()
         parts.append(rank_alarms(part).alarms)
     table = pd.concat(parts).sort_values(["y", "x"])
@@ -392,7 +392,7 @@ def test_a_confidence_that_nothing_makes_is_refused(run):
         recipe("cfra")
     told = r"confidence must be one of contrast, magnitude, tracked, cfar, got 'cfra'"
     with pytest.raises(ValueError, match=told):
-        LaneSetup(run, recipe("cfra", TRACKED, CFAR), LANE)
+        ImagedRun(run, recipe("cfra", TRACKED, CFAR), LANE)
     with pytest.raises(
         ValueError, match=r"confidence must be one of contrast, magnitude, tracked, got 'cfra'"
     ):
@@ -400,7 +400,7 @@ def test_a_confidence_that_nothing_makes_is_refused(run):
     with pytest.raises(
         ValueError, match="subband must be one of F1, F2, got 'F9'"
     ):  # before anything is imaged
-        LaneSetup(run, recipe("cfar", CFAR.replace("F1", "F9")), LANE)
+        ImagedRun(run, recipe("cfar", CFAR.replace("F1", "F9")), LANE)
 
 
 def test_a_recipe_with_the_clutter_stage_runs_end_to_end(run):

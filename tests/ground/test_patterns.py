@@ -12,7 +12,7 @@ import flgpr
 from few_mines import counts_of
 from flgpr.detect.scorers.checks import Checked
 from flgpr.method.detection import rank_alarms
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detect, engine_of
 from flgpr.method.model import Model, load_model, save_model
 from flgpr.method.sections import Section, lane_threshold
@@ -212,7 +212,7 @@ def test_too_few_windows_are_told_with_a_smaller_dictionary(stage, entry):
 def test_entries_that_fit_no_patch_are_refused(name, entries, words):
     text = f'{PLAIN}\n[[columns]]\nstage = "{name}"\n{entries}\n'
     with pytest.raises(ValueError, match=words):
-        LaneSetup(small_run(scans=3), parse_recipe(text), LANE).alarms()
+        ImagedRun(small_run(scans=3), parse_recipe(text), LANE).alarms()
 
 
 PLAIN = small_recipe(3).replace("variants = true", "variants = false")
@@ -287,7 +287,7 @@ def test_a_model_is_the_same_with_two_workers_and_made_anew(folder):
 def test_a_model_s_dictionary_is_that_of_its_training_lane(folder):
     model = trained(folder, "fisher-vectors", "own")
     recipe = load_recipe(folder / "fisher-vectors.toml")
-    lane = LaneSetup(small_run(), parse_recipe(PLAIN), LANE, explains=False)
+    lane = ImagedRun(small_run(), parse_recipe(PLAIN), LANE, explains=False)
     engine_of(lane).run()
     example = TrainingView(lane.view(), TRUTH, LANE)
     settings = recipe.named()["features.fisher-vectors"].settings
@@ -300,7 +300,7 @@ def test_a_model_s_dictionary_is_that_of_its_training_lane(folder):
 def test_sections_rank_alike(folder):
     recipe = load_recipe(folder / "hog.toml")
     model = trained(folder, "hog", "sections")
-    whole = LaneSetup(small_run(), recipe, LANE, explains=False, model=model)
+    whole = ImagedRun(small_run(), recipe, LANE, explains=False, model=model)
     engine_of(whole).run()
     alarms = rank_alarms(whole).alarms
     known = whole.results["alarms"]
@@ -309,7 +309,7 @@ def test_sections_rank_alike(folder):
     threshold = lane_threshold(recipe, LANE, maxima, int(known["seen"]))
     parts = []
     for section in (Section(0, rows // 2, threshold), Section(rows // 2, rows, threshold)):
-        part = LaneSetup(small_run(), recipe, LANE, section=section, explains=False, model=model)
+        part = ImagedRun(small_run(), recipe, LANE, section=section, explains=False, model=model)
         engine_of(part).run()
         parts.append(rank_alarms(part).alarms)
     table = pd.concat(parts).sort_values(["y", "x"])

@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
@@ -9,14 +10,17 @@ import numpy as np
 import pytest
 from numba import config, cuda
 
-from flgpr.commands import imaging_cases as bench_cases
-from flgpr.commands import imaging_peers as bench_peers
-from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as backend
-from flgpr.method.images import imager_of
+from flgpr.method.imaged_run import imager_of
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, sample_lane
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+from imaging_speed import cases as bench_cases
+from imaging_speed import peers as bench_peers
+from imaging_speed import speed as bench
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
@@ -182,7 +186,7 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     tones = 0.8e9 + 0.2e9 * np.arange(11)
     points = scene(count=3)
     monkeypatch.setitem(sys.modules, "cufinufft", SimpleNamespace(Plan=Plan))
-    monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
+    monkeypatch.setattr(bench, "missing_peers", lambda device: [])
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
     monkeypatch.setattr(

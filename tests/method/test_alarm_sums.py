@@ -9,7 +9,7 @@ import xarray as xr
 
 from divided import SCANS, setup, with_results
 from flgpr.method.alarm_sums import AlarmSums, StageSums, own_column_count
-from flgpr.method.lane_scan import LaneScan
+from flgpr.method.imaged_scan import ImagedScan
 from small_lane import small_recipe
 
 TWO_ALARMS = pd.DataFrame({"x": [0.0, 1.0], "y": [5.0, 6.0]})
@@ -53,7 +53,7 @@ def test_alarms_of_another_block_that_are_not_among_these_are_left_out():
     assert len(alarms) > 1
     everything = AlarmSums(lane.steps, alarms)
     for index in range(SCANS):
-        everything.add(LaneScan(lane, index).cleaned)
+        everything.add(ImagedScan(lane, index).cleaned)
     last = len(alarms) - 1
     some = AlarmSums(lane.steps, alarms.iloc[[last]], np.array([last]))
     some.merge(everything.state())

@@ -28,7 +28,7 @@ def test_poses_of_all_scans_that_may_see_the_same_ground_are_given():
     lane = with_results()
     near = poses_near(lane, range(0, 1))
     y = lane.setup.run["pose"].values[:, 1]
-    farthest = np.abs(lane.images.grid.extent()).max() * np.sqrt(2)
+    farthest = np.abs(lane.near.extent()).max() * np.sqrt(2)
     wanted = [scan for scan in range(SCANS) if abs(y[scan] - y[0]) <= 2 * farthest]
     assert list(near) == wanted
     np.testing.assert_array_equal(near[0], lane.setup.pose(0))

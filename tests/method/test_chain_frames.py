@@ -1,10 +1,12 @@
 """The pass that raises alarms on every scan's image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, with_results
-from flgpr.method.lane_scan import LaneScan
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.frames import FrameAlarms, alarms_by_frame
 from flgpr.screen import frame_alarms
 
@@ -31,9 +33,9 @@ def test_every_frame_has_the_alarms_of_its_own_image(one_block):
         labels["polarization"].index(screen.polarization),
         labels["subband"].index(screen.subband),
     )
-    magnitude = LaneScan(lane, 6).magnitude()[channel]
+    magnitude = ImagedScan(lane, 6).magnitude()[channel]
     area = lane.recipe.frame_area()
-    wanted = frame_alarms(magnitude, lane.images.grid, area, screen.radius)
+    wanted = frame_alarms(magnitude, lane.near, area, screen.radius)
     own = alarms[alarms["frame"] == 6]
     assert len(own) == len(wanted) > 0
     np.testing.assert_allclose(own["across"], wanted["x"])
@@ -42,6 +44,6 @@ def test_every_frame_has_the_alarms_of_its_own_image(one_block):
 
 def test_frames_begin_once_enough_scans_are_summed():
     lane = with_results()
-    lane.images.frames = 4
+    lane.setup = replace(lane.setup, summed=4)
     found = in_blocks(FrameAlarms, lane, DIVISIONS[0])
     assert found["frame"].tolist() == list(range(3, SCANS))

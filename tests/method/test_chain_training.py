@@ -30,7 +30,7 @@ def test_a_clutter_stage_learns_from_data_before_there_are_images():
     stage = Learner()
     lane = SimpleNamespace(
         untrained=["clutter.filter"],
-        images=SimpleNamespace(stages={"clutter.filter": stage}),
+        clutter_stages={"clutter.filter": stage},
         truth=TRUTH,
     )
     passes = until_examples(lane, PASSES)
@@ -46,7 +46,7 @@ def test_a_map_learns_from_cleaned_images():
     passes = until_examples(lane, PASSES)
     assert names(passes) == ["roadside", "signature", "gain", "learn.map.forms"]
     # The cleaned images exist once the passes before have run.
-    lane.cleaned = SimpleNamespace(coherent="images")
+    lane.coherent = "images"
     assert passes[-1].start(range(2)) == "gatherer"
     assert stage.asked == (TRUTH, "images")
 

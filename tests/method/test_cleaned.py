@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from divided import SCANS, results_of_lane, setup
-from flgpr.method.cleaned import CleanedRun
 from small_lane import small_recipe
 
 NEAR = small_recipe().replace("y_max = 4.5", "y_max = 3.5", 1)
@@ -17,16 +16,15 @@ def lane():
 
 
 def test_fewer_rows_count_than_are_made(lane):
-    assert lane.images.grid.ny < lane.imager.grid.ny
+    assert lane.near.ny < lane.imager.grid.ny
 
 
 def test_images_are_those_of_the_nearest_rows(lane):
-    cleaned = CleanedRun(lane.images, lane.results["gain"])
-    assert len(cleaned) == SCANS
-    assert cleaned.reads_data
-    image = cleaned.near_image(6)
-    whole = lane.images.scan_image(6).values
-    near = whole[..., : cleaned.grid.ny, :]
+    assert len(lane) == SCANS
+    assert lane.reads_data
+    image = lane.near_image(6)
+    whole = lane.scan_image(6).values
+    near = whole[..., : lane.near.ny, :]
     # Other pixels make another grid of the operator, which keeps the recipe's tolerance.
     atol = lane.recipe.image.tolerance * np.abs(whole).max()
     np.testing.assert_allclose(image.values, near, atol=atol)
@@ -34,34 +32,31 @@ def test_images_are_those_of_the_nearest_rows(lane):
 
 
 def test_data_that_were_read_already_give_the_same_image(lane):
-    cleaned = CleanedRun(lane.images, lane.results["gain"])
     data = lane.imager.signal(int(lane.imager.scans[6]))
-    np.testing.assert_array_equal(cleaned.near_image(6, data).values, cleaned.near_image(6).values)
+    np.testing.assert_array_equal(lane.near_image(6, data).values, lane.near_image(6).values)
 
 
 def test_whole_images_that_are_in_memory_are_cut(lane, monkeypatch):
     asked = []
-    make = lane.images.scan_image
+    make = lane.scan_image
 
     def whole_image(index):
         asked.append(index)
         return make(index)
 
-    monkeypatch.setattr(lane.images, "in_memory", True)
-    monkeypatch.setattr(lane.images, "scan_image", whole_image)
-    cleaned = CleanedRun(lane.images, lane.results["gain"])
-    assert not cleaned.reads_data
-    assert cleaned.near_image(6).sizes["y"] == cleaned.grid.ny
+    monkeypatch.setattr(lane, "in_memory", True)
+    monkeypatch.setattr(lane, "scan_image", whole_image)
+    assert not lane.reads_data
+    assert lane.near_image(6).sizes["y"] == lane.near.ny
     assert asked == [6]
 
 
 def test_the_coherent_image_keeps_the_phase_of_what_is_left(lane):
     """Each polarization has a gain of its own: what is left of Eq. 5 before its magnitude."""
-    cleaned = CleanedRun(lane.images, lane.results["gain"])
     gain = lane.results["gain"]
-    rows = cleaned.grid.ny
-    left = cleaned.near_image(3).values / gain["gains"][3][..., None, None]
+    rows = lane.near.ny
+    left = lane.near_image(3).values / gain["gains"][3][..., None, None]
     left = (left - gain["signature"][..., :rows, :]) / gain["gain"][..., :rows, :]
-    found = cleaned.coherent(3)
+    found = lane.coherent(3)
     np.testing.assert_allclose(found.values, left, rtol=1e-3, atol=1e-4)
     assert found.attrs["scan"] == int(lane.imager.scans[3])

@@ -25,7 +25,7 @@ def sums(lane, **options):
 def gathered(lane, scans, **options):
     evidence = sums(lane, **options)
     for index in scans:
-        evidence.add(lane.cleaned.coherent(index))
+        evidence.add(lane.coherent(index))
     return evidence
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, with_results
-from flgpr.method.lane_scan import LaneScan
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.features import Features, alarms_near
 
 
@@ -24,7 +24,7 @@ def test_a_pass_that_goes_on_from_a_state_has_the_same_bits(one_block):
     for index in range(SCANS):
         if index == 5:
             resumed.merge(first.state(True))
-        (first if index < 5 else resumed).add(LaneScan(lane, index))
+        (first if index < 5 else resumed).add(ImagedScan(lane, index))
     assert same_bits(resumed.result(), one_block)
 
 
@@ -51,7 +51,7 @@ def test_a_block_takes_the_alarms_within_reach_of_its_scans():
     lane = SimpleNamespace(
         imager=SimpleNamespace(scans=np.arange(4)),
         setup=SimpleNamespace(run={"pose": SimpleNamespace(values=pose)}),
-        images=SimpleNamespace(grid=SimpleNamespace(extent=lambda: (-3.0, 2.0, 1.0, 4.0))),
+        near=SimpleNamespace(extent=lambda: (-3.0, 2.0, 1.0, 4.0)),
     )
     alarms = pd.DataFrame({"y": [-5.1, -5.0, 6.0, 6.1, 15.0, 26.0, 26.1]})
     assert alarms_near(lane, alarms, range(0, 2)).tolist() == [1, 2]

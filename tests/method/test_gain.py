@@ -27,9 +27,7 @@ def test_rows_have_the_mean_of_the_medians_of_their_scans():
     near = np.abs(lane.imager.grid.x) <= within
     medians = []
     for index, gain in enumerate(first["gains"]):
-        image = lane.images.scan_image(index, lane.background_rows).values[
-            ..., : lane.background_rows, :
-        ]
+        image = lane.scan_image(index, lane.background_rows).values[..., : lane.background_rows, :]
         left = np.abs(image / gain[..., None, None] - first["signature"])
         medians.append(np.median(left[..., near], axis=-1))
     np.testing.assert_allclose(found["gain"][..., 0], np.mean(medians, axis=0), rtol=1e-5)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from divided import recorded
-from flgpr.method.images import RunImages, imager_of
-from flgpr.method.model import as_model
+from flgpr.method.imaged_run import ImagedRun, imager_of
 from flgpr.model import lane_to_scan, scan_to_lane
 from flgpr.recipe.schema import parse_recipe
 from small_lane import LANE, small_recipe
@@ -16,7 +15,7 @@ def images_of(**changes):
     recipe = parse_recipe(small_recipe())
     table = recipe.image.model_copy(update=changes)
     recipe = recipe.model_copy(update={"image": table})
-    return RunImages(recorded(), recipe, LANE, as_model(None), {}, {})
+    return ImagedRun(recorded(), recipe, LANE)
 
 
 def test_an_imager_makes_the_subbands_and_polarizations_that_are_asked_for():
@@ -35,7 +34,7 @@ def test_an_imager_makes_the_subbands_and_polarizations_that_are_asked_for():
 def test_plain_images_are_those_of_the_imager():
     images = images_of()
     assert images.plain
-    assert images.passes() == []
+    assert images.stage_passes() == []
     np.testing.assert_array_equal(images.scan_image(2).values, images.imager.image(2).values)
 
 

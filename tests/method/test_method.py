@@ -10,7 +10,7 @@ import pytest
 
 from flgpr.engine import Engine, PlannedPass, blocks_of, sum_accumulator
 from flgpr.method.detection import rank_alarms
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detect, detection_of, engine_of, passes_of
 from flgpr.method.sections import Section, lane_threshold
 from flgpr.recipe.schema import parse_recipe
@@ -31,7 +31,7 @@ def recipe():
 
 @pytest.fixture(scope="module")
 def setup(run, recipe):
-    setup = LaneSetup(run, recipe, LANE)
+    setup = ImagedRun(run, recipe, LANE)
     engine_of(setup).run()
     return setup
 
@@ -66,7 +66,7 @@ def test_passes_stand_in_the_order_of_the_paper_and_name_what_they_need(setup):
 
 
 def test_a_map_surveys_the_whole_lane_before_the_first_map(run, recipe, setup):
-    other = LaneSetup(run, recipe, LANE, results=dict(setup.results))
+    other = ImagedRun(run, recipe, LANE, results=dict(setup.results))
 
     def survey(image):
         sums = {"power": np.zeros(1)}
@@ -82,7 +82,7 @@ def test_a_map_surveys_the_whole_lane_before_the_first_map(run, recipe, setup):
     assert passes["survey"].all_scans
     assert passes["survey"].needs == ("gain",)
     engine_of(other).run(names=("survey",))
-    images = [other.cleaned.coherent(index).values for index in range(len(other.imager))]
+    images = [other.coherent(index).values for index in range(len(other.imager))]
     powers = [(np.abs(image) ** 2).mean() for image in images]
     assert other.results["survey"]["power"][0] == pytest.approx(sum(powers), rel=1e-5)
 
@@ -95,7 +95,7 @@ def test_an_engine_refuses_a_pass_before_what_it_needs():
 
 def test_blocks_merged_by_hand_give_the_bits_of_the_run_in_one(run, recipe, setup):
     """As workers do it: every block by itself, its state taken as plain arrays, merged in the order of the blocks."""
-    other = LaneSetup(run, recipe, LANE)
+    other = ImagedRun(run, recipe, LANE)
     engine = engine_of(other)
     for name in engine.passes:
         states = [engine.gather_block(name, number) for number in engine.block_numbers(name)]
@@ -109,7 +109,7 @@ def test_blocks_merged_by_hand_give_the_bits_of_the_run_in_one(run, recipe, setu
 
 
 def test_without_explanations_the_alarms_are_the_same(run, recipe, setup):
-    plain = LaneSetup(run, recipe, LANE, explains=False)
+    plain = ImagedRun(run, recipe, LANE, explains=False)
     engine_of(plain).run()
     found = detection_of(plain)
     pd.testing.assert_frame_equal(found.alarms, detection_of(setup).alarms)
@@ -125,7 +125,7 @@ def test_sections_share_a_background_and_find_what_the_whole_lane_does(run, reci
     for first, last in ((0, rows // 2), (rows // 2, rows)):
         shared = {name: setup.results[name] for name in ("signature", "gain")}
         section = Section(first, last, threshold)
-        part = LaneSetup(run, recipe, LANE, results=shared, section=section)
+        part = ImagedRun(run, recipe, LANE, results=shared, section=section)
         engine_of(part).run()
         found.append(rank_alarms(part).alarms)
     together = pd.concat(found).sort_values(["y", "x"])[["x", "y", "confidence"]]
@@ -136,10 +136,10 @@ def test_sections_share_a_background_and_find_what_the_whole_lane_does(run, reci
 
 
 def test_a_section_goes_through_the_blocks_that_reach_it(run, recipe):
-    part = LaneSetup(run, recipe, LANE, section=Section(0, 5, 0.0))
+    part = ImagedRun(run, recipe, LANE, section=Section(0, 5, 0.0))
     blocks = [range(0, 4), range(4, 8), range(8, 13)]
     assert part.block_numbers(blocks) == [0, 1]
-    assert LaneSetup(run, recipe, LANE).block_numbers(blocks_of(13)) == [0]
+    assert ImagedRun(run, recipe, LANE).block_numbers(blocks_of(13)) == [0]
 
 
 def test_a_detection_in_memory_is_what_the_passes_leave(run, recipe, setup):

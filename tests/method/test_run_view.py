@@ -25,8 +25,8 @@ def test_before_the_background_is_removed_the_looks_are_magnitudes_of_images():
     lane = with_results()
     sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max)
     for index in range(SCANS):
-        image = lane.cleaned.near_image(index)
-        sums.add(np.abs(image.values), lane.images.grid, image.attrs["pose"])
+        image = lane.near_image(index)
+        sums.add(np.abs(image.values), lane.near, image.attrs["pose"])
     found = in_blocks(PlainRunView, lane, DIVISIONS[0])
     np.testing.assert_array_equal(found["view"], sums.result()[0])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, setup
-from flgpr.method.lane_scan import LaneScan
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.signature import SelfSignaturePass
 
 
@@ -33,11 +33,11 @@ def test_every_scan_has_a_gain_and_every_pixel_a_signature(one_block):
 def test_a_scan_that_is_twice_as_strong_has_twice_the_gain(index, monkeypatch):
     """Everything in the data is linear, and Eq. 2 divides every image by its gain."""
     lane = setup()
-    image = lane.images.scan_image(index)
+    image = lane.scan_image(index)
     shown = [image, 2 * image]
-    monkeypatch.setattr(lane.images, "scan_image", shown.__getitem__)
+    monkeypatch.setattr(lane, "scan_image", shown.__getitem__)
     doubled = SelfSignaturePass(lane, range(0, 2))
     for number in range(2):
-        doubled.add(LaneScan(lane, number))
+        doubled.add(ImagedScan(lane, number))
     gains = doubled.result()["gains"]
     np.testing.assert_allclose(gains[1], 2 * gains[0], rtol=1e-5)

@@ -13,9 +13,8 @@ from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
 from flgpr.method.classifier import CLASSIFIER_A, make_training_set, train
-from flgpr.method.cleaned import CleanedRun
 from flgpr.method.detection import MAIN
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detect, detection_of, engine_of
 from flgpr.method.model import load_model, save_model
 from flgpr.progress import silent
@@ -231,15 +230,15 @@ def test_training_needs_one_truth_per_run(tmp_path):
         flgpr.train([tmp_path], [tmp_path], "demo-mean-self-signature", tmp_path / "m")
 
 
-def cleaned_run(run, recipe) -> CleanedRun:
-    setup = LaneSetup(run, recipe, LANE, whole_background=True)
+def cleaned_run(run, recipe) -> ImagedRun:
+    setup = ImagedRun(run, recipe, LANE, whole_background=True)
     engine_of(setup).run(names=("signature", "gain"))
-    return setup.cleaned
+    return setup
 
 
 def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_does(run):
     recipe = parse_recipe(cut_down(small_recipe(3), [("y = [2.5, 5.5]", "y = [2.5, 8.5]")]))
-    near, whole = (LaneSetup(run, recipe, LANE, whole_background=whole) for whole in (False, True))
+    near, whole = (ImagedRun(run, recipe, LANE, whole_background=whole) for whole in (False, True))
     for setup in (near, whole):
         engine_of(setup).run()
     assert (

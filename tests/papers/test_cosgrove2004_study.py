@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from few_tones import few_tones
 from flgpr.clutter import ClutterWhitener
 from flgpr.method.model import load_model
 from flgpr_papers.cosgrove2004 import findings as findings_module
@@ -19,30 +20,27 @@ from flgpr_papers.cosgrove2004.detect import (
     eigenvectors,
     learn,
     score_looks,
-    target_cut,
 )
 from flgpr_papers.cosgrove2004.images import (
-    LaneChange,
     _direction,
-    _scene,
     lane_looks,
-    open_looks,
-    reflector_looks,
+    lane_scene,
     study_sensor,
     tone_weight,
 )
-from flgpr_papers.cosgrove2004.reasons import SHIFTS, correlation_record, moment_record
-from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.signature import (
     look_measures,
-    polarization_correlation,
 )
 from flgpr_papers.kit.findings import NO_VERDICT
-from flgpr_papers.kit.study_worlds import AS_FOUND
-from flgpr_papers.kit.worlds import changed
+from flgpr_papers.kit.scenes import changed
 from reference.cosgrove2004 import equations_7_to_12
 
 pytestmark = pytest.mark.slow("studies of papers")
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(2004)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -55,23 +53,7 @@ def folded_ranges():
 
 @pytest.fixture(scope="module")
 def recipe():
-    """The packaged study on few tones, coarse pixels and thin ground; ranges fold, which no test here minds.
-
-    On roads as found, which have bushes on short lanes too.
-    """
-    packaged = study_recipe(world=AS_FOUND)
-    radar = packaged.radar.model_copy(update={"tone_step": 40e6, "scatterers": 5.0})
-    image = packaged.image.model_copy(update={"y": (12.0, 17.2), "spacing": (0.1, 0.02)})
-    study = packaged.study.model_copy(update={"seeds": 2, "share": 0.01})
-    training = packaged.training.model_copy(update={"clutter_step": (3, 1)})
-    sites = {name: packaged.sites[name] for name in ("sand", "gravel")}
-    tables = {"radar": radar, "image": image, "study": study, "training": training, "sites": sites}
-    return packaged.model_copy(update=tables)
-
-
-@pytest.fixture
-def rng():
-    return np.random.default_rng(2004)
+    return few_tones()
 
 
 @pytest.fixture(scope="module")
@@ -81,57 +63,10 @@ def looks(recipe):
 
 def test_what_stands_beside_the_lane_brings_no_ground_of_its_own(recipe):
     """Echoes are added: with nothing beside the lane the two worlds must be one, soil and holes counted once."""
-    scene = _scene(recipe, recipe.sites["sand"], 3000, 0.1)[0]
+    scene = lane_scene(recipe, recipe.sites["sand"], 3000, 0.1)[0]
     images = _direction(recipe, changed(scene, clutter={"bushes": 0.0, "posts": 0.0}), 3000, False)
     for (beside, *_), (alone, *_) in zip(images["roadside"], images["open"], strict=True):
         np.testing.assert_array_equal(beside.values, alone.values)
-
-
-@pytest.mark.slow("makes lanes of the study again with one thing changed")
-def test_a_twin_with_nothing_changed_is_the_studys_open_lane(recipe, looks):
-    twin = open_looks(recipe, "sand", 3, 0.1, LaneChange())
-    assert len(twin) == len(looks["open"])
-    for one, other in zip(twin, looks["open"], strict=True):
-        np.testing.assert_array_equal(one.image.values, other.image.values)
-        np.testing.assert_array_equal(one.position, other.position)
-        assert (one.trains, one.depth, one.shift) == (other.trains, other.depth, other.shift)
-
-
-def test_a_lane_without_its_mines_is_looked_at_where_they_lay(recipe, looks):
-    bare = open_looks(recipe, "sand", 3, 0.1, LaneChange(mines=False))
-    for one, other in zip(bare, looks["open"], strict=True):
-        np.testing.assert_array_equal(one.position, other.position)
-    peaks = [
-        np.median([np.abs(target_cut(recipe, look)).max() for look in found])
-        for found in (bare, looks["open"])
-    ]
-    assert peaks[0] < 0.7 * peaks[1]
-
-
-@pytest.mark.slow("makes lanes of the study again with one thing changed")
-def test_mines_and_ground_can_be_changed_one_by_one(recipe, looks):
-    ahead = open_looks(recipe, "sand", 3, 0.1, LaneChange(mine={"x": 0.0}))
-    assert all(abs(look.position[0]) < 0.1 for look in ahead)
-    louder = open_looks(recipe, "sand", 3, 0.1, LaneChange({"surface": {"level_db": 20.0}}))
-    level = [np.median(np.abs(found[0].image.values)) for found in (louder, looks["open"])]
-    assert level[0] != pytest.approx(level[1], rel=1e-3)
-
-
-def test_a_corner_reflector_returns_the_same_in_both_polarizations(recipe):
-    for look in reflector_looks(recipe, "sand"):
-        assert polarization_correlation(target_cut(recipe, look)[0]) > 0.999
-
-
-def test_what_is_measured_on_a_changed_lane(recipe, looks):
-    record = correlation_record(recipe, looks["open"])
-    middle = record["mine_by_shift"][SHIFTS.index(0)]
-    assert middle == pytest.approx(record["mine"])
-    assert 0 < record["clutter"] < 1
-    training = learn(recipe, [look for look in looks["open"] if look.trains])
-    moments = moment_record(recipe, looks["open"], training.whitener)
-    assert 0 < moments["share_filled"] <= 1
-    assert moments["filled"] <= moments["fourth_moment"]
-    assert moments["levelled"] < moments["filled"]
 
 
 def test_ramp_on_calibrated_data_leaves_amplitudes_that_grow_with_frequency(recipe):

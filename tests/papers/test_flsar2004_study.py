@@ -28,7 +28,7 @@ from flgpr_papers.kit.findings import (
     difference_of_shares,
     read_findings,
 )
-from flgpr_papers.kit.worlds import turned
+from flgpr_papers.kit.scenes import turned
 
 pytestmark = pytest.mark.slow("studies of papers")
 

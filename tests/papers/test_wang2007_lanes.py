@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.simulate import draw_world
 from flgpr_papers.wang2007 import lanes
 
@@ -23,3 +24,8 @@ def test_the_lanes_hold_what_the_paper_says():
         truth = draw_world(scene, seed).truth()
         assert np.abs(truth["depth"] - 0.075).max() < 0.03
     assert len({seed for _, seed in [*lanes.calibration_scenes().values(), *blind.values()]}) == 7
+
+
+def test_the_recipe_of_f1_has_one_sub_band():
+    recipe = parse_recipe(lanes.f1_alone(recipe_text("wang2007")))
+    assert list(recipe.image.subbands) == ["F1"]

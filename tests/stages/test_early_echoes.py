@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, sample_lane
@@ -18,11 +18,11 @@ def run():
 
 
 def setup(run, added):
-    return LaneSetup(run, parse_recipe(recipe_text("miniature") + added), LANE, explains=False)
+    return ImagedRun(run, parse_recipe(recipe_text("miniature") + added), LANE, explains=False)
 
 
 def test_the_path_is_that_by_way_of_the_nearest_pixel(run):
-    stage = setup(run, EARLY).images.stages["clutter.early"]
+    stage = setup(run, EARLY).clutter_stages["clutter.early"]
     # A transmitter at x = -0.9 m and the receiver nearest to it, 1.5 and 1.47 m above the ground
     # 1.2 m ahead.
     apart = np.abs(run["rx_position"].values[:, 0] + 0.9).min()
@@ -33,7 +33,7 @@ def test_the_path_is_that_by_way_of_the_nearest_pixel(run):
 
 
 def test_a_path_may_be_given(run):
-    stage = setup(run, EARLY + "path = 2.5\n").images.stages["clutter.early"]
+    stage = setup(run, EARLY + "path = 2.5\n").clutter_stages["clutter.early"]
     assert stage.notes()["early_path"] == 2.5
     with pytest.raises(ValueError, match="path"):
         setup(run, EARLY + "path = -1.0\n")
@@ -43,7 +43,7 @@ def test_the_direct_wave_of_the_full_wave_lane_no_longer_covers_a_narrow_sub_ban
     narrow = recipe_text("miniature").replace("F0 = [0.45e9, 1.5e9]", "F0 = [0.45e9, 0.6e9]")
     levels = []
     for added in ("", EARLY):
-        lane = LaneSetup(run, parse_recipe(narrow + added), LANE, explains=False)
-        image = np.abs(lane.images.scan_image(0).sel(polarization="HH", subband="F0").values)
+        lane = ImagedRun(run, parse_recipe(narrow + added), LANE, explains=False)
+        image = np.abs(lane.scan_image(0).sel(polarization="HH", subband="F0").values)
         levels.append(20 * np.log10(np.median(image)))
     assert levels[0] - levels[1] > 20

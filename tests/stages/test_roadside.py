@@ -5,7 +5,7 @@ import pytest
 
 from divided import SCANS, recorded
 from flgpr.engine import block_name, blocks_of
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe
 from flgpr.stages.roadside import (
@@ -23,7 +23,7 @@ BARE = Lane(-0.15, 0.05, 3.0, 8.0)  # a strip of ground with all targets beside 
 
 
 def setup_of(lane):
-    return LaneSetup(recorded(), parse_recipe(small_recipe()), lane, explains=False).setup
+    return ImagedRun(recorded(), parse_recipe(small_recipe()), lane, explains=False).setup
 
 
 def measured(setup):

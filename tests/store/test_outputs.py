@@ -7,10 +7,14 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from flgpr.jobs.checkpoint import begin
 from flgpr.results.result import add_files, are_settled, read_result
-from flgpr.store.files import replace_folder, write_whole
+from flgpr.store import save_run, write_bundle
+from flgpr.store.files import check_new, replace_folder, write_whole
+from flgpr.store.journal import JOURNAL
 from flgpr.store.outputs import (
     BusyError,
     atomic_output,
@@ -19,7 +23,9 @@ from flgpr.store.outputs import (
     same_content,
     write_new,
 )
+from flgpr.trials import seal_truth
 from robust import digests
+from small_lane import small_run
 from small_results import small_result
 
 
@@ -104,15 +110,69 @@ def test_what_a_killed_writer_left_is_taken_away_by_the_next(tmp_path):
     assert names(tmp_path) == ["a"]
 
 
-@pytest.mark.parametrize("kind", ["link", "pipe"])
-def test_what_lies_at_the_name_of_a_temporary_file_leads_nowhere(kind, tmp_path):
-    (tmp_path / "keep").write_text("keep")
-    temporary = tmp_path / "a.partial"
-    temporary.symlink_to(tmp_path / "keep") if kind == "link" else os.mkfifo(temporary)
+def test_a_pipe_at_the_name_of_a_temporary_file_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.partial")
     write_whole(tmp_path / "a", "new")
-    assert (tmp_path / "keep").read_text() == "keep"
     assert (tmp_path / "a").read_text() == "new"
-    assert not (tmp_path / "a").is_symlink()
+    assert names(tmp_path) == ["a"]
+
+
+TAKEN = {
+    "whole file": (lambda path: write_whole(path, "new"), ("a", "a.partial")),
+    "new file": (lambda path: write_new(path, "new"), ("a", ".partial-a")),
+    "arrays": (lambda path: write_bundle(path, {"a": np.zeros(2)}), ("a",)),
+    "folder": (lambda path: replace_folder(path.with_name("made"), path), ("a", ".replaced-by-a")),
+    "lock": (lambda path: locked_folder(path).__enter__(), ("a",)),
+    "run": (lambda path: save_run(small_run(), path), ("a", "a.partial", ".replaced-by-a")),
+    "run again": (
+        lambda path: save_run(small_run(), path, resume=True, overwrite=True),
+        ("a", "a.partial", ".replaced-by-a"),
+    ),
+    "sealed": (lambda path: seal_truth(None, None, path, ""), ("a",)),
+    "checked": (check_new, ("a",)),
+    "work": (lambda path: begin(path, {}).__enter__(), ("a", "a.done")),
+}
+"""What writes to a path, and the names that it removes, replaces, or makes as temporary ones."""
+
+
+@pytest.mark.parametrize("lead", ["precious", "precious/file", "nowhere"])
+@pytest.mark.parametrize(
+    ("write", "name"), [(write, name) for write, taken in TAKEN.values() for name in taken]
+)
+def test_a_link_at_a_name_that_a_writer_takes_is_refused(write, name, lead, tmp_path):
+    """Whether it leads to a folder, to a file or nowhere: neither it nor what it leads to changes."""
+    for folder in ("precious", "made", "out"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "file").write_text(folder)
+    (tmp_path / "out" / "made").mkdir()
+    link = tmp_path / "out" / name
+    link.symlink_to(tmp_path / lead)
+    before = digests(tmp_path)
+    with pytest.raises(FileExistsError, match="must not be a symbolic link, got one to") as told:
+        write(tmp_path / "out" / "a")
+    assert str(link) in str(told.value)
+    assert str(tmp_path / lead) in str(told.value)
+    assert digests(tmp_path) == before
+    assert link.is_symlink()
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_folder_on_the_way_to_an_output_may_be_a_link(tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "data").symlink_to(tmp_path / "disk")
+    write_whole(tmp_path / "data" / "a", "new")
+    write_new(tmp_path / "data" / "b", "new")
+    save_run(small_run(), tmp_path / "data" / "c", resume=True)
+    assert names(tmp_path / "disk") == ["a", "b", "c"]
+
+
+def test_a_journal_that_is_a_link_is_not_written_through(tmp_path):
+    (tmp_path / "precious").write_text("no end of line")
+    (tmp_path / "a.partial").mkdir()
+    (tmp_path / "a.partial" / JOURNAL).symlink_to(tmp_path / "precious")
+    with pytest.raises(FileExistsError, match="symbolic link"):
+        save_run(small_run(), tmp_path / "a", resume=True)
+    assert (tmp_path / "precious").read_text() == "no end of line"
 
 
 def test_a_copy_that_somebody_named_old_is_kept(tmp_path):

@@ -474,3 +474,17 @@ def test_a_copy_in_the_same_folder_has_the_same_log(tmp_path):
     assert (
         score_blind(ALARMS, away, PHRASE).looks == 1
     )  # another folder: the log did not go with it
+
+
+@pytest.mark.parametrize("text", ["notes of mine", "notes of mine\nand more"])
+@pytest.mark.parametrize("is_link", [False, True])
+def test_a_file_that_is_no_register_stays_as_it_is(text, is_link, tmp_path):
+    """Also one whose only line has no end, which looks like one that a kill left."""
+    notes = tmp_path / "notes.txt"
+    notes.write_text(text)
+    book = tmp_path / "book"
+    book.symlink_to(notes) if is_link else book.write_text(text)
+    with pytest.raises(ValueError, match="must be"):
+        register(book, event="plan")
+    assert notes.read_text() == text
+    assert book.read_text() == text

@@ -12,7 +12,6 @@ from typer.core import TyperGroup
 
 import flgpr
 from flgpr.commands import (
-    bench,
     calibrate,
     imports,
     live,
@@ -58,11 +57,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "calibrate joint": calibrate.calibrate_joint,
     "calibrate permittivity": calibrate.calibrate_permittivity,
     "import fullwave": imports.import_fullwave,
-    "import gprmax": imports.import_gprmax,
     "import mapped": imports.import_mapped,
     "import table": imports.import_table,
-    "import cphd": imports.import_cphd,
-    "import gpr": imports.import_gpr,
     "recipe list": recipe.list_recipes,
     "recipe show": recipe.show_recipe,
     "recipe for": recipe.recipe_for,
@@ -72,7 +68,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "plan register": plan.register_recipe,
     "plan check": plan.check_register,
     "plan survey": plan.survey_plan,
-    "bench imaging": bench.bench_imaging,
 }
 """Every command by its words."""
 
@@ -92,7 +87,6 @@ HELP_PANELS: dict[str, dict[str, str]] = {
     "Research": {
         "design": "",
         "reproduce": "",
-        "bench": "Measure speed on this machine.",
     },
 }
 """First words by the title of the box in which ``flgpr --help`` shows them.

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from flgpr.door import read_named
+from flgpr.door import read_named, refuse_links
 from flgpr.store import write_whole
 from flgpr.store.outputs import OVERWRITE, locked_folder, log_finished, output_exists_error
 
@@ -29,8 +29,10 @@ def write_score_files(folder: Path, files: Files, overwrite: bool = True) -> Non
     Raises
     ------
     FileExistsError
-        If files with other content are there and are not to be replaced.
+        If files with other content are there and are not to be replaced, or the folder is a
+        symbolic link.
     """
+    refuse_links(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked_folder(folder, wait=True):
         if not must_write(folder, files, overwrite):

@@ -19,7 +19,7 @@ from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_registered_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.trial_card import TrialCard, ranking_notes
-from flgpr.door import Folder, read_named
+from flgpr.door import Folder, read_named, refuse_links
 from flgpr.model import Lane
 from flgpr.model.faults import faults_of
 from flgpr.progress import Track, silent
@@ -167,6 +167,7 @@ def score_result(
     result = _read_result(result_folder, lane_folders)
 
     target = score_folder(result_folder) if output is None else Path(output)
+    refuse_links(target)
     other_objects = None if objects is None else read_table(objects, "objects")
 
     halo = result.recipe.score.halo
@@ -308,6 +309,7 @@ def score_alarms(
     FileExistsError
         If another score is there and is not to be overwritten.
     """
+    refuse_links(Path(output))
     entrant = find_entrant(alarms, recipe, reading)
     lanes = read_lanes(lane)
     score_rules = Rules(**rules)

@@ -29,7 +29,7 @@ from flgpr.commands.scoring import (
     write_comparison,
 )
 from flgpr.commands.trial_card import TrialCard, ranking_notes
-from flgpr.door import MOST_JSON, Folder, read_named
+from flgpr.door import MOST_JSON, Folder, read_named, refuse_links
 from flgpr.json_text import parse_json
 from flgpr.report import blind_html
 from flgpr.results.score import blind_roc_json
@@ -111,6 +111,7 @@ def seal_truth_file(
 
     rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
     path = Path(output)
+    refuse_links(path)
     if os.path.lexists(path):
         _require_same_seal(path, passphrase, table, lanes, rules, bound_register)
         log_finished(path)
@@ -216,6 +217,8 @@ def score_sealed(
     ValueError
         As :func:`flgpr.trials.score_blind`.
     """
+    if output is not None:
+        refuse_links(Path(output))
     entrant = find_entrant(alarms, recipe, reading)
     check_registered([entrant], register)
 

@@ -172,7 +172,7 @@ def _held(path: Path) -> Iterator[None]:
     """Hold a file's lock, if this can be had: without it a kernel is compiled twice, no more."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
-            file = stack.enter_context(path.open("wb"))
+            file = stack.enter_context(path.open("ab"))
             end = time.monotonic() + _PATIENCE
             while not _lock_taken(file) and time.monotonic() < end:
                 time.sleep(0.02)

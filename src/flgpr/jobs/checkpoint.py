@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr import system
-from flgpr.door import MOST_JSON, DoorError, Folder, open_own
+from flgpr.door import MOST_JSON, DoorError, Folder, open_own, refuse_links
 from flgpr.engine import Arrays, Engine, Gatherer, block_name
 from flgpr.jobs.job import WORK_SUFFIX, LaneJob
 from flgpr.method.sections import Section
@@ -138,6 +138,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             other.bundle(name).check()
         except (OSError, BundleError):
             return False
+        refuse_links(self.path(as_name))
         partial = own_temporary(self.path(as_name))
         try:
             partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
@@ -349,8 +350,9 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
     WorkError
         If another process works there.
     FileExistsError
-        If the folder holds what no work folder holds.
+        If the folder holds what no work folder holds, or is a symbolic link.
     """
+    refuse_links(folder, done_folder(folder))
     output = _output_of(folder)
     content = canonical_json({"format": "flgpr-work", "version": 2, "job": job}) + b"\n"
     with naming_output(output):  # nobody has typed the name of the work folder
@@ -396,9 +398,15 @@ def _is_ours(path: Path) -> bool:
     return regular and (path.name in (_JOB, _LOCK, _MERGE_LOCK) or path.suffix in (SUFFIX, PARTIAL))
 
 
+def done_folder(folder: Path) -> Path:
+    """Return the name under which a work folder is deleted."""
+    return folder.with_name(f"{folder.name}.done")
+
+
 def finish(folder: Path) -> None:
     """Delete a work folder whose job is done."""
-    done = folder.with_name(f"{folder.name}.done")
+    done = done_folder(folder)
+    refuse_links(folder, done)
     shutil.rmtree(done, ignore_errors=True)
     folder.rename(done)
     shutil.rmtree(done, ignore_errors=True)

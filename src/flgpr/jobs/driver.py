@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr.door import refuse_links
 from flgpr.engine import group_of, not_shared
 from flgpr.jobs.checkpoint import Checkpoint, begin_work, work_until_done
 from flgpr.jobs.finished import is_done, keeps_result, whole_results
@@ -27,7 +28,7 @@ from flgpr.jobs.job import LaneJob
 from flgpr.jobs.pass_cache import PassCache
 from flgpr.jobs.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.jobs.workers import Executor, OnReport, Report, ignore_report
-from flgpr.method.lane_setup import LaneSetup, array_table
+from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.memory import sizes_of
 from flgpr.method.method import engine_of
 from flgpr.method.sections import Section, lane_threshold, plan_sections, threads_within
@@ -44,7 +45,7 @@ from flgpr.store.outputs import OVERWRITE, log_finished
 class LanePlan:
     """The lane of a job that fits, and how it is taken."""
 
-    lane: LaneSetup  #: the lane, which reads the results of passes in the job's work folder
+    lane: ImagedRun  #: the lane, which reads the results of passes in the job's work folder
     sections: list[Section]  #: that it is taken in; one for a lane in one piece
     folders: list[Path]  #: the result folder of each section
     threads: int  #: of a process that may take blocks at once
@@ -154,14 +155,14 @@ def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True
     keeps_result(job, sections, overwrite)
 
 
-def run_lane(job: LaneJob, lane: LaneSetup, runner: PassRunner) -> None:
+def run_lane(job: LaneJob, lane: ImagedRun, runner: PassRunner) -> None:
     """Do the passes of a lane in one piece and write its result.
 
     Parameters
     ----------
     job : LaneJob
         What to do.
-    lane : LaneSetup
+    lane : ImagedRun
         The lane of the job.
     runner : PassRunner
         Runs the passes.
@@ -178,7 +179,7 @@ def passes_of_lane(
     track: Track = silent,
     note: OnReport = ignore_report,
     label: str = "",
-) -> Iterator[LaneSetup]:
+) -> Iterator[ImagedRun]:
     """Do the passes of a stored training lane and yield the lane with their results.
 
     What explains alarms is left out. With a truth the passes end where the first stage that has not
@@ -208,7 +209,7 @@ class PassToRun:
     cache_key: Callable[[], dict[str, Any] | None] = not_shared
 
 
-def passes_to_run(job: LaneJob, lane: LaneSetup) -> list[PassToRun]:
+def passes_to_run(job: LaneJob, lane: ImagedRun) -> list[PassToRun]:
     """Return the passes of a lane in their order."""
     engine = engine_of(lane)
     passes = []
@@ -326,6 +327,7 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
         Runs the passes.
     """
     gathering = job.folder.with_name(f"{job.name}.sections")
+    refuse_links(gathering)
     names = [folder.name for folder in plan.folders]
     section_jobs = []
     for name, section in zip(names, plan.sections, strict=True):
@@ -352,9 +354,9 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
         replace_folder(gathering, job.folder)
 
 
-def _section_of(lane: LaneSetup, job: LaneJob, work: Checkpoint) -> LaneSetup:
+def _section_of(lane: ImagedRun, job: LaneJob, work: Checkpoint) -> ImagedRun:
     """Return the lane of a section's job, of the run and the model that are open."""
-    return LaneSetup(
+    return ImagedRun(
         lane.run,
         lane.recipe,
         lane.lane,
@@ -365,7 +367,7 @@ def _section_of(lane: LaneSetup, job: LaneJob, work: Checkpoint) -> LaneSetup:
     )
 
 
-def _find_threshold(lane: LaneSetup, section_jobs: Sequence[LaneJob], runner: PassRunner) -> float:
+def _find_threshold(lane: ImagedRun, section_jobs: Sequence[LaneJob], runner: PassRunner) -> float:
     """Do the run-views of all sections, and return the threshold of the lane by its maxima."""
     tables = []
     pixels_seen = 0
@@ -382,7 +384,7 @@ def _find_threshold(lane: LaneSetup, section_jobs: Sequence[LaneJob], runner: Pa
     return lane_threshold(lane.recipe, lane.lane, maxima, pixels_seen)
 
 
-def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: PassRunner) -> None:
+def _finish_section(lane: ImagedRun, job: LaneJob, threshold: float, runner: PassRunner) -> None:
     """Do the rest of a section and write its result, unless that is done."""
     if job.section is None:
         raise ValueError("job must have a section, got the whole lane")
@@ -399,6 +401,7 @@ def _finish_section(lane: LaneSetup, job: LaneJob, threshold: float, runner: Pas
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:
     """Make the folder that the sections gather in, without what is left of another job."""
+    refuse_links(gathering)  # that somebody made meanwhile
     gathering.mkdir(exist_ok=True)
     for path in gathering.iterdir():
         if path.name.partition(".")[0] in names:

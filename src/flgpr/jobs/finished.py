@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import flgpr
-from flgpr.jobs.checkpoint import work_until_done
+from flgpr.jobs.checkpoint import done_folder, work_until_done
 from flgpr.jobs.job import LaneJob
 from flgpr.method.model import MODEL_FILE
 from flgpr.method.sections import Section
@@ -72,7 +72,7 @@ def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int
 
 def _delete_leftovers(job: LaneJob) -> None:
     """Delete what a kill left beside a result that is whole."""
-    for path in (job.work.with_name(f"{job.work.name}.done"), replaced_by(job.folder)):
+    for path in (done_folder(job.work), replaced_by(job.folder)):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
         with work_until_done(job):

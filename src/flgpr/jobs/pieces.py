@@ -21,7 +21,7 @@ from flgpr.engine import Arrays, Engine, block_name, worker_state
 from flgpr.jobs.checkpoint import BlockCheckpoint, Checkpoint
 from flgpr.jobs.job import LaneJob, code_versions, processor
 from flgpr.jobs.workers import Report
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.method.model import parse_model, read_model, trained_on
 from flgpr.method.searched import searched_ground
@@ -138,7 +138,7 @@ def do_finish(job: LaneJob) -> Report:
         return done | {"alarms": len(detection.alarms)}
 
 
-def _describe_runs(job: LaneJob, lane: LaneSetup) -> dict[str, Any]:
+def _describe_runs(job: LaneJob, lane: ImagedRun) -> dict[str, Any]:
     """Return what a manifest says of the run, and of those taken together with it."""
     described = describe_run(lane.run, job.run, lane.recipe.motion)
     searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
@@ -152,7 +152,7 @@ def _describe_runs(job: LaneJob, lane: LaneSetup) -> dict[str, Any]:
     return described
 
 
-def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
+def _open(job: LaneJob) -> tuple[ImagedRun, Engine, Checkpoint]:
     """Return the lane of a job, its engine and its work folder, as this process sees them."""
     if job.code != code_versions():
         ours = dict(code_versions())
@@ -174,7 +174,7 @@ def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
 
 
 @lru_cache(maxsize=2)
-def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
+def _opened(job: LaneJob) -> tuple[ImagedRun, Engine, Checkpoint]:
     """Open what a job names; the latest ones stay open, as a process does many pieces of a job."""
     lane, work = open_lane(job)
     return lane, engine_of(lane), work
@@ -183,12 +183,12 @@ def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
 # What a job names, opened: by the driver and by every worker
 
 
-def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
+def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
     """Open the run, the model and the truth that a job names, as the driver saw them.
 
     Returns
     -------
-    lane : LaneSetup
+    lane : ImagedRun
         The lane. It reads the results of passes in the work folder, those that sections share
         included.
     work : Checkpoint
@@ -207,7 +207,7 @@ def open_lane(job: LaneJob) -> tuple[LaneSetup, Checkpoint]:
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
     work = Checkpoint(job.work, job.largest)
     results = work.with_shared(job.shared)
-    lane = LaneSetup(
+    lane = ImagedRun(
         run=run,
         recipe=recipe,
         lane=Lane(*job.lane),

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from flgpr.features import FEATURES, POLARIMETRIC
-from flgpr.method.images import imager_of
+from flgpr.method.imaged_run import setup_of
 from flgpr.method.model import Model
 from flgpr.method.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, course_lane
-from flgpr.stages import FeatureStage, Setup, Stage, make_stages
+from flgpr.stages import FeatureStage, Stage, make_stages
 from flgpr.store import RunDescription, Scan, as_run
 
 WITHOUT_END = 1e9  # m, length of a lane whose end nobody has given
@@ -153,21 +153,8 @@ def build_stages(
     """
     silence = np.zeros(description.shape, np.complex64)
     run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))
-    table = recipe.image
     ground = lane or course_lane(recipe, np.zeros((1, 6)), WITHOUT_END)
-    labels = description.polarization
-    imaged = [labels.index(name) for name in table.polarizations or labels]
-    setup = Setup(
-        run,
-        {},
-        ground,
-        imager_of(run, table),
-        recipe.near_grid(),
-        recipe.run_view.grid(ground),
-        imaged,
-        1,
-        {},
-    )
+    setup, _ = setup_of(run, recipe, ground, {})
     stages = make_stages(recipe.named(), setup, model.stages)
     columns: list[str] = []
     for stage in stages.values():

@@ -31,7 +31,7 @@ from flgpr.live.event_types import ViewGrid
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.model import Detector, Model, as_model, unlearnt
-from flgpr.method.steps import CleanedScan
+from flgpr.method.steps import CleanedImages
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.recipe.fit import alias_faults, check_channels
@@ -151,7 +151,7 @@ class LiveDetector:
             *self.recipe.smoothing, settings.span, settings.warm_up, self._rows
         )
         self.first_pose: FloatArray | None = None
-        self.history: list[CleanedScan] = []  # of scans that still see ground ahead
+        self.history: list[CleanedImages] = []  # of scans that still see ground ahead
         # features of the latest alarms, from all of these scans
         self._sums: AlarmSums | None = None
         # sums of the run-view, with "row", counted from the lane's first
@@ -295,7 +295,7 @@ class LiveDetector:
         moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
         return bool(moved < self.settings.least_step)
 
-    def _extend_history(self, cleaned: CleanedScan) -> AlarmSums | None:
+    def _extend_history(self, cleaned: CleanedImages) -> AlarmSums | None:
         """Add a cleaned scan to the history.
 
         Return the sums of the scans before if they can be continued.
@@ -444,7 +444,7 @@ class LiveDetector:
             passed = min(passed, self._reach(self.previous_pose)[0])
         return passed
 
-    def _add_look(self, scan: CleanedScan, pose: FloatArray) -> tuple[int, xr.DataArray]:
+    def _add_look(self, scan: CleanedImages, pose: FloatArray) -> tuple[int, xr.DataArray]:
         """Add a scan to the run-view; return the view and its first row.
 
         The view holds the ground that is not final, and a margin of the final ground before it.

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import os
 import queue
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from typing import Any, cast
 import numpy as np
 
 import flgpr
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.geo import Anchor, own_anchor, read_anchor
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
@@ -52,6 +51,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
+from flgpr.live.source import SOCKET, Arrival, Inbox, Source
 from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
@@ -63,7 +63,7 @@ from flgpr.live.state import (
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveUpdate, SettledOutcome
-from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
+from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.model import Lane
@@ -208,7 +208,7 @@ class LiveRun:
         snapshot = read_snapshot(path)
         if snapshot is not None and options.incoming is not None:
             _check_same_run(snapshot, Path(options.incoming))
-        sources: list[threading.Thread] = []
+        sources: list[Source] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
         if self._tcp is not None:
@@ -549,13 +549,15 @@ def _admitted(arrival: Arrival, intake: Intake) -> tuple[Scan | None, str]:
 
 
 def _check_output(folder: Path) -> None:
-    """Refuse a folder that holds anything but the files of a live run."""
+    """Refuse a folder that holds anything but the files of a live run, or links."""
     known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
     known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
+    refuse_links(folder)
     entries = list(folder.iterdir()) if folder.is_dir() else []
     foreign = []
     for entry in entries:
+        refuse_links(entry)
         if entry.name not in known and not entry.name.startswith(SNAPSHOT_FILE):
             foreign.append(entry)
     if folder.is_file() or foreign:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
-from flgpr.method.steps import CleanedScan
+from flgpr.method.steps import CleanedImages
 from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 
 SNAPSHOT_FILE = "snapshot.bundle"
@@ -216,7 +216,7 @@ def _restore(
     detector.history = []
     for position, number in enumerate(header["history"]):
         arrays_of_scan = _group(arrays, f"scan{position}.")
-        detector.history.append(CleanedScan(number, **arrays_of_scan))
+        detector.history.append(CleanedImages(number, **arrays_of_scan))
     detector.alarms.open = {}
     for entries in header["alarms"]:
         alarm = LiveAlarm(**entries)

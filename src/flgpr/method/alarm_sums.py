@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flgpr.engine import Arrays, bundle_groups, group_of
 from flgpr.features import FEATURES, POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.method.memory import column_count
-from flgpr.method.steps import CleanedScan, Steps
+from flgpr.method.steps import CleanedImages, Steps
 from flgpr.model import Grid, ground_points, lane_to_scan
 from flgpr.recipe.schema import Recipe
 from flgpr.recipe.tables import FeaturesTable
@@ -190,7 +190,7 @@ class AlarmSums:
         contrast = {} if self._contrast is None else {"": self._contrast}
         return {**contrast, **self._ten, **self._stages}
 
-    def add(self, *scans: CleanedScan) -> None:
+    def add(self, *scans: CleanedImages) -> None:
         """Add scans, one after the other."""
         for prefix, ten in self._ten.items():
             own_gain = self._gain[prefix] == "own"
@@ -257,7 +257,7 @@ class AlarmSums:
         return columns.add_prefix(prefix)
 
 
-def _phased(scan: CleanedScan, own_gain: bool) -> ComplexArray:
+def _phased(scan: CleanedImages, own_gain: bool) -> ComplexArray:
     """Return the images with their phase, of one of the two gains."""
     image = scan.own if own_gain else scan.coherent
     if image is None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.stages import FeatureStage, Named
 from flgpr.store import sha256
 
@@ -20,7 +20,7 @@ VIEWING = IMAGING | {"run_view", "contrast", "map"}
 """Tables of a recipe that run-views and what is read at alarms depend on."""
 
 
-def background_key(lane: LaneSetup) -> dict[str, Any] | None:
+def background_key(lane: ImagedRun) -> dict[str, Any] | None:
     """Return what the self-signature and the gain background depend on."""
     recipe = lane.recipe
     for stage in [*recipe.clutter, *_image_columns(lane)]:
@@ -30,7 +30,7 @@ def background_key(lane: LaneSetup) -> dict[str, Any] | None:
     return {"recipe": tables, "rows": lane.background_rows}
 
 
-def view_key(lane: LaneSetup) -> dict[str, Any] | None:
+def view_key(lane: ImagedRun) -> dict[str, Any] | None:
     """Return what the run-view depends on."""
     recipe = lane.recipe
     background = background_key(lane)
@@ -44,7 +44,7 @@ def view_key(lane: LaneSetup) -> dict[str, Any] | None:
     }
 
 
-def features_key(lane: LaneSetup) -> dict[str, Any] | None:
+def features_key(lane: ImagedRun) -> dict[str, Any] | None:
     """Return what the features depend on, the places of the alarms included."""
     view = view_key(lane)
     if view is None:
@@ -58,7 +58,7 @@ def features_key(lane: LaneSetup) -> dict[str, Any] | None:
     }
 
 
-def _image_columns(lane: LaneSetup) -> list[Named]:
+def _image_columns(lane: ImagedRun) -> list[Named]:
     """List the feature stages of the recipe that read images."""
     columns = []
     for stage in lane.recipe.columns:

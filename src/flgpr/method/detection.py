@@ -14,7 +14,7 @@ from flgpr.engine import group_of
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.method.estimators import TrainedEstimator
 from flgpr.method.evidence import Evidence, confidence_contributions, in_order
-from flgpr.method.lane_setup import LaneSetup, array_table
+from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.passes.frames import alarms_by_frame
 from flgpr.model import ALARM_COLUMNS, empty_table
 from flgpr.stages import FloatArray
@@ -57,14 +57,14 @@ class RankedAlarms:
 
 
 @blas_on_one_thread()
-def rank_alarms(lane: LaneSetup) -> RankedAlarms:
+def rank_alarms(lane: ImagedRun) -> RankedAlarms:
     """Score the alarms of a lane with the recipe's detector and rank them.
 
     Needs the results of the passes "alarms" and "features".
 
     Parameters
     ----------
-    lane : LaneSetup
+    lane : ImagedRun
         The lane.
 
     Returns
@@ -116,7 +116,7 @@ def rank(alarms: pd.DataFrame, features: pd.DataFrame) -> RankedAlarms:
 
 
 @blas_on_one_thread()
-def assemble(lane: LaneSetup, ranked: RankedAlarms) -> Detection:
+def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     """Return the ranked alarms of a lane with its run-view and what explains them.
 
     Needs the results of all passes. What explains alarms is there only where the lane gathers it.
@@ -143,14 +143,14 @@ def assemble(lane: LaneSetup, ranked: RankedAlarms) -> Detection:
     return Detection(MAIN, lane.recipe.description, alarms, lane.view(), **entries)
 
 
-def _evidence(lane: LaneSetup, ranked: RankedAlarms) -> Evidence:
+def _evidence(lane: ImagedRun, ranked: RankedAlarms) -> Evidence:
     """Return what explains the alarms, in their order."""
     sums = lane.evidence_sums()
     sums.merge(group_of(lane.results["features"], "explain"))
     return in_order(sums.result(), ranked.rows)
 
 
-def _contributions(lane: LaneSetup, ranked: RankedAlarms, evidence: Evidence) -> pd.DataFrame:
+def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) -> pd.DataFrame:
     """Return what adds up to the confidence of every alarm."""
     detector = lane.model.detector
     confidence = ranked.alarms["confidence"]
@@ -163,7 +163,7 @@ def _contributions(lane: LaneSetup, ranked: RankedAlarms, evidence: Evidence) ->
     return detector.contributions(ranked.features)
 
 
-def _notes(lane: LaneSetup) -> dict[str, Any]:
+def _notes(lane: ImagedRun) -> dict[str, Any]:
     """Return figures worth reporting, and what the confidence is made of."""
     notes: dict[str, Any] = {}
     detector = lane.model.detector

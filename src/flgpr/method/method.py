@@ -5,7 +5,7 @@ memory, worker processes, sections of a long lane and training all run this list
 detection takes the same steps (:mod:`flgpr.method.steps`) with the background and the run-view of
 the scans so far.
 
-The image of a scan is made when a pass asks for it (``method/images.py``): A^H of its data
+The image of a scan is made when a pass asks for it (``method/imaged_run.py``): A^H of its data
 (``imaging/operator.py``). The sum itself is compiled; ``_make_backend`` there chooses it. On a CPU
 it is by default ``adjoint`` of ``kernels/profiles.py``, over range profiles that ``compress`` of
 ``kernels/transform.py`` makes (``ProfileBackend`` in ``imaging/cpu.py``). Below 2000 terms a pair it
@@ -20,7 +20,7 @@ import xarray as xr
 
 from flgpr.engine import Engine, PlannedPass, blocks_of
 from flgpr.method.detection import Detection, assemble, rank_alarms
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import Detector, Model
 from flgpr.method.passes.alarms import Maxima
 from flgpr.method.passes.explain import Explain
@@ -38,7 +38,7 @@ from flgpr.recipe.fit import area_of
 from flgpr.recipe.schema import Recipe
 
 
-def passes_of(lane: LaneSetup) -> list[PlannedPass]:
+def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     """Return the passes of a recipe over a lane, in their order.
 
     For training they end where the first stage that has not learnt yet has its examples.
@@ -59,7 +59,7 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
             PlannedPass(
                 "survey",
                 "survey of the lane",
-                lambda _: mapper.survey(lane.cleaned.coherent),
+                lambda _: mapper.survey(lane.coherent),
                 ("gain",),
                 all_scans=True,
             )
@@ -81,7 +81,7 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
     return until_examples(lane, passes) if lane.untrained else passes
 
 
-def engine_of(lane: LaneSetup) -> Engine:
+def engine_of(lane: ImagedRun) -> Engine:
     """Return the engine that runs the passes of a lane."""
     passes = passes_of(lane)
     scans = len(lane.imager)
@@ -89,7 +89,7 @@ def engine_of(lane: LaneSetup) -> Engine:
     return Engine(passes, scans, lane.results, lane.concurrent, numbers)
 
 
-def detection_of(lane: LaneSetup) -> Detection:
+def detection_of(lane: ImagedRun) -> Detection:
     """Score the alarms of a lane whose passes are done, and return them with what explains them."""
     # The detector turns the features of every alarm into its confidence (Sec. II-D).
     ranked = rank_alarms(lane)
@@ -137,6 +137,6 @@ def detect(
         If the recipe does not fit the run, or needs a model that is not given.
     """
     area = area_of(run, recipe, lane)
-    setup = LaneSetup(run, recipe, area, model, section=section, others=others)
+    setup = ImagedRun(run, recipe, area, model, section=section, others=others)
     engine_of(setup).run(track)
     return detection_of(setup)

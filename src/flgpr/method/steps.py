@@ -27,7 +27,7 @@ from flgpr.stages import ComplexArray, FeatureStage, FloatArray
 
 
 @dataclass(frozen=True)
-class CleanedScan:
+class CleanedImages:
     """A scan's images (polarization, subband, y, x), cleaned, as far ahead as counts.
 
     They are in units of their background.
@@ -70,7 +70,7 @@ class Steps:
         gain: FloatArray,
         background: Background,
         needs_own_phase: bool = False,
-    ) -> CleanedScan:
+    ) -> CleanedImages:
         """Remove the background from a scan's image (Wang et al. 2007, Eq. 2 to 5).
 
         Parameters
@@ -91,7 +91,7 @@ class Steps:
 
         Returns
         -------
-        CleanedScan
+        CleanedImages
             The magnitude, and the phases that the recipe's features read.
         """
         rows = self.grid.ny
@@ -105,9 +105,9 @@ class Steps:
         magnitude = background.magnitude(image, gain, rows)
         shared_phase = background.coherent(image, gain, rows) if needs_shared else None
         own_phase = background.own_coherent(image, gain, rows) if needs_own else None
-        return CleanedScan(number, pose, magnitude, shared_phase, own_phase)
+        return CleanedImages(number, pose, magnitude, shared_phase, own_phase)
 
-    def labelled(self, scan: CleanedScan) -> xr.DataArray:
+    def labelled(self, scan: CleanedImages) -> xr.DataArray:
         """Return the image with each polarization's own gain, with its labels, axes and pose."""
         image = self._blank.copy(deep=False, data=scan.own)
         image.attrs = {"scan": scan.number, "pose": scan.pose.tolist()}

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import Folder
+from flgpr.door import Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.store.files import own_temporary, writing
 
@@ -72,9 +72,12 @@ def write_bundle(
     ------
     ValueError
         If an array holds anything else, or the metadata are no JSON values.
+    FileExistsError
+        If the file is a symbolic link.
     OSError
         If the file cannot be written.
     """
+    refuse_links(path)
     entries: list[dict[str, Any]] = []
     blocks: list[NDArray[np.uint8]] = []
     offset = 0
@@ -90,7 +93,7 @@ def write_bundle(
     # Several processes may write the same bundle at once, each under a name of its own.
     temporary = own_temporary(path)
     try:
-        with writing(path), temporary.open("wb") as file:
+        with writing(path), temporary.open("xb") as file:
             size = _write_blocks(file, head, blocks)
             if lasting:
                 file.flush()

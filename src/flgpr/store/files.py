@@ -16,11 +16,13 @@ from typing import Any, BinaryIO
 
 from flgpr import system
 from flgpr.append_log import sync_directory
-from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own
+from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own, refuse_links
 from flgpr.json_text import parse_with_digest
 
 PARTIAL = ".partial"
 """Ending of the name of a file that is being written."""
+PARTIAL_PREFIX = ".partial-"
+"""Before the name of an output, for the folder in which it is made."""
 _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
 
@@ -123,9 +125,12 @@ def write_whole(path: Path, data: bytes | str) -> None:
 
     Raises
     ------
+    FileExistsError
+        If the file or its temporary name is a symbolic link.
     OSError
         If the file cannot be written; the error names it.
     """
+    refuse_links(path)
     content = data.encode() if isinstance(data, str) else data
     if not system.OPENS_FOLDERS:
         _write_under_own_name(path, content)
@@ -147,8 +152,8 @@ def write_whole(path: Path, data: bytes | str) -> None:
 
 
 def _holds(path: Path, content: bytes) -> bool:
-    """Return whether a path is a regular file, not a link to one, with these bytes."""
-    if path.is_symlink() or not path.is_file() or path.stat().st_size != len(content):
+    """Return whether a path, which is no link, is a regular file with these bytes."""
+    if not path.is_file() or path.stat().st_size != len(content):
         return False
     with open(path, "rb", opener=open_own) as file:
         return file.read() == content
@@ -187,8 +192,9 @@ def _open_alone(temporary: Path) -> BinaryIO:
     """
     flags = os.O_RDWR | os.O_CREAT | system.NO_LINK | system.AT_ONCE | system.PLAIN
     while True:
+        refuse_links(temporary)
         if os.path.lexists(temporary) and not stat.S_ISREG(temporary.lstat().st_mode):
-            temporary.unlink()  # a link, which would lead elsewhere, or a pipe
+            temporary.unlink()  # a pipe
         file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
         with suppress(OSError):  # a file system without locks
             system.lock(file, wait=True)
@@ -212,10 +218,13 @@ def replace_folder(new: Path, folder: Path) -> None:
 
     Raises
     ------
+    FileExistsError
+        If one of the names is a symbolic link.
     OSError
         If a folder cannot be renamed.
     """
     old = replaced_by(folder)
+    refuse_links(new, folder, old)
     shutil.rmtree(old, ignore_errors=True)
     # No system renames a folder over one that holds files: for a moment neither has the name.
     if folder.exists():
@@ -233,9 +242,17 @@ def replaced_by(folder: Path) -> Path:
     return folder.with_name(f".replaced-by-{folder.name}")
 
 
+def partial_folder(output: Path) -> Path:
+    """Return the temporary folder in which an output is made."""
+    return output.with_name(f"{PARTIAL_PREFIX}{output.name}")
+
+
 def check_new(path: str | Path | None) -> None:
-    """Refuse an output that exists; None is no output."""
-    if path is not None and Path(path).exists():
+    """Refuse an output that exists, or is a symbolic link; None is no output."""
+    if path is None:
+        return
+    refuse_links(Path(path))
+    if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
 
 
@@ -259,9 +276,11 @@ def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Pa
     Raises
     ------
     FileExistsError
-        If the folder is not empty and holds none of ``marks``, or is a file.
+        If the folder is not empty and holds none of ``marks``, or is a file. If it, or a name
+        beside it that writing takes, is a symbolic link.
     """
     folder = Path(folder)
+    refuse_links(folder, partial_folder(folder), replaced_by(folder))
     is_older_output = any((folder / name).is_file() for name in marks)
     if is_older_output or not folder.exists():
         return folder

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.append_log import AppendLog, LogHeldError
+from flgpr.door import refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 
 JOURNAL = "journal.jsonl"
@@ -57,6 +58,8 @@ class Journal:
 
     Raises
     ------
+    FileExistsError
+        If the journal is a symbolic link.
     OtherRunError
         If the journal that is to be resumed has another description.
     JournalError
@@ -65,6 +68,7 @@ class Journal:
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
         self.path = folder / JOURNAL
+        refuse_links(self.path)
         try:
             self._log = AppendLog(self.path)
         except LogHeldError:

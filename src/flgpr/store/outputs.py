@@ -16,12 +16,19 @@ from pathlib import Path
 
 from flgpr import system
 from flgpr.append_log import sync_directory
-from flgpr.store.files import replace_folder, sync_file, writing
+from flgpr.door import refuse_links
+from flgpr.store.files import (
+    PARTIAL_PREFIX,
+    partial_folder,
+    replace_folder,
+    replaced_by,
+    sync_file,
+    writing,
+)
 
 _LOG = logging.getLogger("flgpr.outputs")
 DELETE = "delete it to make it again"
 OVERWRITE = "--overwrite makes it again"
-_PARTIAL = ".partial-"  # before the name of an output, for the folder in which it is made
 
 
 class BusyError(ValueError):
@@ -40,7 +47,7 @@ def log_finished(output: str | Path, remedy: str = DELETE) -> None:
 
 def _discard_partial(path: Path) -> None:
     """Remove the temporary folder of an output, unless a process is writing there."""
-    partial = _partial_of(path)
+    partial = partial_folder(path)
     if not partial.is_dir() or partial.is_symlink():
         return
     with suppress(BusyError, OSError), locked_folder(partial):
@@ -49,13 +56,8 @@ def _discard_partial(path: Path) -> None:
 
 def discard_partials(folder: Path) -> None:
     """Remove what killed writers left in a folder of outputs; nothing if there is no folder."""
-    for partial in sorted(folder.glob(f"{_PARTIAL}*")):
-        _discard_partial(partial.with_name(partial.name.removeprefix(_PARTIAL)))
-
-
-def _partial_of(path: Path) -> Path:
-    """Return the temporary folder in which an output is made."""
-    return path.with_name(f"{_PARTIAL}{path.name}")
+    for partial in sorted(folder.glob(f"{PARTIAL_PREFIX}*")):
+        _discard_partial(partial.with_name(partial.name.removeprefix(PARTIAL_PREFIX)))
 
 
 def output_exists_error(
@@ -72,7 +74,8 @@ def locked_folder(folder: Path, wait: bool = False, output: Path | None = None) 
     """Lock a folder, made if need be, so that no other process writes there.
 
     If one does already, that is a BusyError, or with ``wait`` this process waits for it. The error
-    names the ``output`` that is made in the folder, by default the folder itself.
+    names the ``output`` that is made in the folder, by default the folder itself. A folder that is
+    a symbolic link is a FileExistsError.
     """
     hold = _hold if system.OPENS_FOLDERS else _hold_beside
     handle = hold(folder, wait, output or folder)
@@ -88,6 +91,7 @@ def locked_folder(folder: Path, wait: bool = False, output: Path | None = None) 
 def _hold(folder: Path, wait: bool, output: Path) -> int:
     """Open and lock a folder, again and again while other processes remove it meanwhile."""
     while True:
+        refuse_links(folder)
         folder.mkdir(exist_ok=True)
         try:
             handle = os.open(folder, os.O_RDONLY | system.DIRECTORY | system.NO_LINK)
@@ -102,7 +106,7 @@ def _hold(folder: Path, wait: bool, output: Path) -> int:
             return handle
         # The folder may have been removed before it was locked; then another one has its name.
         with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(handle), folder.stat()):
+            if os.path.samestat(os.fstat(handle), folder.lstat()):
                 return handle
         os.close(handle)
 
@@ -125,6 +129,7 @@ def _lock_file_of(folder: Path) -> Path:
 
 def _hold_beside(folder: Path, wait: bool, output: Path) -> int:
     """Make a folder and lock a file beside it, where a folder cannot be opened."""
+    refuse_links(folder, _lock_file_of(folder))
     folder.mkdir(exist_ok=True)
     handle = os.open(_lock_file_of(folder), os.O_RDWR | os.O_CREAT | system.PLAIN, 0o666)
     try:
@@ -159,13 +164,14 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
     Raises
     ------
     FileExistsError
-        If another output lies there.
+        If another output lies there, or it or a temporary name beside it is a symbolic link.
     BusyError
         If another process makes the same output.
     OSError
         If it cannot be written; the error names the output.
     """
-    partial = _partial_of(path)
+    partial = partial_folder(path)
+    refuse_links(path, replaced_by(path))
     with writing(path), locked_folder(partial, output=path):
         _empty(partial)  # of what a killed process left
         temporary = partial / path.name
@@ -173,6 +179,7 @@ def atomic_output(path: Path, replace: bool = False, more: bool = False) -> Iter
             yield temporary
             if temporary.is_file():
                 sync_file(temporary)
+            refuse_links(path)  # that somebody made meanwhile
             if not replace:
                 _rename_unless_same(temporary, path, more)
             elif temporary.is_dir():

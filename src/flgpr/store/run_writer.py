@@ -16,11 +16,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from flgpr.door import DoorError, Folder
+from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, sha256
 from flgpr.model import check_run, make_run
 from flgpr.model.run import check_poses
-from flgpr.store.files import replace_folder, replaced_by, sync_file, write_whole, writing
+from flgpr.store.files import (
+    PARTIAL,
+    replace_folder,
+    replaced_by,
+    sync_file,
+    write_whole,
+    writing,
+)
 from flgpr.store.journal import (
     JOURNAL,
     Journal,
@@ -99,6 +106,8 @@ class RunWriter:
         If a parameter breaks a rule of ``make_run``, or ``attrs`` is not writable as JSON.
     RunExistsError
         If the run exists already.
+    FileExistsError
+        If the path, or a name beside it that the writer takes, is a symbolic link.
     RunStoreError
         If ``resume`` finds another unfinished run, or another process writes this one.
     """
@@ -133,7 +142,7 @@ class RunWriter:
         make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
         self.keeps = resume
         self._committed = False
-        self._partial = self.path.with_name(self.path.name + ".partial")
+        self._partial = _partial_store(self.path)
         self._about = describe_inputs(
             self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
         )
@@ -173,7 +182,7 @@ class RunWriter:
         except JournalError as error:
             raise RunStoreError(f"{self.path}: {error}") from error
         try:
-            # Another process may have committed the run before the journal was free.
+            # Another process may have committed the run, or somebody made a link, meanwhile.
             self._check_free(overwrite)
         except FileExistsError:
             self._discard(journal)
@@ -304,10 +313,11 @@ class RunWriter:
             array[...] = values
 
     def _check_free(self, overwrite: bool) -> None:
-        """Refuse a path that exists.
+        """Refuse a path that exists, and links at the names that are removed or replaced.
 
         If it is this very run, what killed writers left beside it is removed.
         """
+        check_store_names(self.path)
         if overwrite or not os.path.lexists(self.path):
             return
         different = difference_from_stored(self.path, self._about)
@@ -444,6 +454,16 @@ def save_run(
     return Path(path)
 
 
+def check_store_names(path: Path) -> None:
+    """Refuse symbolic links at the names that the writer of a run store removes or replaces."""
+    refuse_links(path, _partial_store(path), replaced_by(path))
+
+
+def _partial_store(path: Path) -> Path:
+    """Return the folder in which a run store is made."""
+    return path.with_name(path.name + PARTIAL)
+
+
 def is_finished(path: str | Path) -> bool:
     """Return whether a store has its name and its writer came to an end.
 
@@ -473,8 +493,11 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     ------
     RunExistsError
         If anything else is there.
+    FileExistsError
+        If the path, or a name beside it that the writer takes, is a symbolic link.
     """
     root = Path(path)
+    check_store_names(root)
     if not os.path.lexists(root):
         return False
     about = describe_inputs(

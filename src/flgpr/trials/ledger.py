@@ -24,6 +24,7 @@ OPENED = "truth opened"
 """Event of a register: a truth was looked at. What is registered after it is too late."""
 WITNESS = "witness"
 """Event of a witness: the number of lines of a register, and the hash of the last."""
+_LINE_BEGIN = b'{"'  # of every line: a JSON object with an entry
 _PATIENCE = 30.0  # s to wait for another process that is adding a line
 
 
@@ -311,7 +312,10 @@ def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> dict[str, Any] 
 
 
 def _finish_torn(file: Path, log: AppendLog, lines: list[dict[str, Any]]) -> None:
-    """Add a last line that lacks nothing but its end, or warn that half a line was dropped."""
+    """Add a last line that lacks nothing but its end, or warn that half a line is dropped.
+
+    Text that is no beginning of a first line is that of another file, which is a ValueError.
+    """
     if not log.torn:
         return
     last = _fitting(log.torn, lines)
@@ -319,6 +323,8 @@ def _finish_torn(file: Path, log: AppendLog, lines: list[dict[str, Any]]) -> Non
         log.append(log.torn)
         lines.append(last)
         return
+    if not lines and not _LINE_BEGIN.startswith(log.torn[: len(_LINE_BEGIN)]):
+        raise ValueError(f"register {file} must be a register, got another file")
     warnings.warn(
         f"register {file}: {len(log.torn)} bytes of an unfinished line {len(lines) + 1} were "
         "dropped; nobody was told that it was entered",

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.door import read_named
+from flgpr.door import read_named, refuse_links
 from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.lane_roc import roc_of
@@ -85,12 +85,13 @@ def seal_truth(
     Raises
     ------
     FileExistsError
-        If the file exists.
+        If the file exists or is a symbolic link.
     ValueError
         If the truth cannot be scored, an option is not valid, or the passphrase is weak.
     ModuleNotFoundError
         Without the libraries ``cryptography`` and ``zxcvbn``, the extra ``seal``.
     """
+    refuse_links(Path(path))
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
     content = _to_seal(truth, lane, halo, area, by, show)

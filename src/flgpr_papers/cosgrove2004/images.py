@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
-from flgpr_papers.kit.worlds import changed, turned
+from flgpr_papers.kit.scenes import changed, turned
 
 FloatArray = NDArray[np.float64]
 BAND = "band"
@@ -37,9 +37,9 @@ SURROUNDINGS = ("roadside", "open")
 """What stands beside a lane: bushes and posts, or nothing."""
 WIDE_MINES = ((-0.6, 15.0), (0.5, 20.0), (0.0, 25.0))
 """Positions (x, y), m, of the mines of the paper's Fig. 2, at its ranges."""
-_SIGNATURES = 999_000  # seed of mines that are imaged alone
-_SIGNATURE_SHARE = 0.2  # of a site's mines, of every depth
-_NO_ROADSIDE = {"bushes": 0.0, "posts": 0.0}
+SIGNATURES = 999_000  # seed of mines that are imaged alone
+SIGNATURE_SHARE = 0.2  # of a site's mines, of every depth
+NO_ROADSIDE = {"bushes": 0.0, "posts": 0.0}
 
 
 @dataclass(frozen=True)
@@ -126,18 +126,18 @@ def lane_looks(
         Two looks per mine, by surroundings: "roadside" with the bushes and posts that the site's
         catalogue has beside the lane, "open" the same lane without them.
     """
-    number = _seed(recipe, name, seed)
-    scene, trains, depths = _scene(recipe, recipe.sites[name], number, share)
+    number = lane_seed(recipe, name, seed)
+    scene, trains, depths = lane_scene(recipe, recipe.sites[name], number, share)
     looks: dict[str, list[Look]] = {}
     for surroundings, images in _direction(recipe, scene, number, back=False).items():
-        looks[surroundings] = _looks(images, depths, trains)
+        looks[surroundings] = looks_of_stops(images, depths, trains)
     for surroundings, images in _direction(recipe, scene, number + 1, back=True).items():
         # Driven back, the mines come in the opposite order.
-        looks[surroundings] += _looks(images, depths[::-1], trains[::-1])
+        looks[surroundings] += looks_of_stops(images, depths[::-1], trains[::-1])
     return looks
 
 
-def _looks(
+def looks_of_stops(
     images: Sequence[StopImage], depths: FloatArray, trains: NDArray[np.bool_]
 ) -> list[Look]:
     """Return the looks of a drive: the images of its stops with depth and use of their mines."""
@@ -156,86 +156,6 @@ def _looks(
     return looks
 
 
-@dataclass(frozen=True)
-class LaneChange:
-    """How a lane differs from the study's, to see what the difference does.
-
-    The names of the fields are part of the key of the records on disk.
-    """
-
-    #: entries of the scene's tables that are replaced, ``{"surface": {"correlation": 0.0}}``
-    parts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    #: entries of every mine that are replaced
-    mine: Mapping[str, Any] = field(default_factory=dict)
-    #: False takes the mines out, with the holes over them; looks are taken where they lay
-    mines: bool = True
-
-
-def open_looks(
-    recipe: StudyRecipe, name: str, seed: int, share: float, change: LaneChange
-) -> list[Look]:
-    """Image the mines of an open lane with something changed on the lane.
-
-    Everything else is as in :func:`lane_looks`, whose first four parameters it has.
-
-    Parameters
-    ----------
-    recipe, name, seed, share
-        As of :func:`lane_looks`.
-    change : LaneChange
-        What is changed.
-    """
-    number = _seed(recipe, name, seed)
-    scene, trains, depths = _scene(recipe, recipe.sites[name], number, share)
-    mines = [target.model_dump(exclude_unset=True) | dict(change.mine) for target in scene.targets]
-    tables = {table: dict(entries) for table, entries in change.parts.items()}
-    tables["clutter"] = _NO_ROADSIDE | tables.get("clutter", {})
-    ground = changed(scene, targets=mines, **tables)
-    looks = []
-    for direction in (0, 1):
-        placed = _driven(ground, number, direction)
-        simulated = placed
-        if not change.mines:
-            simulated = _driven(changed(ground, targets=[]), number, direction)
-        # Driven back, the mines come in the opposite order.
-        order = slice(None, None, -1) if direction == 1 else slice(None)
-        simulator = Simulator(simulated, study_sensor(recipe), number + direction)
-        images = _images(
-            recipe, simulator, simulator.scans(), recipe.image.self_signature, placed.targets
-        )
-        looks += _looks(images, depths[order], trains[order])
-    return looks
-
-
-def _driven(scene: Scene, seed: int, direction: int) -> Scene:
-    """Return a lane as it lies before the vehicle: direction 1 drives it from the other end."""
-    return _from_other_end(scene, seed) if direction == 1 else scene
-
-
-def reflector_looks(recipe: StudyRecipe, name: str) -> list[Look]:
-    """Image corner reflectors in place of a site's mines.
-
-    There are no surface, other objects and errors of the radar. A corner reflector returns the same
-    in HH and in VV.
-
-    Parameters
-    ----------
-    recipe : StudyRecipe
-        The study.
-    name : str
-        Name of the site.
-    """
-    scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
-    reflectors = []
-    for target in scene.targets:
-        reflectors.append({"kind": "fiducial", "x": target.x, "y": target.y, "rcs_db": 0.0})
-    bare = changed(scene, targets=[], clutter=BARE, **ALONE).model_dump(exclude_unset=True)
-    placed = Scene.model_validate(bare | {"objects": reflectors})
-    simulator = Simulator(placed, study_sensor(recipe), _SIGNATURES, errors=False)
-    images = _images(recipe, simulator, simulator.scans(), "none", scene.targets)
-    return _looks(images, depths, trains)
-
-
 def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     """Image mines of every depth of a site, without a lane around them.
 
@@ -248,19 +168,19 @@ def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     name : str
         Name of the site.
     """
-    scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
+    scene, trains, depths = lane_scene(recipe, recipe.sites[name], SIGNATURES, SIGNATURE_SHARE)
     bare = changed(scene, clutter=BARE, **ALONE)
-    simulator = Simulator(bare, study_sensor(recipe), _SIGNATURES, errors=False)
-    images = _images(recipe, simulator, simulator.scans(), "none")
-    return _looks(images, depths, trains)
+    simulator = Simulator(bare, study_sensor(recipe), SIGNATURES, errors=False)
+    images = stop_images(recipe, simulator, simulator.scans(), "none")
+    return looks_of_stops(images, depths, trains)
 
 
-def _seed(recipe: StudyRecipe, name: str, seed: int) -> int:
+def lane_seed(recipe: StudyRecipe, name: str, seed: int) -> int:
     """Return the seed of a site's lane, which is another for every site."""
     return 1000 * seed + 10 * sorted(recipe.sites).index(name)
 
 
-def _scene(
+def lane_scene(
     recipe: StudyRecipe, site: Site, seed: int, share: float
 ) -> tuple[Scene, NDArray[np.bool_], FloatArray]:
     """Lay mines of all depths in random order, one before each stop.
@@ -312,11 +232,11 @@ def _direction(
     Echoes add, so the roadside is simulated by itself and added to the open lane.
     """
     sensor = study_sensor(recipe)
-    ground = changed(scene, clutter=_NO_ROADSIDE)
+    ground = changed(scene, clutter=NO_ROADSIDE)
     roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, targets=[], **ALONE)
     if back:
         # The lane of the first drive, with all that its seed put there, from the other end.
-        ground = _from_other_end(ground, seed - 1)
+        ground = from_other_end(ground, seed - 1)
         roadside = turned(roadside, seed - 1)
     simulator = Simulator(ground, sensor, seed)
     roadside_simulator = Simulator(roadside, sensor, seed, errors=False)
@@ -324,18 +244,18 @@ def _direction(
     with_roadside = signal + np.stack(list(roadside_simulator.scans()))
     signature = recipe.image.self_signature
     return {
-        "roadside": _images(recipe, simulator, with_roadside, signature),
-        "open": _images(recipe, simulator, signal, signature),
+        "roadside": stop_images(recipe, simulator, with_roadside, signature),
+        "open": stop_images(recipe, simulator, signal, signature),
     }
 
 
-def _from_other_end(scene: Scene, seed: int) -> Scene:
+def from_other_end(scene: Scene, seed: int) -> Scene:
     """Turn a lane with all that the seed put there by half a turn, its mines in stop order."""
     other = turned(scene, seed)
     return other.model_copy(update={"targets": other.targets[::-1]})
 
 
-def _images(
+def stop_images(
     recipe: StudyRecipe,
     simulator: Simulator,
     signal: ArrayLike | Iterable[NDArray[np.complex64]],
@@ -506,7 +426,7 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
             "length": 40.0,
             "targets": [sand.mine(x=x, y=y, depth=0.05) for x, y in WIDE_MINES],
             "surface": {"density": recipe.radar.scatterers},
-            "clutter": _NO_ROADSIDE,
+            "clutter": NO_ROADSIDE,
             "track": {"positions": [0.0]},
         }
     )

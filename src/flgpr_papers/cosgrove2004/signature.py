@@ -143,24 +143,13 @@ def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
         As `flgpr_papers.cosgrove2004.images.wide_image` returns it.
     """
     visible = []
-    for at_mine, at_clutter in _wide_boxes(recipe, image):
+    for at_mine, at_clutter in wide_boxes(recipe, image):
         level = np.quantile(at_clutter, recipe.premises.visible)
         visible.append(bool(at_mine > level))
     return visible
 
 
-def visibility_db(recipe: StudyRecipe, image: xr.DataArray) -> list[float]:
-    """Return the peak of every mine of the wide image over that of the clutter at its range, dB.
-
-    Both are peaks of boxes in HH, that of clutter the strongest of all boxes.
-    """
-    levels = []
-    for at_mine, at_clutter in _wide_boxes(recipe, image):
-        levels.append(float(10 * np.log10(at_mine / at_clutter.max())))
-    return levels
-
-
-def _wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, FloatArray]]:
+def wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, FloatArray]]:
     """Return the peak power in HH of every mine's box, and of the clutter's boxes at its range."""
     power = (np.abs(image.sel(polarization="HH").values) ** 2).astype(np.float32)
     x = image["x"].values

@@ -31,7 +31,7 @@ from flgpr_papers.cosgrove2004.detect import (
     score_looks,
     target_cut,
 )
-from flgpr_papers.cosgrove2004.findings import Case, findings, interval, pd_table
+from flgpr_papers.cosgrove2004.findings import Case, findings, pd_table
 from flgpr_papers.cosgrove2004.images import (
     SURROUNDINGS,
     Look,
@@ -46,11 +46,10 @@ from flgpr_papers.cosgrove2004.page import page_html
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
+from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.kit.worlds import World
 
 ComplexArray = NDArray[np.complex128]
 PAGE = "index.html"
@@ -309,47 +308,3 @@ def _figures(
     papers_figures = sorted(name for name in drawn if name.startswith("figure-"))
     own_figures = sorted(name for name in drawn if not name.startswith("figure-"))
     return {name: drawn[name] for name in (*papers_figures, *own_figures)}
-
-
-# Seeds, and mines by depth (m), of a world: fewer than the study's, for there are many worlds.
-_SEEDS = 2
-_TRAINING = {"0.10": 4}
-_TEST = {"0.01": 3, "0.05": 3, "0.15": 3}
-
-
-def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements on one soil, and measure Pd, by which soils can be compared.
-
-    Parameters
-    ----------
-    world : World
-        Soil, surface and roadside.
-    folder : Path
-        Folder to work in.
-    """
-    study = study_recipe()
-    changes = {
-        "title": "this soil",
-        "scene": world.site(folder),
-        "training": _TRAINING,
-        "test": _TEST,
-    }
-    site = study.sites["sand"].model_copy(update=changes)
-    study = study.model_copy(update={"sites": {"sand": site}})
-    first_seed = 1 + _SEEDS * (world.number + 100)
-    cases = []
-    for seed in range(first_seed, first_seed + _SEEDS):
-        cases.append(run_seed(study, seed, 1.0)["roadside"]["sand"])
-    table = pd_table(study, {"sand": cases})
-    statements = []
-    for finding in findings(study, {"sand": cases}, table):
-        if finding.verdict != OPEN:
-            statements.append(finding)
-    pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]
-    pd_of_soil = measured(
-        "Pd of the deflection detector",
-        "not stated for such a soil",
-        f"at {study.score.pfa:g} per m²",
-        interval(pds.to_numpy(), bounds=(0.0, 1.0)),
-    )
-    return [*statements, pd_of_soil]

@@ -30,9 +30,9 @@ from flgpr.simulate.scene.scene import SceneObject, Surface, TargetDraw
 from flgpr.simulate.scene.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
+from flgpr_papers.kit.scenes import turned
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
-from flgpr_papers.kit.worlds import turned
 
 FloatArray = NDArray[np.float64]
 _SIDE = 0.2  # m of a stop's image beyond the lane's, cross-track

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,16 +20,15 @@ from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
-from flgpr_papers.flsar2004.experiment import JUDGED, PARTS
+from flgpr_papers.flsar2004.experiment import PARTS
 from flgpr_papers.flsar2004.lanes import drive, load_settings
 from flgpr_papers.flsar2004.material import Material, Results, prepare
 from flgpr_papers.flsar2004.page import page_html
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import Finding, finding_of, write_findings
+from flgpr_papers.kit.findings import finding_of, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.kit.worlds import World
 
 PAGE = "flsar2004.html"
 
@@ -141,37 +140,3 @@ def _interval(numbers: list[float]) -> tuple[float, float, float]:
     """Return the value and the ends of an interval."""
     value, low, high = numbers
     return value, low, high
-
-
-# The paper's two sites are the two losses of a world.
-SITES = {"arid": "low", "temperate": "mironov"}
-
-
-def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements at two sites of a world that differ in their loss.
-
-    Parameters
-    ----------
-    world : World
-        Soil, surface and roadside.
-    folder : Path
-        Folder to work in.
-    """
-    settings = load_settings(quick=True)
-    scenes = {}
-    for site, loss in SITES.items():
-        scenes[site] = replace(world, loss=loss).site(folder)
-    seed = settings.seed + 100 * (world.number + 1)
-    changes = {"sites": tuple(SITES), "scenes": scenes, "seed": seed}
-    settings = settings.model_copy(update=changes)
-    sites = [join(settings, drive(settings, site, folder)) for site in settings.sites]
-    material = prepare(settings, sites)
-    findings: list[Finding] = []
-    for part in JUDGED.values():
-        try:
-            findings += part(material).findings
-        except ValueError:
-            # A fold of so few mines may hold none. The map tells how many worlds each statement
-            # has.
-            continue
-    return findings

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.engine import Arrays, Engine
-from flgpr.method.images import RunImages
-from flgpr.method.model import Model
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
 from flgpr.progress import Track
 from flgpr.recipe.schema import Recipe, recipe_text
@@ -277,11 +276,12 @@ def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSup
     recipe : FuseRecipe
         The study.
     """
-    known: dict[str, Any] = {}
     other_runs = {band: run for band, run in runs.items() if band != "l"}
-    images = RunImages(runs["l"], recipe.chain(), recipe.lane, Model(), known, other_runs)
-    Engine(images.passes(), len(images.imager), known).run()
-    return cast("MaskedSuppression", images.stages["clutter.masks"])
+    # The stage learns its thresholds later, from truths of its own.
+    none = pd.DataFrame({"x": [], "y": []})
+    imaged = ImagedRun(runs["l"], recipe.chain(), recipe.lane, others=other_runs, truth=none)
+    Engine(imaged.stage_passes(), len(imaged), imaged.results).run()
+    return cast("MaskedSuppression", imaged.clutter_stages["clutter.masks"])
 
 
 def trained(stage: MaskedSuppression, learnt: Arrays, **changes: Any) -> MaskedSuppression:

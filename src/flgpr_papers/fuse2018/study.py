@@ -14,7 +14,7 @@ import numpy as np
 
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
-from flgpr_papers.fuse2018.findings import all_findings, paper_findings
+from flgpr_papers.fuse2018.findings import all_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
 from flgpr_papers.fuse2018.page import page_html
@@ -30,10 +30,9 @@ from flgpr_papers.fuse2018.results import (
 )
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
-from flgpr_papers.kit.findings import Finding, write_findings
+from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.kit.worlds import World
 
 PAGE = "fuse2018.html"
 LANES = ("A", "B")
@@ -179,29 +178,3 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     for band, run in {"l": l_band_run, **frames.stage.setup.others}.items():
         runs[band] = run.assign(pose=run["pose"] + shift)
     return replace(frames, stage=masks_stage(runs, recipe))
-
-
-def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements on lane A of a world, with that world's calibration lane.
-
-    Parameters
-    ----------
-    world : World
-        Soil, surface and roadside.
-    folder : Path
-        Folder to work in.
-    """
-    recipe = fuse_recipe(quick=True)
-    first_seed = 1000 * (world.number + 1)
-    seeds = {"calibration": first_seed, "A": first_seed + 1}
-    changes = {"site": world.site(folder), "seeds": seeds, **world.roadside_density}
-    lanes = recipe.lanes.model_copy(update=changes)
-    radar = recipe.radar.model_copy(update={"scatterers": 25.0})  # per m²
-    recipe = recipe.model_copy(update={"lanes": lanes, "radar": radar})
-    calibration_frames = simulate_lane(folder, recipe, "calibration", silent)
-    calibration = calibrate(calibration_frames, recipe, silent)
-    frames = simulate_lane(folder, recipe, "A", silent)
-    records = process_lane(frames, calibration, recipe, silent, ("original", "iteration"))
-    path = folder / "A.json"
-    write_records(path, frames, records)
-    return paper_findings([read_records(path, frames)], recipe)

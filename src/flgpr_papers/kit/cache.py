@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.door import refuse_links
 from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.model import Lane
 from flgpr.progress import Track
@@ -97,6 +98,7 @@ def store_lane(
     if store.is_dir() and _has_digest(digest_file, digest):
         read_manifest(store)  # raises an error for a store that is not committed
     else:
+        refuse_links(store, digest_file)
         # The digest goes first: an interrupted simulation must not pass for a finished one.
         digest_file.unlink(missing_ok=True)
         shutil.rmtree(store, ignore_errors=True)

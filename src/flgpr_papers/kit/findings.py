@@ -209,28 +209,6 @@ def alike(low: float, high: float, margin: float = MARGIN) -> str:
     return UNDECIDED
 
 
-def judge_again(finding: Finding, value: float, low: float, high: float) -> str:
-    """Return the verdict on another number by what the claim of a finding asks.
-
-    Parameters
-    ----------
-    finding : Finding
-        A statement, judged on some lanes.
-    value, low, high : float
-        The same number on other lanes, with the ends of its interval. Where a figure of the paper
-        is asked for, it is ours less the paper's, and the interval gets the figure's error here.
-    """
-    if finding.rule is not None:
-        return judge(low, high, finding.rule)
-    if finding.asks is None:
-        return OPEN
-    kind, limit, error = finding.asks
-    if kind == "larger":
-        return larger(low, high, limit)
-    _, low, high = less_figure((value, low, high), 0.0, error)
-    return alike(low, high, limit)
-
-
 def difference_of_shares(first: tuple[int, int], second: tuple[int, int]) -> Interval:
     """Return the difference of two independent shares, with Newcombe's interval.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
-from flgpr.method.cleaned import CleanedRun
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import lane_to_scan
 from flgpr.recipe.schema import Recipe
 from flgpr_papers.kit.cache import write_arrays
@@ -34,7 +34,7 @@ class Example(NamedTuple):
 
 def save_examples(
     path: Path,
-    cleaned: CleanedRun,
+    imaged: ImagedRun,
     run: xr.Dataset,
     recipe: Recipe,
     truth: pd.DataFrame,
@@ -46,7 +46,7 @@ def save_examples(
     ----------
     path : Path
         Bundle to write.
-    cleaned : CleanedRun
+    imaged : ImagedRun
         The lane's run with its backgrounds.
     run : Dataset
         The run itself.
@@ -66,10 +66,10 @@ def save_examples(
         "subband": np.array(list(table.subbands)),
         "x": imager.grid.x,
         "y": imager.grid.y,
-        "near": cleaned.grid.ny,
+        "near": imaged.near.ny,
     }
     for name, example in examples.items():
-        for array_name, array in _example_arrays(imager, poses, cleaned, recipe, example).items():
+        for array_name, array in _example_arrays(imager, poses, imaged, recipe, example).items():
             arrays[f"{array_name}_{name}"] = array
     hh = list(arrays["polarization"]).index("HH")
     f1 = list(table.subbands).index(recipe.prescreen.subband)
@@ -78,8 +78,8 @@ def save_examples(
     point = [surface.x, surface.y, 0.0]
     arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in series])
     arrays["series_place"] = np.stack([lane_to_scan(point, poses[scan])[:2] for scan in series])
-    arrays["signature"] = np.abs(cleaned.whole_background.signature[hh, f1])
-    arrays["gain"] = cleaned.whole_background.gain[hh, f1]
+    arrays["signature"] = np.abs(imaged.whole_background.signature[hh, f1])
+    arrays["gain"] = imaged.whole_background.gain[hh, f1]
     arrays["names"] = np.array(list(examples))
     arrays["titles"] = np.array([example.title for example in examples.values()])
     write_arrays(path, arrays)
@@ -88,20 +88,20 @@ def save_examples(
 def _example_arrays(
     imager: ScanImager,
     poses: NDArray[np.float64],
-    cleaned: CleanedRun,
+    imaged: ImagedRun,
     recipe: Recipe,
     example: Example,
 ) -> dict[str, Any]:
-    """Return the arrays of an example: its image, as it is and cleaned, and its patches."""
+    """Return the arrays of an example: its image, as it is and imaged, and its patches."""
     scan = _scan_before(imager, poses, example.y)
     index = int(np.flatnonzero(np.asarray(imager.scans) == scan)[0])
     image = imager.image(scan).values
     # An image of zeros is stored in half the space.
     raw_type = np.float16 if image.max() == 0 else np.float32
-    patches, distances = _patches(cleaned, recipe, example.alarm_x, example.alarm_y)
+    patches, distances = _patches(imaged, recipe, example.alarm_x, example.alarm_y)
     return {
         "raw": np.abs(image).astype(raw_type),
-        "clean": cleaned.whole_background.magnitude(image, cleaned.gains[index]),
+        "clean": imaged.whole_background.magnitude(image, imaged.gains[index]),
         "place": lane_to_scan([example.x, example.y, 0.0], poses[scan])[:2],
         "patches": patches,
         "distances": distances,
@@ -218,23 +218,23 @@ def series_scans(
 
 
 def _patches(
-    cleaned: CleanedRun, recipe: Recipe, x: float, y: float
+    imaged: ImagedRun, recipe: Recipe, x: float, y: float
 ) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Return the patches about a position in all scans that see it, and their distances ahead, m.
 
     Patches are magnitudes (scan, polarization, subband, y, x), ordered from near to far.
     """
-    grid = cleaned.grid
+    grid = imaged.near
     offsets = recipe.contrast.patch().offsets()
-    poses = cleaned.imager.run["pose"].values
+    poses = imaged.imager.run["pose"].values
     patches = []
     distances = []
-    for index, scan in enumerate(cleaned.imager.scans):
+    for index, scan in enumerate(imaged.imager.scans):
         position = lane_to_scan([x, y, 0.0], poses[scan])[:2]
         if not grid.y_min <= position[1] <= recipe.run_view.y_max:
             continue
-        image = cleaned.imager.image(int(scan)).values
-        magnitude = cleaned.background.magnitude(image, cleaned.gains[index])
+        image = imaged.near_imager.image(int(scan)).values
+        magnitude = imaged.background.magnitude(image, imaged.gains[index])
         row = (position[1] + offsets[..., 1] - grid.y_min) / grid.dy
         column = (position[0] + offsets[..., 0] - grid.x_min) / grid.dx
         patches.append(bilinear(magnitude, row, column))

@@ -7,6 +7,7 @@ how many mines the blind lanes hold, and how the vehicle drives.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -206,6 +207,11 @@ def _body_draw(draw: Mapping[str, Any], body: str, count: int) -> dict[str, Any]
     """Return a draw of mines with a body; a surface mine stands on the ground."""
     depth = -body_size(body)["height"] if draw["depth"] < 0 else draw["depth"]
     return {**draw, "body": body, "depth": depth, "count": count}
+
+
+def f1_alone(recipe: str) -> str:
+    """Return the text of a recipe of the paper with the sub-band F1 alone."""
+    return re.sub(r"(?m)^F[0234] .*\n", "", recipe)
 
 
 def sensor(band: tuple[float, float] | None = None) -> Sensor:

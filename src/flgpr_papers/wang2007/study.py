@@ -6,7 +6,6 @@ paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`), write t
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,7 @@ import xarray as xr
 
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
-from flgpr.method.cleaned import CleanedRun
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.model import Lane, check_tones
 from flgpr.progress import Track, silent
@@ -29,20 +27,19 @@ from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr.store import open_run, read_manifest, sha256, write_whole
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.findings import Finding, write_findings
+from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
-from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
     blind_scenes,
     calibration_scenes,
+    f1_alone,
     quick_scenes,
     sensor,
 )
@@ -138,7 +135,9 @@ def make_part(
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-        result = lane_result(folder, scene, seed, radar, _text_of_f1(), track, wide=False)
+        result = lane_result(
+            folder, scene, seed, radar, f1_alone(packaged_text("wang2007")), track, wide=False
+        )
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -157,13 +156,10 @@ def coarse_part(
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-    text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
+    text = f1_alone(packaged_text("wang2007")).replace(
+        "median_step = 1\n", f"median_step = {MEDIAN_STEP}\n"
+    )
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
-
-
-def _text_of_f1() -> str:
-    """Return the study's recipe with the sub-band F1 alone."""
-    return re.sub(r"(?m)^F[0234] .*\n", "", packaged_text("wang2007"))
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
@@ -220,14 +216,14 @@ def lane_result(
         is_complete = False
     if not is_complete:
         run = open_run(store)
-        setup = LaneSetup(run, recipe, lane, explains=False, whole_background=True)
+        setup = ImagedRun(run, recipe, lane, explains=False, whole_background=True)
         engine_of(setup).run(track, ("signature", "gain", "view", "alarms", "features"))
         detection = detection_of(setup)
         wide_file.parent.mkdir(parents=True, exist_ok=True)
         if examples:
-            save_examples(examples_file, setup.cleaned, run, recipe, truth, detection.alarms)
+            save_examples(examples_file, setup, run, recipe, truth, detection.alarms)
         if wide:
-            view = wide_view(setup.cleaned, run, recipe, lane, track)
+            view = wide_view(setup, run, recipe, lane, track)
             write_arrays(wide_file, {"view": view.values, "looks": view["looks"].values})
         write_result(result_folder, [detection], text, lane, describe_run(run, store))
     full_range_view = None
@@ -248,13 +244,13 @@ def lane_result(
 
 
 def wide_view(
-    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track
+    imaged: ImagedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track
 ) -> xr.DataArray:
     """Compute the run-view of the prescreener's channel over the full range of the images.
 
     Parameters
     ----------
-    cleaned : CleanedRun
+    imaged : ImagedRun
         The lane's run with its backgrounds.
     run : Dataset
         The run itself.
@@ -276,15 +272,15 @@ def wide_view(
     p = polarizations.index(screen.polarization)
     b = list(table.subbands).index(screen.subband)
     channel = (slice(p, p + 1), slice(b, b + 1))
-    background = _background_of(cleaned.whole_background, channel)
+    background = _background_of(imaged.whole_background, channel)
     band = {screen.subband: table.subbands[screen.subband]}
     # Whether a scan is complete depends on all polarizations: the scans are chosen before one
     # polarization is taken.
-    chosen = run.isel(scan=cleaned.imager.scans, polarization=[p])
+    chosen = run.isel(scan=imaged.imager.scans, polarization=[p])
     imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
     grid = recipe.run_view.grid(lane)
     sums = RunViewSums(grid, table.y[1])
-    for image, gain in zip(track(imager, "full range", len(imager)), cleaned.gains, strict=True):
+    for image, gain in zip(track(imager, "full range", len(imager)), imaged.gains, strict=True):
         magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
         sums.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
     return view_array(*sums.result(), grid, {})
@@ -311,27 +307,3 @@ def _is_done(result_folder: Path, store: Path, text: str) -> bool:
     if manifest["run"].get("store_sha256") != read_manifest(store)["sha256"]:
         return False
     return bool(manifest["recipe_sha256"] == sha256(text.encode()))
-
-
-def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements in a world, on three short calibration lanes and a blind one.
-
-    Parameters
-    ----------
-    world : World
-        Soil, surface, roadside and mines.
-    folder : Path
-        Folder to work in.
-    """
-    text = packaged_text("wang2007")
-    radar = sensor()
-    first_seed = 1000 * (world.number + 1)
-    calibration_lanes, blind_lanes = quick_scenes(world.site(folder))
-    calibration = []
-    for scene, seed in calibration_lanes.values():
-        calibration.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
-    blind = []
-    for scene, seed in blind_lanes.values():
-        blind.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
-    findings, _ = all_findings(calibration, blind, parse_recipe(text), draws=100)
-    return findings

@@ -9,7 +9,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.engine import Arrays, bundle_groups
-from flgpr.method.lane_setup import table_arrays
+from flgpr.method.imaged_run import table_arrays
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import select
 

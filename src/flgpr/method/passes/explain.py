@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from flgpr.engine import Arrays
 from flgpr.method.cache_key import features_key
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.stages import FloatArray
 
@@ -25,12 +25,12 @@ class Explain(Pass):
     explains = True
     cache_key = staticmethod(features_key)
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
         poses = None if block is None else poses_near(lane, block)
         self._sums = lane.evidence_sums(poses)
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Cut patches about the alarms that the scan sees from near out of its images."""
         self._sums.add(self.lane.steps.labelled(scan.cleaned), scan.data)
 
@@ -47,7 +47,7 @@ class Explain(Pass):
         return self._sums.state()
 
 
-def poses_near(lane: LaneSetup, block: range) -> dict[int, FloatArray]:
+def poses_near(lane: ImagedRun, block: range) -> dict[int, FloatArray]:
     """Return the poses of all scans that may see what a scan of the block sees, by scan number."""
     scans = lane.imager.scans
     poses = lane.setup.run["pose"].values
@@ -55,7 +55,7 @@ def poses_near(lane: LaneSetup, block: range) -> dict[int, FloatArray]:
     y_of_block = poses[scans[block.start : block.stop], 1]
 
     # Two scans can see the same ground where their images, turned by any heading, overlap.
-    farthest = float(np.abs(lane.images.grid.extent()).max()) * np.sqrt(2)
+    farthest = float(np.abs(lane.near.extent()).max()) * np.sqrt(2)
     first = y_of_block.min() - 2 * farthest
     last = y_of_block.max() + 2 * farthest
     overlaps = (y >= first) & (y <= last)

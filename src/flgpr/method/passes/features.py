@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from flgpr.engine import Arrays
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.cache_key import features_key
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup, table_arrays
+from flgpr.method.imaged_run import ImagedRun, table_arrays
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 
 
@@ -34,13 +34,13 @@ class Features(Pass):
     needs = ("gain", "alarms")
     cache_key = staticmethod(features_key)
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
         alarms = lane.alarms()
         rows = np.arange(len(alarms)) if block is None else alarms_near(lane, alarms, block)
         self._sums = AlarmSums(lane.steps, alarms.iloc[rows], rows)
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Add a scan's values at the alarms that it sees."""
         self._sums.add(scan.cleaned)
 
@@ -57,11 +57,11 @@ class Features(Pass):
         return table_arrays(self._sums.table())
 
 
-def alarms_near(lane: LaneSetup, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
+def alarms_near(lane: ImagedRun, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
     """Return the numbers of the alarms that a scan of the block may see."""
     scans = lane.imager.scans[block.start : block.stop]
     y_of_block = lane.setup.run["pose"].values[scans, 1]
-    x_min, x_max, _, y_max = lane.images.grid.extent()
+    x_min, x_max, _, y_max = lane.near.extent()
     farthest = np.hypot(max(abs(x_min), abs(x_max)), y_max)
     y = alarms["y"].to_numpy(dtype=np.float64)
     may_see = (y >= y_of_block.min() - farthest) & (y <= y_of_block.max() + farthest)

@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.engine import Arrays, concatenate
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup, table_arrays
+from flgpr.method.imaged_run import ImagedRun, table_arrays
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import frame_alarms
 from flgpr.stages import FloatArray
@@ -29,7 +29,7 @@ class FrameAlarms(Pass):
     needs = ("gain",)
     all_scans = True
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
         screen = lane.recipe.prescreen
         labels = lane.labels()
@@ -38,16 +38,16 @@ class FrameAlarms(Pass):
         self._channel = (polarization, subband)
         self._frames: list[Arrays] = []
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Add the alarms of a scan's image."""
-        if scan.index + 1 >= self.lane.images.frames:
+        if scan.index + 1 >= self.lane.setup.summed:
             self._frames.append(self._raise(scan))
 
-    def _raise(self, scan: LaneScan) -> Arrays:
+    def _raise(self, scan: ImagedScan) -> Arrays:
         """Return the alarms of a scan's image, with the scan's number and pose."""
         recipe = self.lane.recipe
         magnitude = scan.magnitude()[self._channel]
-        grid = self.lane.images.grid
+        grid = self.lane.near
         alarms = frame_alarms(magnitude, grid, recipe.frame_area(), recipe.prescreen.radius)
         frame: Arrays = {
             "frame": np.array([scan.index]),
@@ -70,7 +70,7 @@ class FrameAlarms(Pass):
         return concatenate(self._frames)
 
 
-def alarms_by_frame(lane: LaneSetup) -> tuple[pd.DataFrame, dict[int, FloatArray]]:
+def alarms_by_frame(lane: ImagedRun) -> tuple[pd.DataFrame, dict[int, FloatArray]]:
     """Return the alarms of all frames, and the pose of each frame by its number.
 
     Needs the result of the pass "frames".

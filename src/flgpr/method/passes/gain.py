@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from flgpr.clutter import Background, shared_level
 from flgpr.engine import Arrays
 from flgpr.method.cache_key import background_key
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.signature import background_estimator
 from flgpr.method.passes.traversal import Pass
 from flgpr.stages import FloatArray
@@ -38,9 +38,8 @@ class SmoothGain(_GainBackground):
     Of every scan the self-signature is subtracted first.
     """
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
-        self._images = lane.images
         self._rows = lane.background_rows
         signature = lane.results["signature"]
         self._gains = signature["gains"]
@@ -48,9 +47,9 @@ class SmoothGain(_GainBackground):
         scans = slice(None) if block is None else slice(block.start, block.stop)
         self._estimator.continue_from(signature, scans)
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Add a scan's smoothed magnitude, the self-signature subtracted."""
-        self._estimator.add_gain(self._images.scan_image(scan.index, self._rows).values)
+        self._estimator.add_gain(self.lane.scan_image(scan.index, self._rows).values)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the sum of the smoothed magnitudes."""
@@ -71,9 +70,8 @@ class RowGain(_GainBackground):
     It depends on the distance alone (Fuse et al. 2018).
     """
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
-        self._images = lane.images
         self._rows = lane.background_rows
         self._first = lane.results["signature"]
         within = lane.recipe.background.within or np.inf
@@ -81,9 +79,9 @@ class RowGain(_GainBackground):
         self._total = np.zeros((*self._first["signature"].shape[:3], 1))
         self._count = np.zeros(1)
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Add the medians of a scan's rows."""
-        image = self._images.scan_image(scan.index, self._rows).values[..., : self._rows, :]
+        image = self.lane.scan_image(scan.index, self._rows).values[..., : self._rows, :]
         gain = self._first["gains"][scan.index][..., None, None]
         magnitude = np.abs(image / gain - self._first["signature"])
         self._total += np.median(magnitude[..., self._near], axis=-1, keepdims=True)
@@ -106,7 +104,7 @@ class RowGain(_GainBackground):
 class NoGain(_GainBackground):
     """A gain background of one: images stay in the units of their scan's gain."""
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
         self._first = lane.results["signature"]
 

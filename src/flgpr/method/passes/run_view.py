@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from flgpr.engine import Arrays
 from flgpr.method.cache_key import view_key
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import RunViewSums
 
@@ -33,12 +33,12 @@ class RunView(Pass):
     needs = ("gain",)
     cache_key = staticmethod(view_key)
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
-        self._grid = lane.images.grid
+        self._grid = lane.near
         self._sums = lane.steps.view_sums(lane.grid, lane.rows_of(block))
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Lay a scan's image on the lane."""
         self._sums.add(scan.magnitude(), self._grid, scan.pose)
 
@@ -67,12 +67,12 @@ class PlainRunView(Pass):
     needs = ("gain",)
     cache_key = staticmethod(view_key)
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
-        self._grid = lane.images.grid
+        self._grid = lane.near
         self._sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max, lane.rows_of(block))
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Lay the magnitude of a scan's image on the lane."""
         self._sums.add(np.abs(scan.near_image.values), self._grid, scan.pose)
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from flgpr.clutter import BackgroundEstimator
 from flgpr.engine import Arrays
 from flgpr.method.cache_key import background_key
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 
 
@@ -32,14 +32,13 @@ class SelfSignaturePass(Pass):
     all_scans = True
     cache_key = staticmethod(background_key)
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
         super().__init__(lane, block)
-        self._images = lane.images
         self._estimator = background_estimator(lane)
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Add a scan's whole image: its gain is that of all of it."""
-        self._estimator.add_signature(self._images.scan_image(scan.index).values)
+        self._estimator.add_signature(self.lane.scan_image(scan.index).values)
 
     def state(self, exact: bool) -> Arrays:
         """Return the totals of Eq. 2 and the gains of the scans so far."""
@@ -54,7 +53,7 @@ class SelfSignaturePass(Pass):
         return self._estimator.first_result()
 
 
-def background_estimator(lane: LaneSetup) -> BackgroundEstimator:
+def background_estimator(lane: ImagedRun) -> BackgroundEstimator:
     """Make the estimator of a recipe's background, as far ahead as counts."""
     method = lane.recipe.background.self_signature
     return BackgroundEstimator(*lane.recipe.smoothing, method, lane.background_rows)

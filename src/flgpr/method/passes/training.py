@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from flgpr.engine import Gatherer, PlannedPass
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
 
 
-def until_examples(lane: LaneSetup, passes: Sequence[PlannedPass]) -> list[PlannedPass]:
+def until_examples(lane: ImagedRun, passes: Sequence[PlannedPass]) -> list[PlannedPass]:
     """Return the passes up to the examples of the first stage that has not learnt yet.
 
     A clutter stage learns from the data that the stages before it leave, a map from cleaned images,
@@ -19,16 +19,14 @@ def until_examples(lane: LaneSetup, passes: Sequence[PlannedPass]) -> list[Plann
     names = [planned.name for planned in passes]
 
     if kind == "clutter":
-        clutter = lane.images.stages[learner]
+        clutter = lane.clutter_stages[learner]
         before_images = list(passes[: names.index("signature")])
         return [*before_images, _examples(learner, lambda _: clutter.examples(lane.truth))]
 
     if kind == "map":
         until_cleaned = list(passes[: names.index("gain") + 1])
         # The cleaned images exist only once the passes before have run.
-        examples = _examples(
-            learner, lambda _: lane.mapper.examples(lane.truth, lane.cleaned.coherent)
-        )
+        examples = _examples(learner, lambda _: lane.mapper.examples(lane.truth, lane.coherent))
         return [*until_cleaned, examples]
 
     return list(passes[: names.index("view") + 1])

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 from flgpr.engine import Arrays, PlannedPass, bundle_groups, group_of
-from flgpr.method.lane_scan import LaneScan
-from flgpr.method.lane_setup import LaneSetup
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.imaged_scan import ImagedScan
 
 
 class Pass:
@@ -20,7 +20,7 @@ class Pass:
 
     Parameters
     ----------
-    lane : LaneSetup
+    lane : ImagedRun
         The lane, with the results of earlier passes.
     block : range or None
         The block whose scans are added; None where the states of all blocks are merged.
@@ -35,10 +35,10 @@ class Pass:
     #: gathers what the viewer shows beside the alarms; left out where nothing is to be explained
     explains: ClassVar[bool] = False
 
-    def __init__(self, lane: LaneSetup, block: range | None) -> None:  # noqa: ARG002
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:  # noqa: ARG002
         self.lane = lane
 
-    def add(self, scan: LaneScan) -> None:
+    def add(self, scan: ImagedScan) -> None:
         """Add one scan's images, gains and pose."""
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
@@ -57,7 +57,7 @@ class Pass:
         raise NotImplementedError
 
     @staticmethod
-    def cache_key(lane: LaneSetup) -> dict[str, Any] | None:  # noqa: ARG004
+    def cache_key(lane: ImagedRun) -> dict[str, Any] | None:  # noqa: ARG004
         """Return what the result depends on, by which other recipes share it.
 
         None if no other recipe can use the result.
@@ -70,7 +70,7 @@ class Traversal:
 
     Parameters
     ----------
-    lane : LaneSetup
+    lane : ImagedRun
         The lane.
     kinds : sequence of type
         The classes of the passes.
@@ -78,13 +78,13 @@ class Traversal:
         As of :class:`Pass`.
     """
 
-    def __init__(self, lane: LaneSetup, kinds: Sequence[type[Pass]], block: range | None) -> None:
+    def __init__(self, lane: ImagedRun, kinds: Sequence[type[Pass]], block: range | None) -> None:
         self._lane = lane
         self._passes = {kind.name: kind(lane, block) for kind in kinds}
 
     def add(self, index: int) -> None:
         """Add the scan at an index among the complete ones to every pass."""
-        scan = LaneScan(self._lane, index)
+        scan = ImagedScan(self._lane, index)
         for member in self._passes.values():
             member.add(scan)
 
@@ -116,14 +116,14 @@ def _joined(groups: Mapping[str, Arrays]) -> Arrays:
     return only
 
 
-def plan(lane: LaneSetup, *kinds: type[Pass]) -> PlannedPass:
+def plan(lane: ImagedRun, *kinds: type[Pass]) -> PlannedPass:
     """Plan passes that go through the scans of a lane together, under the name of the first.
 
     Those that only explain alarms are left out where the lane is not to be explained.
 
     Parameters
     ----------
-    lane : LaneSetup
+    lane : ImagedRun
         The lane.
     *kinds : type
         Classes of passes.

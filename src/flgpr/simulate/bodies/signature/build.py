@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr import system
 from flgpr.archive import array_bytes, npy_header
-from flgpr.door import Folder
+from flgpr.door import Folder, open_own, refuse_links
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr.simulate.bodies.signature.dipoles import solve_box
@@ -73,6 +73,7 @@ def build_table(
     request = {"body": body.model_dump(mode="json"), "nodes": nodes.table_nodes()}
     digest = sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
     folder = work / digest[:12]
+    refuse_links(folder)
     folder.mkdir(parents=True, exist_ok=True)
     shape = (nodes.PERMITTIVITY.size, nodes.FREQUENCY.size)
     pieces = [_Piece(soil, frequency) for soil, frequency in np.ndindex(shape)]
@@ -123,7 +124,8 @@ def _solve_and_store(body: Body, folder: Path, piece: _Piece) -> None:
     with threadpool_limits(1):
         amplitudes = solve_piece(body, *piece)
     incomplete = folder / (piece.file + ".part")
-    with incomplete.open("wb") as file:
+    refuse_links(incomplete, folder / piece.file)
+    with open(incomplete, "wb", opener=open_own) as file:
         np.save(file, amplitudes, allow_pickle=False)
     incomplete.rename(folder / piece.file)
 

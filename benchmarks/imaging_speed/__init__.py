@@ -1,0 +1,1 @@
+"""Speed of the imaging operator beside other codes and the machine's own limits."""

@@ -1,0 +1,186 @@
+"""Experiments on why a statement of a paper does not hold on simulated lanes.
+
+An experiment adds or takes away one cause, in the simulated world or in the processing. The lanes,
+settings and rules of the study itself stay as they are. The explanation predicts between which
+values a number has to lie. The explanation *holds* if the 95 % interval of the number lies within
+them, is *refuted* if it lies outside, and otherwise the experiment *cannot say*. A number without a
+prediction is shown for comparison.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flgpr_papers.kit.findings import (
+    AGREES,
+    DISAGREES,
+    UNDECIDED,
+    Bounds,
+    Finding,
+    Interval,
+    decimals,
+    judge,
+)
+
+HOLDS = "holds"
+REFUTED = "refuted"
+OUTCOMES = {AGREES: HOLDS, DISAGREES: REFUTED, UNDECIDED: UNDECIDED}
+"""Outcome of an explanation by the verdict on its prediction."""
+ABOVE_ZERO: Bounds = (0.0, math.inf)
+"""Prediction of a difference that is larger than zero."""
+BELOW_ZERO: Bounds = (-math.inf, 0.0)
+"""Prediction of a difference that is smaller than zero."""
+COLUMNS = (
+    "statement",
+    "explanation",
+    "changed",
+    "quantity",
+    "ours",
+    "predicted",
+    "outcome",
+    "sample",
+)
+"""Columns of the tables of experiments."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A number of an experiment, and what an explanation predicts of it."""
+
+    statement: str  #: claim of the study that does not hold here
+    explanation: str  #: the cause that is tried; empty for a number shown for comparison
+    changed: str  #: what was added, removed or done in another way; "nothing" for the study itself
+    quantity: str  #: what was measured
+    interval: Interval  #: the number and its 95 % interval
+    sample: str  #: sample of the interval: number of seeds, mines or stretches of lane
+    predicted: Bounds | None = None  #: least and largest value that the explanation predicts
+    unit: str = ""  #: of the number
+    #: verdict of the study's own rule on the number, where that rule decides and not ``predicted``
+    verdict: str = ""
+
+    def __post_init__(self) -> None:
+        has_prediction = self.predicted is not None or bool(self.verdict)
+        if has_prediction != bool(self.explanation):
+            raise ValueError(
+                f"predicted must be given with an explanation and only with one, got "
+                f"{self.predicted} and {self.explanation!r} for {self.changed!r}"
+            )
+
+    @property
+    def outcome(self) -> str:
+        """Outcome of the explanation; empty for a number shown for comparison."""
+        if self.verdict:
+            return OUTCOMES[self.verdict]
+        if self.predicted is None:
+            return ""
+        low, high = self.interval[1:]
+        if math.isnan(low) or math.isnan(high):
+            return UNDECIDED
+        return OUTCOMES[judge(low, high, self.predicted)]
+
+    @property
+    def ours(self) -> str:
+        """The number with its interval in words."""
+        value, low, high = self.interval
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isnan(value):
+            return "nothing to measure"
+        if not math.isfinite(high - low):
+            return f"{value:.3g}{unit} (no interval)"
+        digits = decimals((value, low, high), high - low)
+        return f"{value:z.{digits}f}{unit} ({low:z.{digits}f} to {high:z.{digits}f})"
+
+    @property
+    def prediction(self) -> str:
+        """The prediction in words; empty for a number shown for comparison."""
+        if self.verdict:
+            return "agrees by the study's rule"
+        if self.predicted is None:
+            return ""
+        low, high = self.predicted
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(high):
+            return f"above {low:g}{unit}"
+        if math.isinf(low):
+            return f"below {high:g}{unit}"
+        return f"{low:g} to {high:g}{unit}"
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Cells of a table, by ``COLUMNS``."""
+        texts = (self.statement, self.explanation, self.changed, self.quantity)
+        return (*texts, self.ours, self.prediction, self.outcome, self.sample)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What several trials of a statement have in common."""
+
+    statement: str  #: claim of the study that does not hold here
+    quantity: str  #: what is measured
+    sample: str  #: sample of the intervals
+    unit: str = ""  #: of the quantity
+
+    def shown(self, changed: str, interval: Interval) -> Trial:
+        """Return a number that is shown for comparison."""
+        return self.asked("", changed, interval, None)
+
+    def asked(self, why: str, changed: str, interval: Interval, predicted: Bounds | None) -> Trial:
+        """Return a number of which an explanation, if there is one, predicts where it lies."""
+        rule = predicted if why else None
+        return Trial(
+            self.statement, why, changed, self.quantity, interval, self.sample, rule, self.unit
+        )
+
+
+def road_trials(as_found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:
+    """Return trials of the road as the reason why statements disagree on roads as found.
+
+    The trial is the same study on prepared lanes. The road is the reason if the statement agrees
+    there, and is not if it disagrees there, too.
+
+    Parameters
+    ----------
+    as_found, prepared : sequence of Finding
+        Findings of the study on roads as found and on prepared lanes.
+
+    Returns
+    -------
+    list of Trial
+        One for every statement that disagrees on roads as found and that is judged by an interval
+        on prepared lanes.
+    """
+    by_statement = {(finding.claim, finding.group): finding for finding in prepared}
+    trials = []
+    for finding in as_found:
+        if finding.verdict != DISAGREES:
+            continue
+        other = by_statement.get((finding.claim, finding.group))
+        if other is None or other.verdict not in OUTCOMES or other.interval is None:
+            continue
+        trial = Trial(
+            statement=finding.claim,
+            explanation="the road as found",
+            changed="prepared lanes in place of roads as found",
+            quantity=other.quantity or "number of the statement",
+            interval=other.interval,
+            sample="the study's own",
+            unit=other.unit,
+            verdict=other.verdict,
+        )
+        trials.append(trial)
+    return trials
+
+
+def trials_csv(trials: Sequence[Trial]) -> str:
+    """Format experiments as CSV: the columns ``COLUMNS``, a row for each."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for trial in trials:
+        writer.writerow(trial.row)
+    return stream.getvalue()

@@ -1,0 +1,81 @@
+"""One scan of a run, as the passes see it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.steps import CleanedImages
+from flgpr.stages import ComplexArray, FloatArray
+
+
+class ImagedScan:
+    """One scan of a run: its images, made when a pass asks, and shared by passes that go together.
+
+    ``index`` counts among the complete scans. What is cleaned needs the result of the pass "gain".
+    """
+
+    def __init__(self, lane: ImagedRun, index: int) -> None:
+        self._lane = lane
+        self.index = index
+
+    @cached_property
+    def data(self) -> ComplexArray | None:
+        """The scan's data (polarization, pair, frequency), read once for several uses.
+
+        None unless both the image and what explains alarms are made of them.
+        """
+        lane = self._lane
+        if lane.reads_data_once:
+            return lane.imager.signal(int(lane.imager.scans[self.index]))
+        return None
+
+    @cached_property
+    def near_image(self) -> xr.DataArray:
+        """The image before its background is removed, as far ahead as counts, with its pose."""
+        lane = self._lane
+        return lane.near_image(self.index, self.data if lane.reads_data else None)
+
+    @property
+    def gain(self) -> FloatArray:
+        """The scan's gain (polarization, subband)."""
+        return self._lane.gains[self.index]
+
+    @property
+    def number(self) -> int:
+        """The scan's number in the run."""
+        return int(self.near_image.attrs["scan"])
+
+    @property
+    def pose(self) -> FloatArray:
+        """The scan's pose (6,) in the lane frame."""
+        return np.asarray(self.near_image.attrs["pose"], dtype=np.float64)
+
+    def magnitude(self) -> NDArray[np.float32]:
+        """Return the cleaned magnitude (polarization, subband, y, x), or the recipe's map of it.
+
+        It is in units of the background (Wang et al. 2007, Eq. 5).
+        """
+        lane = self._lane
+        background = lane.background
+        if lane.mapper is None:
+            return background.magnitude(self.near_image.values, self.gain)
+        coherent = background.own_coherent(self.near_image.values, self.gain)
+        return lane.mapper.map(self.near_image.copy(data=coherent))[None, None]
+
+    @cached_property
+    def cleaned(self) -> CleanedImages:
+        """The cleaned images, as far as features and explanations read them."""
+        lane = self._lane
+        return lane.steps.clean(
+            self.number,
+            self.pose,
+            self.near_image.values,
+            self.gain,
+            lane.background,
+            needs_own_phase=lane.explains,
+        )
