@@ -245,9 +245,9 @@ class _EntryRun:
         with self._counting_costs(results) as (options, costs):
             text = recipe_text(self.file)
             jobs = []
-            for run, lane in zip(runs, borders, strict=True):
+            for run, border in zip(runs, borders, strict=True):
                 output = results / run.stem
-                jobs.append(make_job(run, text, lane, output, False, model, options=options))
+                jobs.append(make_job(run, text, border, output, False, model, options=options))
             detect_survey(jobs, results, options=options)
         self.costs |= costs
         tables = []
