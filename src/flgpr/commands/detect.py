@@ -211,7 +211,8 @@ def detect(
     names = lane_names(run_list)  # refuses runs of one name before a recipe is made
     text = recipe_or_fitted(recipe, run_list[0], model, options.max_memory)
     jobs = []
-    for number, run in enumerate(run_list):
-        jobs.append(job_of(number, run, text, survey / names[number], other_runs[number]))
+    for number, name in enumerate(names):
+        run = run_list[number]
+        jobs.append(job_of(number, run, text, survey / name, other_runs[number]))
     folders = detect_survey(jobs, survey, section, lanes_at_once, options, overwrite)
     return Survey(survey, folders)
