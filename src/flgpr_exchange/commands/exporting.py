@@ -20,7 +20,7 @@ from flgpr.door import read_named
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.geotiff import write_geotiff
-from flgpr.geo.points import STATEMENT, georeference, write_earth_geojson
+from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
 from flgpr.method.detection import Detection
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
@@ -34,7 +34,6 @@ from flgpr_exchange.maps import qgis
 from flgpr_exchange.maps.imsma import imsma_table
 from flgpr_exchange.maps.points import (
     corners,
-    write_earth_csv,
     write_geopackage,
     write_gpx,
     write_kml,
