@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
-from flgpr_exchange.gpr.parts import exact_floats, first_bytes, measured_distance
+from flgpr_exchange.gpr.parts import (
+    between_neighbours,
+    exact_floats,
+    first_bytes,
+    measured_distance,
+)
 
 FloatArray = NDArray[np.float64]
 _Shape = tuple[int, int, int]
@@ -313,9 +318,7 @@ def _geolocations(
         notes.append(
             f"{unusable} of {slices} {_GEOLOCATIONS} are no places: put between their neighbours"
         )
-        trace = np.arange(slices)
-        for column in range(3):
-            positions[:, column] = np.interp(trace, known, positions[usable, column])
+        positions = between_neighbours(positions, usable)
     if channels > 1 and length > _POINT * slices:
         notes.append(
             f"{_GEOLOCATIONS} of {channels - 1} further channels are not used: "
