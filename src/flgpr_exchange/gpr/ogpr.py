@@ -56,22 +56,7 @@ class _PointLayout(NamedTuple):
 def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     """Read an OpenGPR file.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    limit : int
-        Bytes of memory to use.
-
-    Returns
-    -------
-    dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
-
-    Raises
-    ------
-    ValueError
-        If the file contradicts itself or its size, or takes more memory.
+    Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
     descriptor = _descriptor_of(path)
     main = _table(descriptor, "mainDescriptor")
