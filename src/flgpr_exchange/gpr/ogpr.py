@@ -288,9 +288,8 @@ def _geolocations(
         return None, _NO_FIXES
 
     positions = _first_points(path, offset, length // slices, slices, layout)
-    usable = np.isfinite(positions).all(axis=1)
-    magnitudes = np.abs(np.nan_to_num(positions))
-    usable &= (magnitudes <= _FARTHEST).all(axis=1)
+    magnitudes = np.abs(np.where(np.isfinite(positions), positions, np.inf))
+    usable = np.asarray((magnitudes <= _FARTHEST).all(axis=1))
     known = np.flatnonzero(usable)
     unusable = slices - known.size
     if known.size < 2 or not np.ptp(positions[usable, :2], axis=0).any():
