@@ -3,6 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
+from alone import needs
 from flgpr.commands.app import app
 from flgpr.commands.simulate import simulate_lane
 from flgpr.store import open_run
@@ -34,7 +35,11 @@ def test_a_scene_is_drawn_or_simulated(tmp_path):
     ("options", "rule"),
     [
         ({"body": "m19.toml"}, "only simulate signature takes a second argument, got 'm19.toml'"),
-        ({"engine": "rays"}, "engine must be one of flgpr, gprmax, got 'rays'"),
+        pytest.param(
+            {"engine": "rays"},
+            "engine must be one of flgpr, gprmax, got 'rays'",
+            marks=needs("flgpr_exchange"),
+        ),
         ({}, "simulate needs --output or --preview, got neither"),
     ],
 )
