@@ -219,7 +219,7 @@ def main() -> None:
     head = text[: text.index("<!-- table -->")]
     head = re.sub(
         r"Of .*? code tokens .*?\.\n",
-        f"Of {sum(tokens.values()) / 1000:.0f}k code tokens ({by_package}) "
+        f"Of {sum(tokens.values()) / 1000:.0f}k code tokens\n({by_package})\n"
         f"{sum(tokens[name] for name in own) / 1000:.0f}k belong to one feature alone.\n",
         head,
         count=1,
