@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from flgpr.simulate.bodies.signature import build, packaged_bodies
+from flgpr.simulate.bodies.signature import packaged_bodies
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.build import build_table
+from flgpr_ground.signatures import build
+from flgpr_ground.signatures.build import build_table
 
 TINY = Body(name="tiny", layers=[{"thickness": 0.02, "zones": ((0.03, 2.0),)}])
 
