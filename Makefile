@@ -57,7 +57,7 @@ lint: $(VENV)/.test
 
 # Tests of what docs/evidence/robustness.md promises.
 ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
-    commands/test_implausible_poses.py detect/test_scorers.py \
+    commands/test_implausible_poses.py ground/test_scorers.py \
     formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \

@@ -3,7 +3,7 @@
     python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
 
 A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
-printed. Tables of experiments, ``reasons.csv`` of ``flgpr reproduce reasons``, are taken over as they are.
+printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken over as they are.
 """
 
 import csv

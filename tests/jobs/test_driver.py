@@ -18,7 +18,7 @@ from flgpr.jobs.driver import (
 )
 from flgpr.jobs.job import LaneJob, make_job
 from flgpr.jobs.pieces import do_block, do_finish, do_merge
-from flgpr.jobs.workers import InProcess
+from flgpr.jobs.workers import InProcess, RunOptions
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.progress import silent
 from flgpr.results.result import read_result
@@ -102,10 +102,10 @@ def test_a_job_is_refused_early_by_what_is_known_before_it_is_begun(run, tmp_pat
 
 
 def test_recipes_share_passes_through_a_cache_and_find_what_they_find_alone(run, tmp_path):
-    cache = tmp_path / "cache"
+    cache = RunOptions(pass_cache=tmp_path / "cache")
     other_recipe = small_recipe().replace("density = 0.75", "density = 0.5")
-    first = make_job(run, small_recipe(), LANE, tmp_path / "first", False, pass_cache=cache)
-    second = make_job(run, other_recipe, LANE, tmp_path / "second", False, pass_cache=cache)
+    first = make_job(run, small_recipe(), LANE, tmp_path / "first", False, options=cache)
+    second = make_job(run, other_recipe, LANE, tmp_path / "second", False, options=cache)
     alone = make_job(run, other_recipe, LANE, tmp_path / "alone", False)
     reports = []
     with InProcess() as executor:

@@ -12,9 +12,9 @@ from flgpr.jobs.job import (
     code_versions,
     make_job,
     processor,
-    searched_area,
 )
 from flgpr.method.sections import Section
+from flgpr.model import Lane
 from flgpr.recipe.schema import lane_of, parse_recipe
 from flgpr.results.result import read_result
 from flgpr.store import open_run, save_run
@@ -92,9 +92,10 @@ def test_the_order_of_lanes(tmp_path):
 
 
 def test_without_borders_the_ground_that_the_run_sees_is_searched(job):
-    recipe = parse_recipe(small_recipe())
-    assert searched_area(job.run, LANE, recipe) == (LANE, "as given")
-    assert searched_area(job.run, None, recipe) == (lane_of(open_run(job.run), recipe), "")
+    assert job.lane_source == "as given"
+    seen = make_job(job.run, small_recipe(), None, job.output)
+    assert Lane(*seen.lane) == lane_of(open_run(job.run), parse_recipe(small_recipe()))
+    assert seen.lane_source == ""
 
 
 def test_a_file_beside_the_run_that_is_no_lane_is_named(tmp_path):

@@ -2,8 +2,8 @@
 
 import pytest
 
+import flgpr
 from flgpr.jobs.survey import detect_survey, lane_names
-from small_lane import small_recipe
 
 
 def test_lanes_are_named_after_their_runs():
@@ -14,11 +14,11 @@ def test_lanes_are_named_after_their_runs():
 
 def test_several_lanes_at_once_need_others_who_work(tmp_path):
     with pytest.raises(ValueError, match="lanes_at_once needs workers or a scheduler"):
-        detect_survey(["a.zarr"], small_recipe(), tmp_path / "survey", at_once=2)
+        detect_survey([], tmp_path / "survey", at_once=2)
     assert not (tmp_path / "survey").exists()
 
 
 def test_borders_are_one_file_per_run(tmp_path):
     with pytest.raises(ValueError, match="lane must be given once per run, got 1 for 2 runs"):
-        detect_survey(["a.zarr", "b.zarr"], small_recipe(), tmp_path / "survey", lanes=["a.toml"])
+        flgpr.detect(["a.zarr", "b.zarr"], output=tmp_path / "survey", lane=["a.toml"])
     assert not (tmp_path / "survey").exists()

@@ -2,13 +2,14 @@
 
 import pytest
 
-from flgpr.jobs.training import learns_detector, training_lanes
+from flgpr.jobs.job import make_job
+from flgpr.jobs.training import TrainingLane, learns_detector, train_on_lanes
+from flgpr.jobs.workers import DEFAULTS
 from flgpr.recipe.schema import parse_recipe, recipe_text
-from flgpr.store import save_run
+from flgpr.store import read_table, save_run
 from small_lane import LANE_TOML, small_recipe, small_run
 
 TRUTH = "target_id,x,y,kind,depth,radius,height\nT1,0.2,4.5,metal,0.1,0.15,0.1\n"
-GIGABYTE = 10**9
 
 
 def test_a_recipe_with_a_detector_or_features_to_train_on_learns_one():
@@ -32,19 +33,20 @@ def home(tmp_path):
     return tmp_path
 
 
-def test_every_run_has_its_truth_and_borders(home):
-    recipe = parse_recipe(small_recipe())
-    runs, truths, borders = [home / "run.zarr"], [home / "truth.csv"], [home / "lane.toml"]
-    (lane,) = training_lanes(recipe, runs, truths, borders, [{}], GIGABYTE)
-    assert lane.run == home / "run.zarr"
-    assert lane.targets["target_id"].tolist() == ["T1"]
+def lane_job(home):
+    return make_job(
+        home / "run.zarr", small_recipe(), home / "lane.toml", home / "m", truth=home / "truth.csv"
+    )
+
+
+def test_a_lane_has_the_borders_and_the_name_of_its_job(home):
+    lane = TrainingLane(lane_job(home), read_table(home / "truth.csv", "truth"))
+    assert lane.name == "run"
     assert (lane.area.x_min, lane.area.x_max) == (-0.75, 0.75)
 
 
 def test_a_truth_that_is_not_valid_is_named(home):
     (home / "truth.csv").write_text("target_id,x\nT1,0.2\n")
-    recipe = parse_recipe(small_recipe())
     with pytest.raises(ValueError, match=r"truth\.csv"):
-        training_lanes(
-            recipe, [home / "run.zarr"], [home / "truth.csv"], [home / "lane.toml"], [{}], GIGABYTE
-        )
+        train_on_lanes([lane_job(home)], home / "m", (), 1.0, DEFAULTS, overwrite=True)
+    assert not (home / "m").exists()

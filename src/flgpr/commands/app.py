@@ -12,13 +12,11 @@ from typer.core import TyperGroup
 
 import flgpr
 from flgpr.commands import (
-    benchmark,
     calibrate,
     imports,
     live,
     plan,
     recipe,
-    submissions,
 )
 from flgpr.commands.anchor import anchor
 from flgpr.commands.demo import demo
@@ -73,15 +71,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "plan register": plan.register_recipe,
     "plan check": plan.check_register,
     "plan survey": plan.survey_plan,
-    "benchmark run": benchmark.run_benchmark,
-    "benchmark oracle": benchmark.run_oracle,
-    "benchmark table": benchmark.benchmark_table,
-    "benchmark list": benchmark.list_benchmark,
-    "benchmark make": submissions.make_benchmark,
-    "benchmark croissant": submissions.describe_benchmark,
-    "benchmark validate": submissions.validate_submissions,
-    "benchmark enter": submissions.enter_benchmark,
-    "benchmark leaderboard": submissions.benchmark_leaderboard,
 }
 """Every command by its words."""
 
@@ -100,7 +89,6 @@ HELP_PANELS: dict[str, dict[str, str]] = {
     "Live": {"live": "", "feed": ""},
     "Research": {
         "design": "",
-        "benchmark": "The proving ground: compare detectors on the same sealed lanes.",
         "reproduce": "",
     },
 }

@@ -32,8 +32,6 @@ from flgpr.commands.run_options import run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.jobs.workers import RunOptions
-    from flgpr.model import Lane
     from flgpr.results.result import Result
     from flgpr.results.survey import Survey
 
@@ -175,77 +173,45 @@ def detect(
     FileExistsError
         If another result is there, and it is not to be overwritten, or something that is no result.
     """
+    from flgpr.jobs.driver import detect_lane
+    from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
     from flgpr.recipe.make import recipe_or_fitted
     from flgpr.results.survey import Survey
 
     run_list = one_or_more(runs)
-    lanes = one_or_more(lane) or None
+    lanes = one_or_more(lane) or [None] * len(run_list)
     options = run_options(workers, scheduler, max_memory, track, note, pass_cache)
     other_runs = runs_by_name(others, len(run_list))
-
     if not run_list:
         raise ValueError("runs must hold at least one run, got none")
+    if len(lanes) != len(run_list):
+        number = "1 run" if len(run_list) == 1 else f"{len(run_list)} runs"
+        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {number}")
+
+    def job_of(number: int, run: PathLike, text: str, to: Path, beside: Any) -> LaneJob:
+        """Return the job of a run, by its number, whose result goes into a folder."""
+        return make_job(
+            run, text, lanes[number], to, report, model=model, others=beside, options=options
+        )
 
     if len(run_list) == 1:
-        if lanes is not None and len(lanes) > 1:
-            raise ValueError(f"lane must be given once per run, got {len(lanes)} for 1 run")
-        given_lane = None if lanes is None else lanes[0]
-        with RunLocations(run_list[0], output, other_runs[0]) as locations:
-            _detect_lane(locations, recipe, given_lane, model, section, report, options, overwrite)
-            return locations.result()
+        with RunLocations(run_list[0], output, other_runs[0]) as place:
+            text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
+            job = job_of(0, place.run, text, place.output, place.other_runs)
+            with options.executor() as executor:
+                detect_lane(job, executor, options.track, options.note, section, overwrite)
+            return place.result()
 
     if output is None:
         raise ValueError(f"output must be given for several runs, got none for {len(run_list)}")
     if any(is_in_memory(run) for run in run_list):
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
-
-    lane_names(run_list)  # refuses runs of one name before a recipe is made
+    survey = Path(output)
+    names = lane_names(run_list)  # refuses runs of one name before a recipe is made
     text = recipe_or_fitted(recipe, run_list[0], model, options.max_memory)
-    folders = detect_survey(
-        run_list,
-        text,
-        output,
-        lanes=lanes,
-        model=model,
-        section=section,
-        others=other_runs,
-        report=report,
-        at_once=lanes_at_once,
-        options=options,
-        overwrite=overwrite,
-    )
-    return Survey(Path(output), folders)
-
-
-def _detect_lane(
-    locations: RunLocations,
-    recipe: PathLike | None,
-    given_lane: PathLike | Lane | None,
-    model: PathLike | None,
-    section: float | None,
-    report: bool,
-    options: RunOptions,
-    overwrite: bool,
-) -> None:
-    """Detect on one stored run, in one piece or in sections."""
-    from flgpr.jobs.driver import detect_lane
-    from flgpr.jobs.job import job_of_run
-    from flgpr.recipe.make import recipe_or_fitted
-    from flgpr.recipe.schema import parse_recipe
-
-    text = recipe_or_fitted(recipe, locations.run, model, options.max_memory)
-    job = job_of_run(
-        locations.run,
-        parse_recipe(text, str(recipe)),
-        text,
-        locations.output,
-        given_lane,
-        locations.other_runs,
-        model,
-        report,
-        options.max_memory,
-        options.pass_cache,
-    )
-    with options.executor() as executor:
-        detect_lane(job, executor, options.track, options.note, section, overwrite)
+    jobs = []
+    for number, run in enumerate(run_list):
+        jobs.append(job_of(number, run, text, survey / names[number], other_runs[number]))
+    folders = detect_survey(jobs, survey, section, lanes_at_once, options, overwrite)
+    return Survey(survey, folders)

@@ -7,7 +7,6 @@ What is computed has its home below (:mod:`flgpr.imaging.range_profiles`,
 from __future__ import annotations
 
 import base64
-import json
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -32,6 +31,7 @@ from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.made_of import read_limits
+from flgpr.toml_text import toml_value
 
 MOST_SCANS = 1200
 MOST_BINS = 800
@@ -498,6 +498,6 @@ def _toml(steps: list[Step]) -> str:
         entries["do"] = step.do  # a default, which is left out
         lines = ["[[step]]"]
         for name, value in sorted(entries.items()):
-            lines.append(f"{name} = {json.dumps(value)}")
+            lines.append(f"{name} = {toml_value(value)}")
         tables.append("\n".join(lines) + "\n")
     return "\n".join(tables)

@@ -89,7 +89,8 @@ def train(
     FileExistsError
         If another model is there and is not to be overwritten.
     """
-    from flgpr.jobs.training import learns_detector, train_on_lanes, training_lanes
+    from flgpr.jobs.job import make_job
+    from flgpr.jobs.training import learns_detector, train_on_lanes
     from flgpr.recipe.schema import parse_recipe, recipe_text
 
     if len(runs) != len(truths) or not runs:
@@ -104,11 +105,28 @@ def train(
     parsed = parse_recipe(text, str(recipe))
     if not learns_detector(parsed, features) and not parsed.learning():
         raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
-    examples = training_lanes(parsed, runs, truths, lanes, other_runs, options.max_memory)
+    borders = lanes or [None] * len(runs)
+
+    def train_at(target: Path) -> Model:
+        """Train on the lanes, and write the model."""
+        jobs = []
+        for run, truth, lane, others_of_run in zip(runs, truths, borders, other_runs, strict=True):
+            jobs.append(
+                make_job(
+                    run,
+                    text,
+                    lane,
+                    target,
+                    False,
+                    others=others_of_run,
+                    truth=truth,
+                    options=options,
+                )
+            )
+        return train_on_lanes(jobs, target, features, label_radius, options, overwrite)
+
     if output is not None:
-        target = Path(output)
-        return train_on_lanes(text, examples, target, features, label_radius, options, overwrite)
+        return train_at(Path(output))
     # Without an output nothing can resume: what is written on the way is temporary.
     with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
-        target = Path(folder) / "model"
-        return train_on_lanes(text, examples, target, features, label_radius, options, overwrite)
+        return train_at(Path(folder) / "model")

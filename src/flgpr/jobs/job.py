@@ -18,11 +18,12 @@ import llvmlite.binding
 import flgpr
 from flgpr.door import read_named, refuse_links
 from flgpr.engine import BLOCK
+from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.method.model import parse_model, read_model
 from flgpr.method.sections import Section
 from flgpr.model import Lane
 from flgpr.recipe.fit import area_of
-from flgpr.recipe.schema import Recipe
+from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.store import (
     MAX_MEMORY,
     open_run,
@@ -153,74 +154,40 @@ def choose_lane(
     return None, ""
 
 
-def searched_area(
-    run: PathLike, given: PathLike | Lane | None, recipe: Recipe, max_memory: int = MAX_MEMORY
-) -> tuple[Lane, str]:
-    """Check that a recipe fits a stored run, and return the lane that is searched.
-
-    Parameters
-    ----------
-    run : str or path
-        Run store.
-    given : str, path or Lane, optional
-        The lane's borders, or their file.
-    recipe : Recipe
-        The recipe.
-    max_memory : int
-        Bytes that reading the run may take.
-
-    Returns
-    -------
-    lane : Lane
-        That of :func:`choose_lane`; without any, the ground that the run sees.
-    source : str
-        Where its borders come from; "" is the recipe or the run.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit, or a run or a file is not valid.
-    """
-    lane, source = choose_lane(run, given, recipe)
-    return area_of(open_run(run, max_memory), recipe, lane), source
-
-
-def job_of_run(
+def make_job(
     run: PathLike,
-    recipe: Recipe,
-    recipe_text: str,
+    recipe: str,
+    lane: PathLike | Lane | None,
     output: PathLike,
-    given_lane: PathLike | Lane | None = None,
-    others: Mapping[str, PathLike] | None = None,
-    model: PathLike | None = None,
     report: bool = True,
-    max_memory: int = MAX_MEMORY,
-    pass_cache: PathLike | None = None,
+    model: PathLike | None = None,
+    others: Mapping[str, PathLike] | None = None,
+    truth: PathLike | None = None,
+    options: RunOptions = DEFAULTS,
 ) -> LaneJob:
-    """Choose the lane that a run is searched in, and describe the detection as a job.
+    """Check that a recipe fits a stored run, and describe the detection as plain values.
 
     Parameters
     ----------
     run : str or path
         Run store.
-    recipe : Recipe
-        The recipe.
-    recipe_text : str
-        Its TOML text.
+    recipe : str
+        TOML text of the recipe.
+    lane : str, path or Lane or None
+        The lane's borders, or their file; without them that of :func:`choose_lane`, else the ground
+        that the run sees is searched.
     output : str or path
         Result folder to make.
-    given_lane : str, path or Lane, optional
-        The lane's borders, or their file.
-    others : mapping of str to path, optional
-        Runs taken together with it, by the names that the recipe gives them.
+    report : bool
+        Whether to write ``report.html``.
     model : str or path, optional
         Folder of a trained model.
-    report : bool
-        Whether to write a report.
-    max_memory : int
-        Bytes that reading the run may take.
-    pass_cache : str or path, optional
-        Folder of passes that jobs of other recipes share.
+    others : mapping of str to path, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    truth : str or path, optional
+        File of a training lane's targets.
+    options : RunOptions
+        Memory of a process, and the folder of passes that jobs of other recipes share.
 
     Returns
     -------
@@ -232,69 +199,9 @@ def job_of_run(
     ValueError
         If the recipe does not fit the run, or a run, the lane or the model is not valid.
     """
-    area, lane_source = searched_area(run, given_lane, recipe, max_memory)
-    return make_job(
-        run,
-        recipe_text,
-        area,
-        output,
-        report=report,
-        model=model,
-        max_memory=max_memory,
-        others=others,
-        pass_cache=pass_cache,
-        lane_source=lane_source,
-    )
-
-
-def make_job(
-    run: str | Path,
-    recipe: str,
-    lane: Lane,
-    output: str | Path,
-    report: bool = True,
-    model: str | Path | None = None,
-    max_memory: int = MAX_MEMORY,
-    others: Mapping[str, str | Path] | None = None,
-    truth: str | Path | None = None,
-    pass_cache: str | Path | None = None,
-    lane_source: str = "",
-) -> LaneJob:
-    """Describe a detection as plain values.
-
-    Parameters
-    ----------
-    run : str or path
-        Run store.
-    recipe : str
-        TOML text of the recipe.
-    lane : Lane
-        Borders of the lane.
-    output : str or path
-        Result folder to make.
-    report : bool
-        Whether to write ``report.html``.
-    model : str or path, optional
-        Folder of a trained model.
-    max_memory : int
-        Bytes that reading the run may take.
-    others : mapping of str to path, optional
-        Runs taken together with it, by the names that the recipe gives them.
-    truth : str or path, optional
-        File of a training lane's targets.
-    pass_cache : str or path, optional
-        Folder of passes that jobs of other recipes share.
-
-    Returns
-    -------
-    LaneJob
-        The job.
-
-    Raises
-    ------
-    ValueError
-        If a run or the model is not valid.
-    """
+    parsed = parse_recipe(recipe)
+    borders, lane_source = choose_lane(run, lane, parsed)
+    area = area_of(open_run(run, options.max_memory), parsed, borders)
     other_runs = []
     for name, path in (others or {}).items():
         other_runs.append((name, _absolute(path), read_manifest(path)["sha256"]))
@@ -305,7 +212,7 @@ def make_job(
     return LaneJob(
         run=_absolute(run),
         recipe=recipe,
-        lane=(lane.x_min, lane.x_max, lane.y_min, lane.y_max),
+        lane=(area.x_min, area.x_max, area.y_min, area.y_max),
         model=None if model is None else _absolute(model),
         output=_absolute(output),
         report=report,
@@ -313,11 +220,11 @@ def make_job(
         model_sha256="" if model is None else model_digest(model),
         code=code_versions(),
         cpu=processor(),
-        max_memory=max_memory,
+        max_memory=options.max_memory,
         others=tuple(other_runs),
         truth=truth_and_digest,
         lane_source=lane_source,
-        pass_cache="" if pass_cache is None else _absolute(pass_cache),
+        pass_cache="" if options.pass_cache is None else _absolute(options.pass_cache),
     )
 
 

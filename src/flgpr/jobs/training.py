@@ -15,11 +15,11 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.door import read_named, refuse_links
+from flgpr.door import refuse_links
 from flgpr.engine import Arrays
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.jobs.driver import passes_of_lane
-from flgpr.jobs.job import code_versions, make_job, searched_area
+from flgpr.jobs.job import LaneJob, code_versions, model_digest
 from flgpr.jobs.pieces import report
 from flgpr.jobs.workers import Executor, RunOptions
 from flgpr.live import forecast
@@ -52,7 +52,6 @@ from flgpr.store import (
     canonical_json,
     describe_for_live,
     open_run,
-    read_manifest,
     read_table,
     sha256,
 )
@@ -73,48 +72,8 @@ def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
     return recipe.confidence in RANKS and recipe.features is not None
 
 
-def training_lanes(
-    recipe: Recipe,
-    runs: Sequence[PathLike],
-    truths: Sequence[PathLike],
-    borders: Sequence[PathLike] | None,
-    others: Sequence[Mapping[str, PathLike]],
-    max_memory: int,
-) -> list[TrainingLane]:
-    """Return the lanes of a training.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        The recipe.
-    runs : sequence of str or path
-        Run stores.
-    truths : sequence of str or path
-        Files of their targets.
-    borders : sequence of str or path, optional
-        Files of their borders.
-    others : sequence of mapping
-        For each run those taken together with it, by the names that the recipe gives them.
-    max_memory : int
-        Bytes that reading a run may take.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit a run, or a file is not valid.
-    """
-    tables = [read_table(truth, "truth") for truth in truths]
-    lanes = []
-    for number, run in enumerate(runs):
-        lane_file = None if borders is None else borders[number]
-        area, _ = searched_area(run, lane_file, recipe, max_memory)
-        lanes.append(TrainingLane(run, truths[number], tables[number], area, others[number]))
-    return lanes
-
-
 def train_on_lanes(
-    text: str,
-    lanes: Sequence[TrainingLane],
+    jobs: Sequence[LaneJob],
     output: Path,
     features: Sequence[str],
     label_radius: float,
@@ -125,10 +84,8 @@ def train_on_lanes(
 
     Parameters
     ----------
-    text : str
-        TOML text of the recipe.
-    lanes : sequence of TrainingLane
-        The training lanes.
+    jobs : sequence of LaneJob
+        The training lanes, as detections of the recipe that have a truth.
     output : Path
         Folder of the model.
     features : sequence of str
@@ -152,14 +109,16 @@ def train_on_lanes(
     FileExistsError
         If the output holds something else and is not to be overwritten.
     """
+    text = jobs[0].recipe
     recipe = parse_recipe(text)
+    lanes = [TrainingLane(job, read_table(job.truth[0], "truth")) for job in jobs]
     refuse_links(_work_folder(output, "training"), _work_folder(output, "images"))
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
     notes = {
         "recipe": recipe.name,
         "recipe_sha256": sha256(text.encode()),
-        "runs": [read_manifest(lane.run)["sha256"] for lane in lanes],
-        "made_of": _inputs_digest(lanes, features, label_radius),
+        "runs": [job.store_sha256 for job in jobs],
+        "made_of": _inputs_digest(jobs, features, label_radius),
     }
     if not overwrite and _holds_model(output, notes):
         _clear_work_folders(output, options)
@@ -167,7 +126,7 @@ def train_on_lanes(
         return load_model(output)
     # The output is held open for one training at a time.
     with atomic_output(output, replace=True) as partial, options.executor() as executor:
-        training = _Training(recipe, text, lanes, output, executor, options)
+        training = _Training(recipe, lanes, output, executor, options)
         training.learn_stages()
         if learns_detector(recipe, features):
             training.train_detector(features, label_radius)
@@ -177,22 +136,12 @@ def train_on_lanes(
     return training.model
 
 
-def _inputs_digest(
-    lanes: Sequence[TrainingLane], features: Sequence[str], label_radius: float
-) -> str:
+def _inputs_digest(jobs: Sequence[LaneJob], features: Sequence[str], label_radius: float) -> str:
     """Return a digest of what a model depends on beside the recipe and the runs."""
     inputs = []
-    for lane in lanes:
-        other_runs = {}
-        for name, run in lane.others.items():
-            other_runs[name] = read_manifest(run)["sha256"]
-        inputs.append(
-            {
-                "truth": sha256(read_named(lane.truth)),
-                "lane": asdict(lane.area),
-                "others": other_runs,
-            }
-        )
+    for job in jobs:
+        others = {name: digest for name, _, digest in job.others}
+        inputs.append({"truth": job.truth[1], "lane": asdict(Lane(*job.lane)), "others": others})
     return sha256(canonical_json([inputs, list(features), label_radius, code_versions()]))
 
 
@@ -230,11 +179,18 @@ def _work_folder(output: Path, kind: str) -> Path:
 class TrainingLane:
     """A training lane."""
 
-    run: PathLike  #: run store
-    truth: PathLike  #: file of its targets
-    targets: pd.DataFrame  #: what the file holds
-    area: Lane  #: its borders
-    others: Mapping[str, PathLike]  #: runs taken together with it
+    job: LaneJob  #: what is done on it, with its truth
+    targets: pd.DataFrame  #: what the truth holds
+
+    @property
+    def area(self) -> Lane:
+        """Its borders."""
+        return Lane(*self.job.lane)
+
+    @property
+    def name(self) -> str:
+        """Name of its run."""
+        return Path(self.job.run).stem
 
 
 class _Training:
@@ -243,14 +199,12 @@ class _Training:
     def __init__(
         self,
         recipe: Recipe,
-        text: str,
         lanes: Sequence[TrainingLane],
         output: Path,
         executor: Executor,
         options: RunOptions,
     ) -> None:
         self.recipe = recipe
-        self.text = text
         self.output = output
         self.model = Model()
         self.lanes = lanes
@@ -318,7 +272,7 @@ class _Training:
         lanes: list[LaneOfAlarms] = []
         raised = 0
         for number, (setup, lane) in enumerate(self._imaged_lanes(truth=False), 1):
-            name = f"{number}:{Path(lane.run).stem}"
+            name = f"{number}:{lane.name}"
             ranked = rank_alarms(setup)
             lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
             raised += len(setup.alarms())
@@ -353,7 +307,7 @@ class _Training:
         with self._counted(forecast.NAME):
             followed: list[forecast.Followed] = []
             for lane in self.lanes:
-                run = open_run(lane.run, self._options.max_memory)
+                run = open_run(lane.job.run, lane.job.max_memory)
                 detector = LiveDetector(
                     describe_for_live(run), self.recipe, lane.area, self.model, settings
                 )
@@ -389,22 +343,21 @@ class _Training:
     def _imaged_lanes(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
         """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
         self._step += 1
-        model = save_model(self.model, self._learnt) if self.model.stages else None
+        learnt = save_model(self.model, self._learnt) if self.model.stages else None
         options = self._options
+        cache = self._pass_cache
         for number, lane in enumerate(self.lanes, 1):
-            job = make_job(
-                run=lane.run,
-                recipe=self.text,
-                lane=lane.area,
-                output=self.output.with_name(f"{self.output.name}-{number}-{self._step}"),
-                report=False,
-                model=model,
-                max_memory=options.max_memory,
-                others=lane.others,
-                truth=lane.truth if truth else None,
-                pass_cache=self._pass_cache,
+            output = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
+            refuse_links(output)
+            job = replace(
+                lane.job,
+                output=str(output.resolve()),
+                model=None if learnt is None else str(learnt.resolve()),
+                model_sha256="" if learnt is None else model_digest(learnt),
+                truth=lane.job.truth if truth else ("", ""),
+                pass_cache="" if cache is None else str(Path(cache).resolve()),
             )
-            label = f"{Path(lane.run).stem}: "
+            label = f"{lane.name}: "
             with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
                 yield setup, lane
 

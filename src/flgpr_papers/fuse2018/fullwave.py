@@ -54,7 +54,6 @@ _EDGES = np.linspace(2.56, 6.2, 5)
 _HALO = 0.5
 _RADIUS = 0.375
 _REACH = 0.4  # m about a body within which its response is measured
-_METHODS = ("none", "iteration", "per frame", "least squares")
 Body = tuple[str, float, float]
 """Name of a mine or object, and its position x and y, m."""
 
@@ -66,9 +65,8 @@ class FullwaveStudy:
     #: one row per roadside rule, method and object: change of the peak in HH and VV (dB), share of
     #: the response masked, rank among the alarms in VV and false alarms above
     table: pd.DataFrame
-    false: pd.DataFrame  #: one row per roadside rule and method: false alarms in the lane, residual
+    false: pd.DataFrame  #: one row per roadside rule and method: false alarms in the lane
     images: dict[str, NDArray[Any]]  #: magnitudes and masks for the figure
-    thresholds: Thresholds  #: in units of the median of the sub-region
     worlds: int  #: number of calibration lanes
 
 
@@ -95,13 +93,11 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
     images: dict[str, NDArray[Any]] = {}
     for rule, side in ROADSIDES.items():
         mask = frames.mask(limits[rule], side)
-        cleaned, residual = frames.clean(mask)
-        for method, image in cleaned.items():
+        for method, image in frames.clean(mask).items():
             about = {"roadside": rule, "method": method}
             alarms = _alarms(image[0], truth)
             false_alarms = {
                 "false alarms": int((alarms["label"] == 0).sum()),
-                "residual": residual[method],
                 "masked": float(mask.mean()),
             }
             false_rows.append(about | false_alarms)
@@ -109,14 +105,11 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
                 rows.append(about | _fate(body, frames.images, image, mask, alarms))
             images[f"{rule}/{method}"] = np.abs(image[0])
         images[f"{rule}/mask"] = mask
-    for number, polarization in enumerate(("VV", "HH", "VH")):
-        images[polarization] = np.abs(frames.images[number])
+    images["VV"] = np.abs(frames.images[0])
     images["x"] = _GRID.x
     images["y"] = _GRID.y
     images["places"] = np.array([(x, y) for _, x, y in bodies], dtype=np.float64)
-    first = next(iter(ROADSIDES))
-    table = pd.DataFrame(rows)
-    return FullwaveStudy(table, pd.DataFrame(false_rows), images, limits[first], worlds)
+    return FullwaveStudy(pd.DataFrame(rows), pd.DataFrame(false_rows), images, worlds)
 
 
 def _bodies(truth: pd.DataFrame, objects: pd.DataFrame) -> list[Body]:
@@ -163,23 +156,8 @@ class _Frames:
         vh = self.images[2] / self.level[2]
         return mixed_mask(vv, vh, limits, self.region, self.pixels[..., 0], roadside=side)
 
-    def clean(
-        self, mask: NDArray[np.bool_]
-    ) -> tuple[dict[str, NDArray[np.complex64]], dict[str, float]]:
-        """Clean VV and HH under a mask by every method.
-
-        Parameters
-        ----------
-        mask : (y, x) ndarray of bool
-            The mask.
-
-        Returns
-        -------
-        images : dict of ndarray
-            Images (polarization, y, x) by method.
-        residual : dict of float
-            Norm of the cleaned data over that of the data, by method.
-        """
+    def clean(self, mask: NDArray[np.bool_]) -> dict[str, NDArray[np.complex64]]:
+        """Clean VV and HH under a mask (y, x), and image them (polarization, y, x) by method."""
         data = self.data[:, :2]
         shared = iterate_suppression(data, self._stack, self.pixels, mask, self.region)
         iterated = iterate_frames(data, self.operators, self.pixels, mask, self.region)
@@ -193,13 +171,7 @@ class _Frames:
             "least squares": fitted,
         }
         stack = self._stack(self.pixels)
-        norm = float(np.linalg.norm(data))
-        images = {}
-        residual = {}
-        for method in _METHODS:
-            images[method] = stack.adjoint(cleaned[method])[:, 0]
-            residual[method] = float(np.linalg.norm(cleaned[method])) / norm
-        return images, residual
+        return {method: stack.adjoint(values)[:, 0] for method, values in cleaned.items()}
 
 
 def _operator_on(
