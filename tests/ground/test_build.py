@@ -82,7 +82,7 @@ def test_a_box_with_metal_is_refused(tmp_path):
 
 
 def test_the_manifest_lists_every_table_with_its_digest():
-    folder = Path(build.__file__).parent / "tables"
+    folder = Path(nodes.__file__).parent / "tables"
     listed = json.loads((folder / "manifest.json").read_text())["files"]
     assert (
         set(listed)

@@ -161,7 +161,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
-    "flgpr_ground/signatures/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
     "commands/exporting.py export_qgis": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exporting.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
     "formats/cphd.py read_cphd": ({"open"}, RECORDING),
