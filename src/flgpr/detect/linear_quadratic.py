@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from flgpr.kernels.correlate import correlate_bank
+from flgpr.kernels.correlate import chip_sums, correlate_bank
 from flgpr.kernels.moments import check_samples
 
 
@@ -167,12 +167,8 @@ def _around_middles(inner: tuple[int, ...], shape: tuple[int, int]) -> tuple[sli
 
 
 def _chip_holds(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Mark the pixels whose chip holds a broken pixel, by a summed-area table."""
-    v, u = shape
-    rows, columns = broken.shape
-    table = np.zeros((rows + 1, columns + 1), dtype=np.int64)
-    table[1:, 1:] = broken.cumsum(0).cumsum(1)
-    count = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
+    """Mark the pixels whose chip holds a broken pixel."""
+    count = chip_sums(broken, shape)
     holds = np.zeros(broken.shape, dtype=bool)
     holds[_around_middles(count.shape, shape)] = count > 0
     return holds
