@@ -25,9 +25,9 @@ from flgpr.clutter.streaming import (
     BackgroundEstimator,
     ComplexArray,
     SelfSignature,
-    by_channel,
     check_method,
     check_windows,
+    clean,
     mean_filtered,
     measure,
     smoothed_residual,
@@ -183,11 +183,7 @@ def remove_background(
         If the image is zero or not finite.
     """
     out = np.empty(np.shape(image), np.complex64)
-    subtract_and_divide(
-        by_channel(_in_subbands(image)),
-        scan_gain(image).ravel(),
-        by_channel(_in_subbands(signature)),
-        by_channel(np.asarray(gain, np.float32)),
-        by_channel(out),
-    )
+    level = np.asarray(gain, np.float32)
+    v_k = _in_subbands(image)
+    clean(subtract_and_divide, v_k, scan_gain(image), _in_subbands(signature), level, out)
     return out

@@ -78,13 +78,7 @@ class Background:
             Cleaned magnitudes.
         """
         out = np.empty(_shape_of_rows(image, rows), np.float32)
-        magnitude_over_background(
-            by_channel(image),
-            gain.ravel(),
-            by_channel(self.signature),
-            by_channel(self.gain),
-            by_channel(out),
-        )
+        clean(magnitude_over_background, image, gain, self.signature, self.gain, out)
         return out
 
     def own_coherent(
@@ -95,13 +89,7 @@ class Background:
         The modulus is :meth:`magnitude`, whose parameters it takes.
         """
         out = np.empty(_shape_of_rows(image, rows), np.complex64)
-        subtract_and_divide(
-            by_channel(image),
-            gain.ravel(),
-            by_channel(self.signature),
-            by_channel(self.gain),
-            by_channel(out),
-        )
+        clean(subtract_and_divide, image, gain, self.signature, self.gain, out)
         return out
 
     def coherent(
@@ -112,14 +100,8 @@ class Background:
         The parameters are those of :meth:`magnitude`.
         """
         out = np.empty(_shape_of_rows(image, rows), np.complex64)
-        shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
-        subtract_and_divide(
-            by_channel(image),
-            shared,
-            by_channel(self.shared_signature),
-            by_channel(self.shared_gain),
-            by_channel(out),
-        )
+        shared = np.broadcast_to(shared_gain(gain), gain.shape)
+        clean(subtract_and_divide, image, shared, self.shared_signature, self.shared_gain, out)
         return out
 
 
@@ -547,6 +529,24 @@ def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray
     first = -(-np.maximum(centre - half, 0) // step)
     end = np.minimum(centre + half, count - 1) // step + 1
     return first, end
+
+
+def clean(
+    kernel: Any,
+    image: ComplexArray,
+    gain: FloatArray,
+    signature: ComplexArray,
+    level: MagnitudeArray,
+    out: NDArray[Any],
+) -> None:
+    """Fill ``out`` (..., y, x) by a kernel of Eq. 5, with one gain for every channel."""
+    kernel(
+        by_channel(image),
+        gain.ravel(),
+        by_channel(signature),
+        by_channel(level),
+        by_channel(out),
+    )
 
 
 def by_channel(array: NDArray[Any]) -> NDArray[Any]:
