@@ -12,7 +12,7 @@ import pytest
 
 IS_ALONE = bool(os.environ.get("FLGPR_ALONE"))
 BESIDE = {
-    "flgpr_exchange": (),
+    "flgpr_exchange": ("exchange",),
     "flgpr_ground": ("ground",),
     "flgpr_papers": ("papers",),
     "flgpr_trials": (),

@@ -18,6 +18,7 @@ from flgpr.store import sample_lane
 from sources import BESIDE, ROOT, modules_of, place
 
 PAPERS = ROOT.parent / "flgpr_papers"
+EXCHANGE = ROOT.parent / "flgpr_exchange"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 METHOD = {"engine", "progress", "stages", "recipe", "method"}
@@ -233,6 +234,45 @@ def test_a_study_uses_its_own_paper_and_the_kit(path):
     room = path.relative_to(PAPERS).parts[0].removesuffix(".py")
     rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_papers.")}
     assert rooms <= ({"overview", "kit"} if room == "__init__" else {room, "kit"})
+
+
+EXCHANGE_ROOMS = {
+    "gpr": set(),
+    "sigmf": set(),
+    "cphd": {"documents"},
+    "bags": set(),
+    "gprmax": set(),
+    "documents": set(),
+    "maps": {"documents"},
+    "motive": set(),
+    "touchstone": set(),
+    "commands": {"gpr", "sigmf", "cphd", "bags", "gprmax", "maps"},
+    "__init__": set(),
+}
+"""Rooms of the files of other programs, and what each may import of the others."""
+
+
+@pytest.mark.parametrize(
+    "path", modules(EXCHANGE), ids=lambda path: str(path.relative_to(EXCHANGE))
+)
+def test_a_format_stands_alone(path):
+    """A family of formats knows no other; commands put them side by side."""
+    room = path.relative_to(EXCHANGE).parts[0].removesuffix(".py")
+    rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_exchange.")}
+    assert rooms - {room} <= EXCHANGE_ROOMS[room]
+    used = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr.")}
+    above = {"commands", "results", "method", "live"}
+    assert room == "commands" or not used & above
+
+
+def test_the_instrument_knows_no_format_by_its_reader():
+    """Its faces alone name what users have always found in them."""
+    named = {
+        path
+        for path in modules()
+        if any(name.startswith("flgpr_exchange") for name in imported(path))
+    }
+    assert {path.name for path in named} <= {"__init__.pyi"}
 
 
 def test_only_execution_imports_dask():

@@ -8,7 +8,6 @@ import pytest
 from test_flips import learnt_stage, make_result, small_classifier
 
 from flgpr.commands.registering import find_entrant
-from flgpr.formats import gprmax_decks
 from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
 from flgpr.method.model import describe_model, load_model, save_model
 from flgpr.model import Lane, make_run
@@ -25,6 +24,7 @@ from flgpr.store import (
 from flgpr.store.scan_file import RUN_FILE, RunDescription, read_description, write_description
 from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import ResultFiles, open_source
+from flgpr_exchange.gprmax import deck_results as gprmax_decks
 from flgpr_ground.running import read_costs, read_ground
 from small_results import small_result
 

@@ -23,7 +23,7 @@ from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.commands.picture import Picture, picture_of
 from flgpr.commands.preparing import RemoveBackground, Step, Subtract, TimeZero, check_steps
 from flgpr.commands.run_report import geometry_doubts
-from flgpr.formats import is_gpr, preview_run
+from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
 from flgpr.json_text import parse_json
@@ -91,9 +91,8 @@ class RawRun:
     """
 
     def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
-        is_recording = Path(path).is_file() and is_gpr(Path(path))
-        if is_recording:
-            self._run = preview_run(path, max_memory)
+        if is_recording(path):
+            self._run = recording_reader(path).preview(Path(path), max_memory)
             self._limits: Mapping[str, Any] = {}
         else:
             self._run = open_run(path, max_memory)
