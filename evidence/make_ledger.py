@@ -159,7 +159,7 @@ def fill_in_own(rows: list[Feature], uses: dict[str, set[str]], shared: set[str]
 def test_seconds(results: Path) -> dict[str, float]:
     """Return the seconds of the tests by the stem of their file, such as "test_info"."""
     seconds: dict[str, float] = {}
-    for case in ET.parse(results).getroot().iter("testcase"):  # our own file
+    for case in ET.parse(results).getroot().iter("testcase"):
         stem = next((part for part in case.get("classname", "").split(".") if "test_" in part), "")
         seconds[stem] = seconds.get(stem, 0.0) + float(case.get("time", 0))
     return seconds

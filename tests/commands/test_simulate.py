@@ -56,3 +56,16 @@ def test_bodies_are_listed_where_none_is_named():
     shown = call("simulate", "signature")
     assert shown.exit_code == 0, shown.output
     assert shown.stdout.splitlines() == listed.lines
+
+
+def test_where_the_solvers_are_not_installed_a_signature_names_the_package_that_has_them(
+    tmp_path, monkeypatch
+):
+    from flgpr.simulate.bodies import signature
+
+    monkeypatch.delitem(vars(signature), "build_table", raising=False)
+    monkeypatch.delattr(signature, "__getattr__")
+    failed = call("simulate", "signature", "tm-62p", "-o", tmp_path / "tm-62p.npz")
+    assert failed.exit_code == 2
+    assert "package flgpr_ground" in failed.stderr
+    assert not (tmp_path / "tm-62p.npz").exists()
