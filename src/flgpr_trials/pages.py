@@ -16,7 +16,6 @@ from flgpr.model import Lane
 from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
 from flgpr.report.curve_figures import COLOURS, MARKS
 from flgpr.report.kit import render
-from flgpr.report.standards import checklist_rows, source_rows
 from flgpr.report.trial_block import TrialBlock, list_block
 from flgpr_trials.blind import BlindScore
 
@@ -223,7 +222,6 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         targets=_target_texts(blind.targets),
         notes={name: _head_in_words(value) for name, value in notes.items()},
         trial=_blind_block(blind, notes),
-        standards={"rows": checklist_rows(), "sources": source_rows()},
     )
 
 

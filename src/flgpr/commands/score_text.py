@@ -137,9 +137,9 @@ def comparison_lines(comparison: SideBySide) -> Iterator[str]:
         yield ""
         yield f"at most {far:g} false alarms per m²"
         for row in points.to_dict("records"):
-            by_chance = "not known" if math.isnan(row["chance"]) else f"{row['chance']:.2f}"
-            point = _POINT.format_map({**row, "by_chance": by_chance})
-            yield f"  {row['detector']:{width}}  {point}"
+            is_known = not math.isnan(row["chance"])
+            row["by_chance"] = f"{row['chance']:.2f}" if is_known else "not known"
+            yield f"  {row['detector']:{width}}  {_POINT.format_map(row)}"
         pairs = comparison.pairs[comparison.pairs["far_allowed"] == far]
         for row in pairs.to_dict("records"):
             yield _DIFFERENCE.format_map(row)

@@ -14,7 +14,6 @@ from flgpr.model import Lane
 from flgpr.report.curve_figures import COLOURS, MARKS, compared_roc_figure
 from flgpr.report.kit import render
 from flgpr.report.score_page import in_words
-from flgpr.report.standards import checklist_rows, source_rows
 from flgpr.report.trial_block import NOT_STATED, comparison_block
 from flgpr.scoring import SideBySide
 
@@ -104,7 +103,6 @@ def comparison_html(
         far_max=f"{rules['far_max']:g}",
         notes=notes,
         trial=comparison_block(names, lanes or {}, rules, notes),
-        standards={"rows": checklist_rows(), "sources": source_rows()},
     )
 
 

@@ -23,7 +23,6 @@ from flgpr.report.figures import (
 )
 from flgpr.report.kit import render
 from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
-from flgpr.report.standards import checklist_rows, source_rows
 from flgpr.report.trial_block import score_block
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
@@ -238,7 +237,6 @@ def report_html(
         values["bands"] = bands or {}
         values["provenance"] = {**main.rules_summary(), **provenance}
         values["trial"] = score_block(main, provenance, scored_name or "alarm list")
-        values["standards"] = {"rows": checklist_rows(), "sources": source_rows()}
         values["in_words"] = in_words
         alarms = main.labels
     values |= _alarm_values(alarms)

@@ -30,7 +30,6 @@ from flgpr.scoring import (
     operating_row,
     pd_mean,
     refraction_shift,
-    roc_of,
     score,
     score_frames,
 )
@@ -371,12 +370,7 @@ def _shared(scored: Score) -> dict[str, Any]:
 
 def _curve(scored: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the curve of the chosen targets."""
-    subset = chosen if len(chosen) else None
-    rules = scored.rules
-    roc_curve = roc_of(
-        scored.matched, subset, area=rules.area, frame_area=rules.frame_area, level=rules.level
-    )
-    curve = scored.chance.add_chance_column(roc_curve, subset)
+    curve = scored.curve_of(chosen if len(chosen) else None)
     return {
         "n_targets": int(curve.iloc[-1]["n_targets"]),
         "pd_mean": pd_mean(curve) if len(chosen) else None,
