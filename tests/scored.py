@@ -29,8 +29,8 @@ def score_alarms(alarms, truth, lane, output, *, recipe=None, **options):
 def score_result(folder, truth, output=None, *, recipe=None, register=None):
     output = output or scoring.score_output([Path(folder)])
     recipes = [] if recipe is None else [recipe]
-    return scoring.score_result(
-        request([folder], truth, output, recipes=recipes, register=register)
+    return tuple(
+        scoring.score_result(request([folder], truth, output, recipes=recipes, register=register))
     )
 
 
