@@ -199,7 +199,7 @@ def test_results_of_another_world_are_refused(tmp_path, monkeypatch):
         app, ["reproduce", "worlds", "--world", "as-found", "-o", str(tmp_path / "x")]
     )
     assert told.exit_code == 2
-    assert "worlds has worlds of its own" in told.stderr
+    assert "it is now python evidence/worlds" in told.stderr
 
 
 def test_both_worlds_of_all_papers_have_an_overview(made_up, tmp_path):
