@@ -146,10 +146,10 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     return figure
 
 
-def eigenvector_figure(
-    recipe: StudyRecipe, magnitudes: NDArray[np.float64], ratios: NDArray[np.float64]
-) -> Figure:
-    """Show the magnitudes of the first six eigenvectors (Fig. 6)."""
+def eigenvector_figure(recipe: StudyRecipe, case: Case) -> Figure:
+    """Show the magnitudes of the first six eigenvectors of a lane (Fig. 6)."""
+    magnitudes = np.array(case["eigenvectors"])
+    ratios = np.array(case["ratios"])
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
     for j, axes in enumerate(panels):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
@@ -22,15 +20,15 @@ from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.kit.settings import packaged_text
 
-Curves = dict[str, dict[str, pd.DataFrame]]
+Curves = dict[str, dict[str, dict[Any, Any]]]
 TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 """Title of every panel of ROCs by its name."""
 
 
-def draw(
-    settings: Settings, sites: list[Site], curves: Curves, details: dict[str, Any]
-) -> Iterator[tuple[str, Figure]]:
-    """Yield the figures with their names: those of the paper in its order, then our own.
+def drawings(
+    settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
+) -> dict[str, Callable[[], Figure]]:
+    """Return what draws each figure: those of the paper in its order, then our own.
 
     Parameters
     ----------
@@ -39,23 +37,28 @@ def draw(
     sites : list of Site
         Both sites.
     curves : dict
-        ROC by figure and label.
-    details : dict
+        Columns of each ROC by figure and label.
+    notes : dict
         Further numbers of the results.
     """
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        yield "fig1", _lane(settings, sites[0])
-        yield "fig2", _ellipse(settings, sites[0])
-        yield "fig3", _templates(settings, sites)
-        yield "fig4", margin_figure()
-        for number in range(5, 11):
-            names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-            yield f"fig{number}", _rocs(curves, names, (1, len(names)), details)
-        yield "machines", _rocs(curves, ["machines"], (1, 1), details)
-        yield "vectors", _vectors(details["vectors by fold"])
-        yield "one-class-width", kernel_width_figure()
-        all_names = [name for name in TITLES if name != "machines"]
-        yield "rocs", _rocs(curves, all_names, (3, 3), details)
+
+    def rocs(names: list[str], shape: tuple[int, int]) -> Callable[[], Figure]:
+        return lambda: _rocs(curves, names, shape, notes)
+
+    figures: dict[str, Callable[[], Figure]] = {
+        "fig1": lambda: _lane(settings, sites[0]),
+        "fig2": lambda: _ellipse(settings, sites[0]),
+        "fig3": lambda: _templates(settings, sites),
+        "fig4": margin_figure,
+    }
+    for number in range(5, 11):
+        names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
+        figures[f"fig{number}"] = rocs(names, (1, len(names)))
+    figures["machines"] = rocs(["machines"], (1, 1))
+    figures["vectors"] = lambda: _vectors(notes["vectors by fold"])
+    figures["one-class-width"] = kernel_width_figure
+    figures["rocs"] = rocs([name for name in TITLES if name != "machines"], (3, 3))
+    return figures
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
@@ -206,7 +209,7 @@ def margin_figure() -> Figure:
 
 
 def _rocs(
-    curves: Curves, names: Sequence[str], shape: tuple[int, int], details: dict[str, Any]
+    curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
 ) -> Figure:
     """Draw ROC curves by name, a panel each."""
     rows, columns = shape
@@ -231,7 +234,7 @@ def _rocs(
         if curves.get(name):
             axes.legend(fontsize=7, loc="lower right")
         else:
-            reason = details.get(f"{name} both", "too few examples").replace("; ", ";\n")
+            reason = notes.get(f"{name} both", "too few examples").replace("; ", ";\n")
             axes.text(0.5, 0.5, reason, transform=axes.transAxes, ha="center", fontsize=8)
     return figure
 

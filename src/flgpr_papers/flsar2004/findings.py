@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -257,14 +258,22 @@ def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
     count : int
         Number of bootstrap draws, of which 200 are made at the most.
     """
-    rng = np.random.default_rng(5)
-    draws = []
-    for _ in range(min(count, 200)):
-        first = _drawn_targets(a, rng)
-        second = _drawn_targets(b, rng)
-        draws.append(_stronger_share(first, second))
+    draws = _drawn(_stronger_share, _drawn_targets, (a, b), min(count, 200), 5)
     low, high = np.nanquantile(draws, (0.025, 0.975))
     return _stronger_share(a, b), float(low), float(high)
+
+
+def _drawn(
+    statistic: Callable[..., Any],
+    draw: Callable[..., Any],
+    samples: tuple[Any, ...],
+    count: int,
+    seed: int,
+) -> FloatArray:
+    """Return a statistic of bootstrap samples, which ``draw`` makes of each sample."""
+    rng = np.random.default_rng(seed)
+    drawn = [statistic(*[draw(sample, rng) for sample in samples]) for _ in range(count)]
+    return np.array(drawn)
 
 
 def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
@@ -272,6 +281,11 @@ def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFram
     names = table["target"].unique()
     drawn = rng.choice(names, len(names))
     return pd.concat([table[table["target"] == name] for name in drawn])
+
+
+def _drawn_rows(chips: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
+    """Draw as many signatures as there are."""
+    return np.asarray(chips[rng.integers(0, len(chips), len(chips))])
 
 
 def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:
@@ -298,11 +312,8 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
     count : int
         Number of bootstrap draws, of which 100 are made at the most.
     """
-    rng = np.random.default_rng(3)
-    draws = []
-    for _ in range(min(count, 100)):
-        draws.append(_first_component(chips[rng.integers(0, len(chips), len(chips))]))
-    low, high = np.quantile(np.array(draws), (0.025, 0.975), axis=0)
+    draws = _drawn(_first_component, _drawn_rows, (chips,), min(count, 100), 3)
+    low, high = np.quantile(draws, (0.025, 0.975), axis=0)
     share, cosine = _first_component(chips)
     return (share, float(low[0]), float(high[0])), (cosine, float(low[1]), float(high[1]))
 
@@ -331,12 +342,7 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     count : int
         Number of bootstrap draws, of which 100 are made at the most.
     """
-    rng = np.random.default_rng(4)
-    draws = []
-    for _ in range(min(count, 100)):
-        first = a[rng.integers(0, len(a), len(a))]
-        second = b[rng.integers(0, len(b), len(b))]
-        draws.append(_likeness(first, second))
+    draws = _drawn(_likeness, _drawn_rows, (a, b), min(count, 100), 4)
     low, high = np.quantile(draws, (0.025, 0.975))
     return _likeness(a, b), float(low), float(high)
 
@@ -345,8 +351,4 @@ def _likeness(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Return the largest correlation of mean templates, mean over polarizations and ranges."""
     s = mean_template(a)
     t = mean_template(b)
-    correlations = []
-    for polarization, distance in np.ndindex(*s.shape[:2]):
-        correlation = max_correlation(s[polarization, distance], t[polarization, distance])
-        correlations.append(correlation)
-    return float(np.mean(correlations))
+    return float(np.mean([max_correlation(s[k], t[k]) for k in np.ndindex(*s.shape[:2])]))

@@ -20,7 +20,7 @@ from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
-from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS
 from flgpr_papers.kit.findings import clustered
 
@@ -38,17 +38,39 @@ COMPARED = {
 }
 
 
-def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool = False) -> Figure:
+BANDS = {"vv": "L band VV", "vh": "L band VH", "x": "X band"}
+"""Images of Fig. 3 to 5, and what they are of."""
+MIXED = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
+"""Masks of Fig. 6."""
+READINGS = {
+    "fundamental": "intersected pixel by pixel",
+    "fundamental by region": "by connected region",
+}
+"""The fundamental part by the two readings of "the intersection"."""
+STAGES = {"stage #1": "(a) #1", "stage #3": "(b) #3", "stage #4": "(c) #4", "stage #6": "(d) #6"}
+"""Averages of Fig. 7."""
+CLEANED = {f"variant {name}": name for name in VARIANTS}
+"""The example frame as every variant leaves it."""
+
+
+def mask_figure(example: Arrays, band: str, title: str) -> Figure:
     """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
-    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    shown = _image(left, example, example[image])
+    figure, (left, right) = _panels(8.6, 3.1, 1, 2, sharey=True)
+    shown = _image(left, example, example[band])
     figure.colorbar(shown, ax=left, label="dB")
     left.set_title(f"{title}: (a) SAR image", fontsize=10)
-    _mask(right, example, example[mask], "(b) binary mask, fundamental part")
+    _mask(right, example, example[f"mask {band}"], "(b) binary mask, fundamental part")
     for axes in (left, right):
-        _dress(axes, example, boxes)
+        _dress(axes, example, band == "vv")
     return figure
+
+
+def _panels(
+    width: float, height: float, rows: int, columns: int, **share: Any
+) -> tuple[Figure, Any]:
+    """Return a figure of so many inches, and its panels."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **share)
 
 
 def geometry_figure(recipe: FuseRecipe) -> Figure:
@@ -99,7 +121,7 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
 
 def procedure_figure(example: Arrays) -> Figure:
     """Draw how the fundamental and the extended mask are made, as Fig. 2."""
-    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    figure, panels = _panels(9.0, 4.4, 3, 4, sharex=True, sharey=True)
     vv = example["mask vv"]
     vh = example["mask vh"]
     x = example.get("mask x")
@@ -120,7 +142,7 @@ def procedure_figure(example: Arrays) -> Figure:
             "\u222a VH low, roadside: extended part": example["extended"],
         },
     )
-    for row, images in zip(figure.subplots(3, 4, sharex=True, sharey=True), rows, strict=True):
+    for row, images in zip(panels, rows, strict=True):
         for axes, (title, mask) in zip(row, images.items(), strict=False):
             _mask(axes, example, mask, title)
             axes.title.set_fontsize(8)
@@ -132,55 +154,23 @@ def procedure_figure(example: Arrays) -> Figure:
     return figure
 
 
-def mixed_figure(example: Arrays) -> Figure:
-    """Draw the mixed masks of the example frame, as Fig. 6."""
-    titles = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
-    return _masks(example, titles)
-
-
-def regions_figure(example: Arrays) -> Figure:
-    """Draw the fundamental part by the two readings of "the intersection": pixel and region."""
-    titles = {
-        "fundamental": "intersected pixel by pixel",
-        "fundamental by region": "by connected region",
-    }
-    return _masks(example, titles)
-
-
-def _masks(example: Arrays, titles: Mapping[str, str]) -> Figure:
-    """Draw two masks side by side."""
-    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+def masks_figure(example: Arrays, titles: Mapping[str, str]) -> Figure:
+    """Draw two masks of the example frame side by side, as Fig. 6."""
+    figure, panels = _panels(8.6, 3.1, 1, 2, sharey=True)
     for axes, (name, title) in zip(panels, titles.items(), strict=True):
         _mask(axes, example, example[name], title)
         _dress(axes, example)
     return figure
 
 
-def stages_figure(example: Arrays) -> Figure:
-    """Draw the averages #1, #3, #4 and #6 of the example frame, as Fig. 7."""
-    chosen = {}
-    for letter, combination in zip("abcd", (1, 3, 4, 6), strict=True):
-        chosen[f"stage #{combination}"] = f"({letter}) #{combination}"
-    return _many(example, chosen, (8.6, 5.2), 2)
-
-
-def variants_figure(example: Arrays) -> Figure:
-    """Draw the example frame as every variant leaves it."""
-    chosen = {}
-    for name in VARIANTS:
-        if f"variant {name}" in example:
-            chosen[f"variant {name}"] = name
-    return _many(example, chosen, (9.5, 8.6), 3)
-
-
-def _many(
-    example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int
+def images_figure(
+    example: Arrays, titles: Mapping[str, str], size: tuple[float, float], columns: int
 ) -> Figure:
-    """Draw chosen images of an example in columns, on one scale."""
-    figure = Figure(figsize=size, layout="constrained")
+    """Draw those images of the example frame that there are in columns, on one scale."""
+    chosen = {name: title for name, title in titles.items() if name in example}
     rows = -(-len(chosen) // columns)
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    figure, grid = _panels(*size, rows, columns, sharex=True, sharey=True, squeeze=False)
+    panels = grid.ravel()
     top = float(example["vv"].max())
     for axes, (name, title) in zip(panels, chosen.items(), strict=False):
         shown = _image(axes, example, example[name], top)
@@ -194,7 +184,7 @@ def _many(
 
 def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecipe) -> Figure:
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
-    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
+    figure, all_axes = _panels(8.6, 3.5, 1, 2, sharey=True)
     boxes = strongest_boxes(lanes)
     named_boxes = strongest_boxes(lanes[:1])
     named_boxes = named_boxes[named_boxes["frame"] == int(example["frame"])]
@@ -204,7 +194,6 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
         ("(a) without averaging", "iteration", singles),
         ("(b) with averaging", "combination # (Table II)", averages),
     )
-    all_axes = figure.subplots(1, 2, sharey=True)
     for axes, (title, label, stages) in zip(all_axes, panels, strict=True):
         numbers = list(stages)
         for row in named_boxes.to_dict("records"):
@@ -232,9 +221,8 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 
     Every frame counts its area.
     """
-    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
+    figure, panels = _panels(8.6, 3.5, 1, len(lanes), sharey=True)
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
-    panels = figure.subplots(1, len(lanes), sharey=True)
     for axes, letter, lane in zip(panels, "ab", lanes, strict=True):
         for name, (dash, label) in styles.items():
             _, curve, _ = scored(lane, name, recipe, "frames")
@@ -248,8 +236,8 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 
 def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """Draw the ROC curves of all variants on both lanes by both conventions."""
-    figure = Figure(figsize=(8.6, 6.4), layout="constrained")
-    panels = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
+    shared = {"sharex": True, "sharey": True, "squeeze": False}
+    figure, panels = _panels(8.6, 6.4, len(CONVENTIONS), len(lanes), **shared)
     for row, (convention, title) in zip(panels, CONVENTIONS.items(), strict=True):
         for axes, lane in zip(row, lanes, strict=True):
             for name, (colour, dash) in COMPARED.items():
@@ -285,8 +273,7 @@ def _chance(axes: Axes, recipe: FuseRecipe) -> None:
 
 def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult) -> Figure:
     """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
-    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = _panels(8.6, 3.1, 1, 2)
     errors = 1000 * np.asarray(study.errors)
     for band, dash in (("l", "-"), ("x", "--")):
         left.plot(
@@ -328,9 +315,8 @@ def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult
 
 def fullwave_figure(study: FullwaveStudy) -> Figure:
     """Draw the full-wave lane before and after, with its masks."""
-    figure = Figure(figsize=(9.5, 5.8), layout="constrained")
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
-    panels = figure.subplots(len(rules), 4, sharex=True, sharey=True)
+    figure, panels = _panels(9.5, 5.8, len(rules), 4, sharex=True, sharey=True)
     top = study.images["VV"].max()
     x = study.images["x"]
     y = study.images["y"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,13 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from flgpr.detect import HistogramNormalizer
+from flgpr.method.classifier import make_training_set
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, random_pd, roc_of
-from flgpr_papers.wang2007.analysis import AREA, LaneResult
+from flgpr_papers.wang2007.analysis import AREA, BANDS, MINES, POLARIZATIONS, LaneResult
 
 _DB = 30.0
-_POLARIZATIONS = ("HH", "VV", "HV")
-_BANDS = ("F0", "F1", "F2", "F3", "F4")
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
 Examples = Mapping[str, NDArray[Any]]
 
@@ -64,7 +63,7 @@ def polarization_figure(examples: Examples) -> Figure:
     """Draw Fig. 2: one scan in three polarizations, sub-band F0."""
     figure, axes = _figure(7, 3.7, 1, 3)
     position = examples["place_surface"]
-    for axis, polarization in zip(axes, _POLARIZATIONS, strict=True):
+    for axis, polarization in zip(axes, POLARIZATIONS, strict=True):
         image = examples["raw_surface"][_at(examples, polarization, "F0")]
         _scan(axis, image, examples, position, f"{polarization}, F0")
     _scan_axes(figure, axes)
@@ -74,7 +73,7 @@ def polarization_figure(examples: Examples) -> Figure:
 def subband_figure(examples: Examples) -> Figure:
     """Draw Fig. 3: one scan in five sub-bands, VV."""
     figure, axes = _figure(8, 3.1, 1, 5)
-    for axis, band in zip(axes, _BANDS, strict=True):
+    for axis, band in zip(axes, BANDS, strict=True):
         image = examples["raw_surface"][_at(examples, "VV", band)]
         _scan(axis, image, examples, examples["place_surface"], f"VV, {band}")
     _scan_axes(figure, axes)
@@ -165,7 +164,7 @@ def clean_bands_figure(examples: Examples) -> Figure:
     figure, axes = _figure(8, 5.0, 2, 5)
     for row, (name, polarization) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
         position = examples[f"place_{name}"]
-        for axis, band in zip(row, _BANDS, strict=True):
+        for axis, band in zip(row, BANDS, strict=True):
             image = examples[f"clean_{name}"][_at(examples, polarization, band)]
             title = f"{polarization}, {band}"
             _scan(axis, image, examples, position, title, (-3, 3), (8, 16))
@@ -173,12 +172,12 @@ def clean_bands_figure(examples: Examples) -> Figure:
     return figure
 
 
-def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> Figure:
+def prescreener_figure(matches: Mapping[tuple[str, str], Match]) -> Figure:
     """Draw Fig. 9: ROC of the prescreener for every polarization and sub-band."""
     figure, axes = _figure(9, 3.4, 1, 3)
-    for axis, polarization in zip(axes, _POLARIZATIONS, strict=True):
+    for axis, polarization in zip(axes, POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
-            curve = roc_of(matches[polarization, band], mines, area=AREA)
+            curve = roc_of(matches[polarization, band], MINES, area=AREA)
             _step(axis, curve, band, colour, ":" if band == "F0" else "-")
         _roc_axes(axis, polarization, 0.3)
     return figure
@@ -189,8 +188,8 @@ def patch_figure(examples: Examples) -> Figure:
     names = ("surface", "shallow", "plastic", "false")
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
     channels = {}
-    for polarization in _POLARIZATIONS:
-        for band in _BANDS[1:]:
+    for polarization in POLARIZATIONS:
+        for band in BANDS[1:]:
             channels[f"{polarization} {band}"] = _at(examples, polarization, band)
     figure = Figure(figsize=(9, 6.6), layout="constrained")
     axes = figure.subplots(1, 4, width_ratios=[len(examples[f"patches_{name}"]) for name in names])
@@ -231,16 +230,11 @@ def region_figure(recipe: Recipe) -> Figure:
     return figure
 
 
-def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64]) -> Figure:
-    """Draw Fig. 12: histogram of M_HH before and after duplication and after normalisation.
-
-    Parameters
-    ----------
-    values : (alarm,) ndarray
-        M_HH of the alarms.
-    weight : (alarm,) ndarray of int
-        How often each counts.
-    """
+def normalisation_figure(calibration: Sequence[LaneResult]) -> Figure:
+    """Draw Fig. 12: histogram of M_HH before and after duplication and after normalisation."""
+    known = make_training_set([result.training for result in calibration], columns=["M_HH_F1"])
+    values = known.features["M_HH_F1"].to_numpy()
+    weight = known.weight
     normalizer = HistogramNormalizer().fit(values[:, None], sample_weight=weight)
     normal = normalizer.transform(values[:, None])[:, 0]
     panels = (
