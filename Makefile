@@ -57,8 +57,8 @@ lint: $(VENV)/.test
 
 # Tests of what docs/evidence/robustness.md promises.
 ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
-    commands/test_implausible_poses.py detect/test_scorers.py \
-    formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
+    commands/test_implausible_poses.py ground/test_scorers.py \
+    exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
     store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
@@ -76,7 +76,7 @@ VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method reci
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.
 NOT_VERSIONS := method/test_goldens.py recipe/test_recipe_for_run.py recipe/test_recipe_like.py \
-    formats/test_fuzz_exchange.py formats/test_gpr_notes_property.py formats/test_notes_property.py \
+    exchange/test_fuzz_exchange.py exchange/test_gpr_notes_property.py formats/test_notes_property.py \
     live/test_live_fuzz.py live/test_live_machines.py live/test_live_positions.py live/test_senders.py \
     scoring/test_bootstrap.py scoring/test_boxes.py scoring/test_chance_level.py scoring/test_comparison.py \
     scoring/test_lane_roc.py store/test_store_machines.py trials/test_planning.py

@@ -29,8 +29,6 @@ import pandas as pd
 from scipy.special import expit
 
 sys.path.append(str(Path(__file__).parent))
-from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 from flgpr.scoring import (
     chance,
     clopper_pearson,
@@ -43,6 +41,8 @@ from flgpr.scoring import (
 from flgpr.scoring.lane_roc import far_area
 from flgpr.scoring.matching import Match
 from flgpr.trials import open_truth
+from flgpr_ground.ground import Ground
+from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 from proving_ground import matched
 
 FAR = 0.02  # per m²

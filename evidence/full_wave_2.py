@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.commands.importing import import_gprmax_decks
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, draw_world, make_decks
-from flgpr.simulate.full_wave.gprmax_deck import SCENE_FILE
 from flgpr.store import write_table
+from flgpr_exchange.commands.importing import import_gprmax_decks
+from flgpr_exchange.gprmax.decks import SCENE_FILE
 
 DECLARED = Path(__file__).with_suffix(".toml")
 TRANSMITTED = ("H", "V")  # in the order in which they are computed

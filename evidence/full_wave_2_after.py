@@ -30,14 +30,14 @@ from matplotlib.patches import Circle
 sys.path.append(str(Path(__file__).parent))
 from flgpr.method.method import detect
 from flgpr.proving_ground import load_ground, packaged_entries, run_benchmark, write_score_tables
-from flgpr.proving_ground.ground import Ground, GroundLane
-from flgpr.proving_ground.running import SEALED, passphrase
-from flgpr.proving_ground.table import paired_in_words
 from flgpr.recipe.schema import parse_recipe
 from flgpr.scoring import operating_row, roc_of
 from flgpr.store import open_run, read_table
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
+from flgpr_ground.ground import Ground, GroundLane
+from flgpr_ground.running import SEALED, passphrase
+from flgpr_ground.table import paired_in_words
 from proving_ground import matched
 
 GROUND = "full-wave-2"

@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.proving_ground.ground import load_ground
+from flgpr_ground.ground import load_ground
 
 sys.path.append(str(Path(__file__).parent))
 from fused_maps.classifiers import try_chips, try_injected

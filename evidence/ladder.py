@@ -6,7 +6,7 @@ OUT already is not computed again. ``--summary`` only makes the tables and the f
 tuned by it.
 
 What every rung knows stands in `ladder_rungs.py`. A statistic is tried on all places of the site's target-free lane;
-local maxima that reach the mine's value are the false alarms with which it is found (flgpr.proving_ground.oracle). It
+local maxima that reach the mine's value are the false alarms with which it is found (flgpr_ground.oracle). It
 is no bound where false alarms are many.
 """
 
@@ -26,21 +26,21 @@ from matplotlib.figure import Figure
 sys.path.append(str(Path(__file__).parent))
 import ladder_rungs as rungs
 from flgpr.model import ground_points
-from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.oracle import cleaned_lane, lanes_of_site, looks_at_mines
-from flgpr.proving_ground.running import (
-    ALARMS,
-    SEALED,
-    entry_folder,
-    passphrase,
-    read_ground,
-)
 from flgpr.scoring import clopper_pearson, label_alarms, match, mcnemar_test
 from flgpr.scoring.lane_roc import far_area
 from flgpr.simulate import draw_world
 from flgpr.store import read_table
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
+from flgpr_ground.ground import Ground
+from flgpr_ground.oracle import cleaned_lane, lanes_of_site, looks_at_mines
+from flgpr_ground.running import (
+    ALARMS,
+    SEALED,
+    entry_folder,
+    passphrase,
+    read_ground,
+)
 
 RUNGS = {
     "phases": "and the phases between looks",

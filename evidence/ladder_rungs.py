@@ -37,8 +37,9 @@ import pandas as pd
 from scipy.special import ive
 
 from flgpr.model import Grid, ground_points
-from flgpr.proving_ground.ground import GroundLane
-from flgpr.proving_ground.oracle import (
+from flgpr.simulate import BARE, EVEN, Scene, Simulator, world_description
+from flgpr_ground.ground import GroundLane
+from flgpr_ground.oracle import (
     STEP,
     chips_at,
     count_maxima,
@@ -47,7 +48,6 @@ from flgpr.proving_ground.oracle import (
     looks_at,
     places_in_sight,
 )
-from flgpr.simulate import BARE, EVEN, Scene, Simulator, world_description
 
 DEPTHS = (0.02, 0.07, 0.12)  # m: none is that of a body of the ground
 SOILS = ((3.0, 0.02), (5.0, 0.05), (9.0, 0.1))  # permittivity, loss tangent

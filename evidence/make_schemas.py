@@ -37,7 +37,7 @@ from flgpr.scoring.score_entries import (
     TargetOutcome,
 )
 from flgpr.simulate.scene.scene import Scene
-from flgpr.stages import PACKAGED, find_stage
+from flgpr.stages import find_stage, stage_names
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 FILES: dict[str, tuple[type[BaseModel], str]] = {
@@ -216,8 +216,9 @@ def with_stages(schema: dict[str, Any]) -> dict[str, Any]:
     definitions = schema["$defs"]
     del definitions["Named"]
     for kind in dict.fromkeys(STAGE_ENTRIES.values()):
-        choices = [stage_schema(kind, stage, definitions) for stage in PACKAGED[kind]]
-        choices.append(foreign_stage(list(PACKAGED[kind])))
+        known = stage_names(kind)
+        choices = [stage_schema(kind, stage, definitions) for stage in known]
+        choices.append(foreign_stage(known))
         definitions[f"{kind}-stage"] = {"anyOf": choices}
     for entry, kind in STAGE_ENTRIES.items():
         replace_reference(schema["properties"][entry], f"#/$defs/{kind}-stage")

@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.formats.gprmax import fourier_integral, pulse, read_gprmax
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.full_wave.gprmax_grid import rectangles
+from flgpr_exchange.gprmax.grid import rectangles
+from flgpr_exchange.gprmax.output import fourier_integral, pulse, read_gprmax
 
 ARCHIVES = Path(__file__).parent.parent / "tests" / "data" / "signatures"
 FREQUENCY = 442.5e6 + 7.5e6 * np.arange(115)  # Hz, to 1.2975 GHz

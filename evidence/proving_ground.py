@@ -14,14 +14,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.special import expit
 
-from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.oracle import oracle_file
-from flgpr.proving_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 from flgpr.scoring import match, roc_of
 from flgpr.scoring.matching import Match
 from flgpr.store import read_table
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
+from flgpr_ground.ground import Ground
+from flgpr_ground.oracle import oracle_file
+from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 
 LEVELS = {"metal": (0.5, 0.6, 0.7, 0.8, 0.9), "plastic": (0.2, 0.3, 0.4, 0.5)}
 BINS = np.linspace(0, 1, 11)

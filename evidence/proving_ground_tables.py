@@ -1,6 +1,6 @@
 """Make the tables and the figures of docs/evidence/proving-ground.md from the folder of a full run.
 
-    python evidence/proving_ground_tables.py FOLDER [docs/evidence/benchmark [docs/images [src/flgpr/proving_ground]]]
+    python evidence/proving_ground_tables.py FOLDER [docs/evidence/benchmark [docs/images [src/flgpr_ground]]]
 
 Writes for every tier of the ground ``TIER.csv`` (Pd of every entry in the standard split at the false alarm rate of
 comparison, and how many mines it finds at other rates), ``TIER-splits.csv`` (mines by kind and site, Pd in the other
@@ -17,10 +17,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from flgpr.proving_ground.figures import tiers_figure
-from flgpr.proving_ground.ground import Ground
-from flgpr.proving_ground.running import read_ground
 from flgpr.store.tables import read_columns
+from flgpr_ground.figures import tiers_figure
+from flgpr_ground.ground import Ground
+from flgpr_ground.running import read_ground
 
 STANDARD = "standard"
 REFERENCE = "wang2007"
@@ -39,7 +39,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     tables = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/evidence/benchmark")
     images = Path(sys.argv[3] if len(sys.argv) > 3 else "docs/images")
-    package = Path(sys.argv[4] if len(sys.argv) > 4 else "src/flgpr/proving_ground")
+    package = Path(sys.argv[4] if len(sys.argv) > 4 else "src/flgpr_ground")
     ground = read_ground(folder)
     scores = read_columns(folder / "scores.csv")
     costs = read_columns(folder / "costs.csv")

@@ -9,18 +9,18 @@ import flgpr
 import io_gpr
 from archives import read_archive
 from calibrate.echoes import echo
-from flgpr.commands import simulation
 from flgpr.commands.anchoring import anchor_from_points, write_anchor
-from flgpr.commands.imports import import_gpr
 from flgpr.commands.plan import plan_lane
 from flgpr.commands.sealed_scoring import seal_truth_file
-from flgpr.formats.cphd import write_cphd
 from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
 from flgpr.model import make_run
 from flgpr.model.track import make_track
 from flgpr.proving_ground import load_ground, run_benchmark, write_score_tables
 from flgpr.store import open_run, sample_lane, save_run, write_table
+from flgpr_exchange.commands.imports import import_gpr
+from flgpr_exchange.cphd.phase_history import write_cphd
+from flgpr_exchange.gprmax.deck_folder import write_gprmax_decks
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from scans_mapping import TIME, line_mapping
@@ -90,9 +90,7 @@ def _make_mapped(home):
 
 
 def _make_decks(home):
-    decks = simulation.write_gprmax_decks(
-        *lane_and_sensor(), 1, home / "decks", cells_per_wavelength=12
-    )
+    decks = write_gprmax_decks(*lane_and_sensor(), 1, home / "decks", cells_per_wavelength=12)
     for name, text in decks.files.items():
         if name.endswith(".in"):
             write_output(home / "decks" / name.replace(".in", ".out"), text)

@@ -13,6 +13,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from pathlib import Path
 
+from alone import BESIDE, IS_ALONE, hide_packages_beside
+
+if IS_ALONE:
+    hide_packages_beside()
+
 import hypothesis
 import numpy as np
 import pytest
@@ -97,6 +102,10 @@ HEAVY = (
 
 They are begun first, so that the processes end together.
 """
+collect_ignore = []
+if IS_ALONE:
+    for folders in BESIDE.values():
+        collect_ignore += folders
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
 # At its usual pace the collector goes through all that was imported time and again: a twentieth of

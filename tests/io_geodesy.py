@@ -20,3 +20,14 @@ def on_the_ellipsoid(lane, lon=11.3, lat=47.9, azimuth=AZIMUTH):
 
 def distance(a, b):
     return np.abs(Geod(ellps="WGS84").inv(a[..., 0], a[..., 1], b[..., 0], b[..., 1])[2])
+
+
+def anchor_text():
+    """Return an anchor (TOML) whose points were surveyed by geodesics."""
+    points = [
+        f"[[point]]\nlane = [{x}, {y}]\nlongitude = {lon!r}\nlatitude = {lat!r}\nheight = 0.0\n"
+        for (x, y, _), (lon, lat) in zip(
+            LANE.tolist(), on_the_ellipsoid(LANE).tolist(), strict=True
+        )
+    ]
+    return 'crs = "EPSG:4326"\naccuracy = 0.02\n' + "".join(points)

@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from flgpr.live.senders import SenderLimits
-from flgpr.live.watch import Inbox
+from flgpr.live.source import Inbox
 from flgpr.store import describe_for_live, encode_scan
 
 QUICK = SenderLimits(senders=3, pause=0.2, frame=0.4, silence=0.4)

@@ -13,16 +13,16 @@ from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, sensor_presets
 from flgpr.model.bounds import LARGEST, Entries, Largest
 from flgpr.model.faults import describe_fault
-from flgpr.proving_ground.ground import GROUNDS, Description, load_ground
 from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene, draw_world
 from flgpr.simulate.bodies.signature import load_body, packaged_bodies
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr.simulate.effort import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 from flgpr.simulate.scene.scene import sites
-from flgpr.stages import PACKAGED, find_stage
+from flgpr.stages import PACKAGED, find_stage, stage_names
+from flgpr_ground.ground import GROUNDS, Description, load_ground
 
-SETTINGS = [find_stage(kind, name).Settings for kind, names in PACKAGED.items() for name in names]
+SETTINGS = [find_stage(kind, name).Settings for kind in PACKAGED for name in stage_names(kind)]
 EXTREME = [0, -1, 1e9, 10**9, 1e300, math.inf, -math.inf, math.nan, 10**400]
 SMALL = Scene(length=8.0, track={"positions": [-5.0, -3.0]})
 

@@ -6,16 +6,19 @@ import re
 import subprocess
 import sys
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+import alone
 import flgpr
 import flgpr.io
 from flgpr.store import sample_lane
+from sources import BESIDE, ROOT, modules_of, place
 
-ROOT = Path(flgpr.__file__).parent
 PAPERS = ROOT.parent / "flgpr_papers"
+EXCHANGE = ROOT.parent / "flgpr_exchange"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 METHOD = {"engine", "progress", "stages", "recipe", "method"}
@@ -51,15 +54,28 @@ ALLOWED = {
     "report": {"model", "screen", "scoring", "trials", *METHOD, "results", "design"} | FILES,
     "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live"},
     "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
-    "proving_ground": BELOW | {*METHOD, "results", "report", "jobs"},
+    "proving_ground": set(),
     "accessor": {"model", "imaging", "calibrate", "screen", *METHOD, "results"},
     "viewer": {"model"} | FILES,
     "notebook": {"commands", "results", "viewer"},
-    "commands": BELOW
-    | {*METHOD, "results", "report", "design", "jobs", "live", "viewer", "proving_ground"},
+    "commands": BELOW | {*METHOD, "results", "report", "design", "jobs", "live", "viewer"},
     "__main__": {"commands"},
     "__init__": {*METHOD, "results", "notebook", "commands"} | BELOW,
 }
+ALLOWED_BESIDE = {
+    "flgpr_exchange": set(),
+    "flgpr_ground": set(),
+    "flgpr_papers": set(),
+    "flgpr_trials": set(),
+}
+"""What a package beside the instrument may import of the others; of the instrument everything."""
+ROOMS_BESIDE = {
+    "flgpr_ground/features": ALLOWED["features"],
+    "flgpr_ground/detect": ALLOWED["detect"] | {"detect"},
+    "flgpr_ground/scorers": {"detect"},
+    "flgpr_ground/stages": ALLOWED["stages"] | {"stages"},
+}
+"""Rooms beside the instrument that hold what its rooms of that name hold, and what they may import of it."""
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 HEAVY = {
     "numba",
@@ -98,7 +114,7 @@ def imported(path: Path) -> frozenset[str]:
 
 @cache
 def modules(root: Path = ROOT) -> list[Path]:
-    return sorted([*root.rglob("*.py"), *root.rglob("*.pyi")])
+    return modules_of(root, stubs=True)
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
@@ -110,11 +126,75 @@ def test_module_imports_only_what_its_folder_may(path):
     assert rooms - {folder} - below_all <= ALLOWED[folder]
 
 
+def packages_beside(path: Path) -> set[str]:
+    """Top-level names of packages beside the instrument that a module imports."""
+    tops = {name.partition(".")[0] for name in imported(path)}
+    return {name for name in tops if name.startswith("flgpr_")}
+
+
+@pytest.mark.parametrize("folder", BESIDE, ids=place)
+def test_a_package_beside_the_instrument_rests_on_it_alone(folder):
+    assert folder.name in ALLOWED_BESIDE, f"{folder.name} has no row in the table"
+    for path in modules(folder):
+        assert packages_beside(path) - {folder.name} <= ALLOWED_BESIDE[folder.name], place(path)
+
+
+@pytest.mark.parametrize("room", ROOMS_BESIDE)
+def test_a_rival_imports_what_its_like_in_the_instrument_may(room):
+    for path in modules(ROOT.parent / room):
+        rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr.")}
+        assert rooms <= ROOMS_BESIDE[room], place(path)
+
+
+def test_the_instrument_imports_nothing_that_lies_beside_it():
+    """A stub may say where a public name has moved; the face leaves it out where that is not installed."""
+    assert not [place(path) for path in modules_of(ROOT) if packages_beside(path)]
+    beside = re.compile(rf"[\"']({'|'.join(ALLOWED_BESIDE)})\b")
+    named = [path for path in modules_of(ROOT) if beside.search(path.read_text(encoding="utf-8"))]
+    assert [place(path) for path in named] == ["commands/reproduce.py"], (
+        "only the command reproduce, on demand"
+    )
+
+
+ALONE = """
+import alone
+alone.hide_packages_beside()
+import flgpr
+from typer.testing import CliRunner
+from flgpr.commands.app import app
+for package in alone.BESIDE:
+    try:
+        __import__(package)
+    except ModuleNotFoundError:
+        continue
+    raise SystemExit(f"{package} is found")
+shown = CliRunner().invoke(app, ["--help"])
+assert shown.exit_code == 0 and "benchmark" not in shown.output, shown.output
+import flgpr.proving_ground
+assert flgpr.proving_ground.__all__ == []
+assert "MultipleKernelClassifier" not in flgpr.detect.__all__
+from flgpr.method.method import detect
+from flgpr.recipe.fit import area_of
+run, recipe = flgpr.open_run(flgpr.sample_lane() / "run.zarr"), flgpr.load_recipe("demo")
+found = detect(run, recipe, area_of(run, recipe))
+assert len(found.alarms)
+"""
+
+
+@pytest.mark.slow("detects in a process of its own")
+def test_the_instrument_works_without_what_lies_beside_it():
+    tests = Path(alone.__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE], cwd=tests, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def circles() -> set[frozenset[str]]:
     """Modules that import one another in a circle, an import for the eyes of type checkers alone among them."""
     names = {}
-    for path in modules():
-        if path.suffix == ".py" and path.name != "__init__.py":
+    for path in modules_of(ROOT, *BESIDE):
+        if path.name != "__init__.py":
             names[".".join(path.relative_to(ROOT.parent).with_suffix("").parts)] = path
     uses = {name: imported(path) & names.keys() - {name} for name, path in names.items()}
     reach = {name: set(used) for name, used in uses.items()}
@@ -148,24 +228,51 @@ def test_the_engine_knows_no_pass_and_a_pass_no_other_way_through():
     assert others == {"method/method.py", "method/detection.py"}
 
 
-def test_the_system_does_not_rest_on_the_studies():
-    assert not [
-        path
-        for path in modules()
-        if any(name.startswith("flgpr_papers") for name in imported(path))
-    ]
-    calls = [path for path in modules() if '"flgpr_papers"' in path.read_text(encoding="utf-8")]
-    assert [str(path.relative_to(ROOT)) for path in calls] == ["commands/reproduce.py"], (
-        "only the command reproduce, on demand"
-    )
-
-
 @pytest.mark.parametrize("path", modules(PAPERS), ids=lambda path: str(path.relative_to(PAPERS)))
 def test_a_study_uses_its_own_paper_and_the_kit(path):
     """One paper's study may not lean on another's, nor the kit on a study."""
     room = path.relative_to(PAPERS).parts[0].removesuffix(".py")
     rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_papers.")}
     assert rooms <= ({"overview", "kit"} if room == "__init__" else {room, "kit"})
+
+
+EXCHANGE_ROOMS = {
+    "gpr": set(),
+    "sigmf": set(),
+    "cphd": {"documents"},
+    "bags": set(),
+    "gprmax": set(),
+    "documents": set(),
+    "maps": {"documents"},
+    "motive": set(),
+    "touchstone": set(),
+    "commands": {"gpr", "sigmf", "cphd", "bags", "gprmax", "maps"},
+    "__init__": set(),
+}
+"""Rooms of the files of other programs, and what each may import of the others."""
+
+
+@pytest.mark.parametrize(
+    "path", modules(EXCHANGE), ids=lambda path: str(path.relative_to(EXCHANGE))
+)
+def test_a_format_stands_alone(path):
+    """A family of formats knows no other; commands put them side by side."""
+    room = path.relative_to(EXCHANGE).parts[0].removesuffix(".py")
+    rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_exchange.")}
+    assert rooms - {room} <= EXCHANGE_ROOMS[room]
+    used = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr.")}
+    above = {"commands", "results", "method", "live"}
+    assert room == "commands" or not used & above
+
+
+def test_the_instrument_knows_no_format_by_its_reader():
+    """Its faces alone name what users have always found in them."""
+    named = {
+        path
+        for path in modules()
+        if any(name.startswith("flgpr_exchange") for name in imported(path))
+    }
+    assert {path.name for path in named} <= {"__init__.pyi"}
 
 
 def test_only_execution_imports_dask():
@@ -178,7 +285,7 @@ def test_only_execution_imports_dask():
 
 
 def test_nothing_pickles():
-    for path in [*modules(), *modules(PAPERS)]:
+    for path in modules_of(ROOT, *BESIDE, stubs=True):
         names = {name.split(".")[0] for name in imported(path)}
         assert not names & {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}, path
 
@@ -208,7 +315,8 @@ def test_a_face_tells_the_names_that_it_loads(folder):
     ):  # some names stand for others there, which type checkers take for exports only from a list
         assert sorted(listed[0]) == sorted({*package.__all__, "__version__"})
     else:
-        aliases = [alias for one in stub.body for alias in one.names]
+        found = [one for one in stub.body if find_spec(one.module.partition(".")[0])]
+        aliases = [alias for one in found for alias in one.names]
         assert all(alias.asname == alias.name for alias in aliases), (
             "what is not `x as x` type checkers hide"
         )
@@ -296,7 +404,7 @@ MANY = {  # names that are public, one parameter for each thing a user may set
 def test_no_function_takes_more_parameters_than_a_reader_can_hold():
     """Commands have one for each option, and what numba compiles takes bare arrays and numbers."""
     found = set()
-    for path in [*ROOT.rglob("*.py"), *PAPERS.rglob("*.py")]:
+    for path in modules_of(ROOT, *BESIDE):
         classes = [node for node in nodes(path) if isinstance(node, ast.ClassDef)]
         owners = {one: f"{owner.name}." for owner in classes for one in owner.body}
         for node in nodes(path):

@@ -35,6 +35,16 @@ def test_a_name_is_loaded_once_and_kept(package):
         load("Any")
 
 
+def test_a_name_whose_home_is_not_installed_is_left_out(tmp_path, monkeypatch):
+    stub = "from math import pi as pi\nfrom no_such_home.room import thing as thing\n"
+    (tmp_path / "__init__.pyi").write_text(stub)
+    monkeypatch.setitem(sys.modules, "some_package", ModuleType("some_package"))
+    load, list_names, names = face("some_package", str(tmp_path / "__init__.py"))
+    assert names == list_names() == ["pi"]
+    with pytest.raises(AttributeError, match="'some_package' has no attribute 'thing'"):
+        load("thing")
+
+
 def test_a_callable_package_shows_its_function():
     assert isinstance(flgpr.simulate, Verb)
     assert inspect.signature(flgpr.simulate) == inspect.signature(flgpr.simulate.simulate)

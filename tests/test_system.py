@@ -17,7 +17,7 @@ from flgpr.live import unix_sockets
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SocketWatch
-from flgpr.live.watch import Inbox
+from flgpr.live.source import Inbox
 from flgpr.store import sample_lane, save_run
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import BusyError, atomic_output, locked_folder

@@ -12,11 +12,11 @@ import numpy as np
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import engine_of
 from flgpr.model import Grid, load_sensor
-from flgpr.proving_ground.ground import GroundLane, LaneRow, load_ground
-from flgpr.proving_ground.oracle import STEP, chips_at, places_in_sight
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.stages.likelihood import LikelihoodSettings, contrasts
 from flgpr.store import open_run
+from flgpr_ground.ground import GroundLane, LaneRow, load_ground
+from flgpr_ground.oracle import STEP, chips_at, places_in_sight
 
 BANDS = {
     "B0": (0.45e9, 0.60e9),

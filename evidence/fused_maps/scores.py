@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.stats import binomtest
 
-from flgpr.proving_ground.oracle import STEP
+from flgpr_ground.oracle import STEP
 from fused_maps.lanes import HALO, LOW, RATE, RATES, Lane, distances
 from fused_maps.learnt import Trained
 from fused_maps.signatures import Signatures

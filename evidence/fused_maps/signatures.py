@@ -11,8 +11,8 @@ import numpy as np
 
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, lane_to_scan, load_sensor
-from flgpr.proving_ground.oracle import STEP
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
+from flgpr_ground.oracle import STEP
 from fused_maps.lanes import BANDS, HEIGHT, LIGHT, METRES, MIDDLES, NEAREST, Lane
 
 SOILS = ((2.7, 0.01), (4.0, 0.02), (6.0, 0.05), (9.0, 0.1), (14.0, 0.15))

@@ -11,7 +11,9 @@ import ast
 import inspect
 import sys
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,14 +24,18 @@ def face(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from its stub.
 
-    ``file`` is the package's ``__file__``; the stub lies beside it.
+    ``file`` is the package's ``__file__``; the stub lies beside it. Names whose home is another
+    top-level package are left out where that is not installed.
     """
     source: dict[str, tuple[str, str]] = {}
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     for node in ast.parse(stub).body:
         if isinstance(node, ast.ImportFrom) and node.module != "typing":
+            module = node.module or ""
+            if not _has_package(module.partition(".")[0]):
+                continue
             for alias in node.names:
-                source[alias.asname or alias.name] = (node.module or "", alias.name)
+                source[alias.asname or alias.name] = (module, alias.name)
     names = sorted(source)
 
     def load(name: str) -> Any:
@@ -46,6 +52,12 @@ def face(
         return list(names)
 
     return load, list_names, names
+
+
+@cache
+def _has_package(name: str) -> bool:
+    """Return whether a top-level package can be imported."""
+    return name in sys.modules or find_spec(name) is not None
 
 
 class Verb(ModuleType):

@@ -8,7 +8,7 @@ import sys
 import threading
 from pathlib import Path
 
-from flgpr.commands.exporting import map_bytes
+from flgpr.commands.exports import map_bytes
 from flgpr.commands.raw_run import RawRun
 from flgpr.results.result import Result
 from flgpr.viewer import Viewer

@@ -1,9 +1,12 @@
-"""TOML text, parsed within limits."""
+"""TOML text: parsed within limits, and written with a comment beside every entry that has one."""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
+from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any
 
 from flgpr.json_text import MOST_NESTING
@@ -23,6 +26,7 @@ _TOML_TEXT = re.compile(
 """Strings and comments of TOML."""
 _TOML_MARKS = re.compile(r"[=,{}\[\]\n]")
 """Characters that a key of TOML does not have outside its strings."""
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def parse_toml(data: bytes | str) -> dict[str, Any]:
@@ -41,3 +45,48 @@ def parse_toml(data: bytes | str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def toml_lines(
+    table: Mapping[str, Any], comments: Mapping[str, str], path: tuple[str, ...] = ()
+) -> list[str]:
+    """Return the lines of a table, its own entries before the tables within it.
+
+    Parameters
+    ----------
+    table : mapping of str to value or table
+        The entries.
+    comments : mapping of str to str
+        What stands beside an entry or a table's header, by names joined by dots.
+    path : tuple of str
+        Names of the tables that it lies in.
+    """
+    lines = []
+    inner_lines: list[str] = []
+    for name, value in table.items():
+        comment = comments.get(".".join([*path, name]), "")
+        beside = f"  # {comment}" if comment else ""
+        if isinstance(value, dict):
+            header = ".".join(_toml_key(part) for part in (*path, name))
+            inner_lines += ["", f"[{header}]{beside}"]
+            inner_lines += toml_lines(value, comments, (*path, name))
+        else:
+            lines.append(f"{_toml_key(name)} = {toml_value(value)}{beside}")
+    return lines + inner_lines
+
+
+def _toml_key(name: str) -> str:
+    """Return a key as TOML writes it."""
+    return name if _BARE_KEY.fullmatch(name) else toml_value(name)
+
+
+def toml_value(value: Any) -> str:
+    """Return a value as TOML writes it; numbers from a million on, which are frequencies, in 1e9."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(toml_value(member) for member in value)}]"
+    if isinstance(value, float) and abs(value) >= 1e6:
+        # The fewest digits that give the same number, so that a tone at the edge of a band stays.
+        billions = Decimal(repr(float(value))).scaleb(-9).normalize()
+        return f"{billions:f}e9"
+    # JSON leaves as it is the one character that TOML does not allow in a text.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

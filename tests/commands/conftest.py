@@ -2,19 +2,9 @@
 
 import pytest
 
-from io_geodesy import LANE, on_the_ellipsoid
+from io_geodesy import anchor_text
 
 LANE_TOML = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
-
-
-def anchor_text():
-    points = [
-        f"[[point]]\nlane = [{x}, {y}]\nlongitude = {lon!r}\nlatitude = {lat!r}\nheight = 0.0\n"
-        for (x, y, _), (lon, lat) in zip(
-            LANE.tolist(), on_the_ellipsoid(LANE).tolist(), strict=True
-        )
-    ]
-    return 'crs = "EPSG:4326"\naccuracy = 0.02\n' + "".join(points)
 
 
 @pytest.fixture(scope="session")

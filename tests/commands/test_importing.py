@@ -6,12 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.importing import (
-    LinePositions,
-    check_parent_folder,
-    import_lines,
-    store_with_tables,
-)
+from flgpr.commands.importing import check_parent_folder, store_with_tables
 from flgpr.commands.imports import import_mapped
 from flgpr.results.description import describe_run
 from flgpr.store import open_run, read_table
@@ -127,20 +122,6 @@ def test_an_output_needs_a_folder(tmp_path):
     assert check_parent_folder(str(tmp_path / "a.zarr")) == tmp_path / "a.zarr"
     with pytest.raises(FileNotFoundError, match=r"the folder of the output must exist, got .*none"):
         check_parent_folder(tmp_path / "none" / "a.zarr")
-
-
-@pytest.mark.parametrize(
-    ("positions", "rule"),
-    [
-        (LinePositions(zigzag=True), "zigzag goes with line-spacing, got none"),
-        (LinePositions(line_spacing=0.5, lines="lines.csv"), "where lines lie: give one"),
-        (LinePositions(anchor="a.toml", anchor_from_track=True), "where lines lie: give one"),
-    ],
-)
-def test_positions_of_lines_have_one_source(positions, rule, tmp_path):
-    with pytest.raises(ValueError, match=rule):
-        import_lines(["line.dt1"], tmp_path / "a.zarr", positions, 10**9, {})
-    assert not list(tmp_path.iterdir())
 
 
 def test_tables_lie_beside_the_run_and_are_not_written_again(small_run, tmp_path):

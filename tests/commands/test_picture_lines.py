@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.calibrate import calibrate_permittivity
-from flgpr.commands.imports import import_gpr
 from flgpr.commands.picture import make_picture
 from flgpr.imaging import View
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import open_run, save_run
+from flgpr_exchange.commands.imports import import_gpr
 from io_gpr import REFLECTORS, SPEED, section, write_dt1, write_dzt, write_segy
 
 TRUE = (SPEED_OF_LIGHT / SPEED) ** 2

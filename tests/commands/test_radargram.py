@@ -8,11 +8,11 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.imports import import_gpr
 from flgpr.commands.radargram import RadargramView, make_radargram
 from flgpr.formats import read_gpr
-from flgpr.formats.gpr_files import READERS
 from flgpr.report.radargram import radargram_figure
+from flgpr_exchange.commands.imports import import_gpr
+from flgpr_exchange.gpr.files import READERS
 from io_gpr import (
     INTERVAL,
     ZERO,

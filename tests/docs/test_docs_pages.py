@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from flgpr.commands.app import app
-from flgpr.commands.export import FORMATS
+from flgpr.commands.exports import export_formats
 from flgpr.model import sensor_presets
 from flgpr.recipe.schema import recipe_names
 from flgpr.simulate import sites
@@ -175,7 +175,7 @@ def check_flgpr(words):
         assert sensor is None or sensor.endswith((".toml", ".zarr")) or sensor in sensor_presets()
     assert given.get("site", "arid-sand") in sites()
     assert given.get("paper", "all") in {*PAPERS, "all"}
-    assert given.get("to", "kml") in FORMATS
+    assert given.get("to", "kml") in export_formats()
     assert given.get("engine", "flgpr") in {"flgpr", "gprmax"}
 
 

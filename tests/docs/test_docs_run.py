@@ -200,7 +200,7 @@ NOT_HERE = (
     "flgpr import mapped own.toml",
     "flgpr import mapped drive.toml --data drive.mcap -o vehicle.zarr",
     "flgpr import mapped gotcha.toml",
-    "sh decks/run.sh",  # needs gprMax; tests/formats/test_gprmax_files.py imports what it would write
+    "sh decks/run.sh",  # needs gprMax; tests/exchange/test_gprmax_files.py imports what it would write
     "flgpr import gprmax",
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
     "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables

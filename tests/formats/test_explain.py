@@ -62,8 +62,8 @@ def test_content_is_told_in_words(tmp_path):
 
 def test_a_cphd_file_is_told(small_run, tmp_path):
     pytest.importorskip("sarkit")
-    from flgpr.formats.cphd import write_cphd
     from flgpr.geo.anchor import fit_anchor
+    from flgpr_exchange.cphd.phase_history import write_cphd
     from io_geodesy import LANE, on_the_ellipsoid
 
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02)

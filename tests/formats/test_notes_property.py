@@ -12,10 +12,10 @@ from scipy.io import savemat
 
 from damage import CASES, FUZZ, in_forks
 from flgpr.formats.arrays import open_arrays
-from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
 from flgpr.formats.mapped import import_mapped
 from flgpr.formats.tracks import read_nmea, read_track
 from flgpr.geo.anchor import fit_anchor
+from flgpr_exchange.gprmax.files import GprmaxSetup, import_gprmax_files
 from io_geodesy import LANE, on_the_ellipsoid
 from io_notes import check_notes, if_any, some
 from scans_mapping import TIME, line_mapping

@@ -11,7 +11,7 @@ from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.playing import RunPlayer, due_times, in_time_order
 from flgpr.live.session import LiveRun
-from flgpr.live.watch import Inbox
+from flgpr.live.source import Inbox
 from flgpr.store import decode_frame, describe_for_live, save_run
 from flgpr.store.scan_file import scan_name
 from live_lane import make_lane_run, small_recipe

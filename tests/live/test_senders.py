@@ -14,7 +14,7 @@ import pytest
 from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SenderLimits, SocketWatch
 from flgpr.live.session import LiveRun
-from flgpr.live.watch import Inbox
+from flgpr.live.source import Inbox
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe

@@ -21,9 +21,10 @@ from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveRun
+from flgpr.live.source import Inbox
 from flgpr.live.state import read_snapshot
 from flgpr.live.vehicle import Vehicle
-from flgpr.live.watch import FolderWatch, Inbox
+from flgpr.live.watch import FolderWatch
 from flgpr.scoring import roc
 from flgpr.store import (
     decode_frame,

@@ -3,8 +3,8 @@ import struct
 import numpy as np
 import pytest
 
+from flgpr.live.source import LARGEST_FRAME
 from flgpr.live.stream import FrameStream, largest_frame
-from flgpr.live.watch import LARGEST_FRAME
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run

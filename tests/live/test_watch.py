@@ -14,7 +14,8 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from damage import CASES, MACHINE
 from flgpr.live import watch
-from flgpr.live.watch import Arrival, ArrivalQueue, FolderWatch, Inbox
+from flgpr.live.source import Arrival, ArrivalQueue, Inbox
+from flgpr.live.watch import FolderWatch
 from flgpr.model import make_run
 from flgpr.store import describe_for_live, encode_scan
 from flgpr.store.scan_file import scan_name
@@ -137,8 +138,8 @@ class WatchMachine(RuleBasedStateMachine):
     def look_once(self):
         self.watch._check()
         arrivals = []
-        while not self.watch._inbox.arrivals.empty():
-            arrivals.append(self.watch._inbox.arrivals.get())
+        while not self.watch.inbox.arrivals.empty():
+            arrivals.append(self.watch.inbox.arrivals.get())
         if not self.told:
             assert arrivals.pop(0).kind == "run"
             self.told = True

@@ -7,10 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from alone import needs
+from flgpr.detect.estimator_table import trained_class
 from flgpr.method.classifier import TrainingSet
-from flgpr.method.estimators import TrainedEstimator, find_estimator, train_estimator
+from flgpr.method.estimators import TrainedEstimator, train_estimator
 from flgpr.method.model import Model, load_model, save_model
 from flgpr.recipe.tables import DetectorTable
+
+RIVAL = needs("flgpr_ground")
 
 COLUMNS = ["a", "b"]
 
@@ -25,7 +29,16 @@ def examples():
     return TrainingSet(features, label, np.ones(220, int), np.repeat("lane", 220))
 
 
-@pytest.mark.parametrize("name", ["isolation-forest", "one-class-svm", "ecod", "copod", "knn"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("isolation-forest", marks=RIVAL),
+        "one-class-svm",
+        pytest.param("ecod", marks=RIVAL),
+        pytest.param("copod", marks=RIVAL),
+        pytest.param("knn", marks=RIVAL),
+    ],
+)
 def test_mines_score_high_though_none_was_shown(examples, name, tmp_path):
     options = {"random_state": 0} if name == "isolation-forest" else {}
     table = DetectorTable(estimator=name, features=COLUMNS, on="clutter", options=options)
@@ -47,11 +60,19 @@ def test_mines_score_high_though_none_was_shown(examples, name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "on", "mine"),
     [
-        ("isolation-forest", "clutter", -1), ("one-class-svm", "clutter", -1), ("one-class-svm", "mines", 1),
-        ("mixture", "mines", 1), ("ecod", "clutter", 1), ("knn", "clutter", 1), ("svm", "all", 1),
-        ("logistic", "all", 1), ("lda", "all", 1), ("rvm", "all", 1), ("random-forest", "all", 1),
+        pytest.param("isolation-forest", "clutter", -1, marks=RIVAL),
+        ("one-class-svm", "clutter", -1),
+        ("one-class-svm", "mines", 1),
+        pytest.param("mixture", "mines", 1, marks=RIVAL),
+        pytest.param("ecod", "clutter", 1, marks=RIVAL),
+        pytest.param("knn", "clutter", 1, marks=RIVAL),
+        ("svm", "all", 1),
+        ("logistic", "all", 1),
+        ("lda", "all", 1),
+        ("rvm", "all", 1),
+        pytest.param("random-forest", "all", 1, marks=RIVAL),
     ],
-)  # fmt: skip
+)
 def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mine):
     made = train_estimator(
         examples, DetectorTable(estimator=name, features=COLUMNS, on=on), COLUMNS
@@ -68,7 +89,7 @@ def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mi
     made = train_estimator(
         examples, DetectorTable(estimator=name, features=COLUMNS, on=on, options=options), COLUMNS
     )
-    estimator = find_estimator(name)(**options)
+    estimator = trained_class(name)(**options)
     estimator.fit(shown, *((examples.label,) if on == "all" else ()))
     decided = estimator.predict(values) == mine
     score = made.confidence(examples.features)
@@ -77,6 +98,7 @@ def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mi
     assert 0 < decided.sum() < len(decided)
 
 
+@RIVAL
 def test_a_lane_without_clutter_cannot_train_it(examples):
     mines = examples.label == 1
     only = TrainingSet(
@@ -90,12 +112,13 @@ def test_a_lane_without_clutter_cannot_train_it(examples):
         train_estimator(only, table, COLUMNS)
 
 
+@RIVAL
 def test_without_pyod_its_estimators_say_what_they_need(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyod.models.ecod", None)
     with pytest.raises(
         ModuleNotFoundError, match=r"ecod needs PyOD: pip install 'flgpr\[benchmark\]'"
     ):
-        find_estimator("ecod")
+        trained_class("ecod")
 
 
 @pytest.fixture
@@ -107,6 +130,7 @@ def wide_examples():
     return TrainingSet(features, label, np.ones(120, int), np.repeat("lane", 120))
 
 
+@RIVAL
 def test_every_entry_of_the_features_is_a_kernel_of_its_own(wide_examples, tmp_path):
     table = DetectorTable(estimator="mkl", features=["C_*", "M_*"])
     columns = list(wide_examples.features)
@@ -123,6 +147,7 @@ def test_every_entry_of_the_features_is_a_kernel_of_its_own(wide_examples, tmp_p
         np.testing.assert_array_equal(again.arrays()[name], array)
 
 
+@RIVAL
 def test_a_column_belongs_to_the_first_entry_that_names_it_or_to_itself(wide_examples):
     columns = list(wide_examples.features)
     for entries, groups in (
@@ -135,6 +160,7 @@ def test_a_column_belongs_to_the_first_entry_that_names_it_or_to_itself(wide_exa
         assert made.scorer.group.tolist() == groups, entries
 
 
+@RIVAL
 def test_groups_are_no_option(wide_examples):
     table = DetectorTable(estimator="mkl", features=["C_*"], options={"groups": "3"})
     with pytest.raises(ValueError, match=r"options of mkl must not hold groups, .* got '3'"):

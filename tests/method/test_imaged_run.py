@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from alone import needs
 from divided import setup, with_results
 from flgpr.engine import (
     bundle_groups,
@@ -12,6 +13,8 @@ from flgpr.engine import (
 from flgpr.method.imaged_run import array_table, table_arrays
 from flgpr.method.sections import Section
 from small_lane import small_recipe
+
+RIVAL = needs("flgpr_ground")
 
 
 def test_tables_go_through_arrays_unchanged():
@@ -55,6 +58,7 @@ def test_a_recipe_whose_confidence_is_no_column_is_refused():
         setup('confidence = "entropy"\n' + small_recipe())
 
 
+@RIVAL
 def test_a_recipe_with_more_columns_than_a_table_holds_is_refused_before_it_runs():
     """It ran, and its result could not be read."""
     stage = '\n[[columns]]\nstage = "hog"\nsize = {size}\ncell = {cell}\n'

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from alone import needs
 from flgpr.method.memory import (
     check_scan_memory,
     lane_memory,
@@ -13,6 +14,8 @@ from flgpr.method.memory import (
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe, parse_recipe, recipe_text
 from small_lane import small_run
+
+RIVAL = needs("flgpr_ground")
 
 SIZES = {"scan": 100, "polarization": 3, "pair": 36, "frequency": 1024}
 LANE = Lane(-1.5, 1.5, 0.0, 2000.0)
@@ -77,6 +80,7 @@ def test_a_self_signature_by_the_median_holds_all_images(recipe):
     assert more >= images
 
 
+@RIVAL
 def test_thousands_of_columns_count(recipe):
     """Fisher vectors of a long lane take more than all else."""
     stage = '\n[[columns]]\nstage = "fisher-vectors"\n'

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import flgpr
+from alone import needs
 from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
@@ -21,8 +22,6 @@ from flgpr.recipe.schema import lane_of, parse_recipe, recipe_text
 from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
 from flgpr.store import Bundle, save_run, write_table
-from flgpr_papers.wang2007.examples import save_examples
-from flgpr_papers.wang2007.study import wide_view
 from small_lane import LANE, TARGETS, cut_down, small_recipe, small_run
 
 
@@ -254,7 +253,10 @@ def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_doe
     pd.testing.assert_frame_equal(one.features, other.features, check_exact=True)
 
 
+@needs("flgpr_papers")
 def test_the_full_range_view_is_that_of_whole_images(run, recipe):
+    from flgpr_papers.wang2007.study import wide_view
+
     cleaned = cleaned_run(run, recipe)
     view = wide_view(cleaned, run, recipe, LANE, silent)
     images = []
@@ -267,7 +269,10 @@ def test_the_full_range_view_is_that_of_whole_images(run, recipe):
     assert (view["looks"].values == want["looks"].values).all()
 
 
+@needs("flgpr_papers")
 def test_examples_show_the_targets_where_they_are(tmp_path, run, recipe, truth, found):
+    from flgpr_papers.wang2007.examples import save_examples
+
     cleaned = cleaned_run(run, recipe)
     away = found.alarms.iloc[[0]].assign(x=0.0, y=2.3, confidence=0.1)
     alarms = pd.concat([found.alarms, away], ignore_index=True)

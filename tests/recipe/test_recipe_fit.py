@@ -2,7 +2,6 @@
 
 import itertools
 import re
-import warnings
 from importlib import resources
 
 import numpy as np
@@ -14,12 +13,10 @@ from flgpr.commands.run_report import run_info
 from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Sensor, load_sensor, make_run, sensor_presets
-from flgpr.proving_ground.ground import load_ground
 from flgpr.recipe.fit import alias_faults, check_fit, fit_faults
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.simulate import Scene
-from flgpr.simulate.simulator import warn_of_aliases
 from flgpr.store import Scan, describe_for_live, open_run, sample_lane, save_run
 
 RECIPES = sorted(
@@ -174,18 +171,6 @@ def test_the_command_line_tells_it_once_and_detects(tmp_path):
     assert (tmp_path / "result" / "alarms.csv").is_file()
     looked = run_info(tmp_path / "run.zarr", tmp_path / "far.toml")
     assert "echoes repeat" in str(looked)
-
-
-@pytest.mark.parametrize("source", [None, "full-wave-1"])
-def test_the_radars_of_the_benchmarks_are_clear(source):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        sensors = {
-            lane.sensor.model_dump_json(): lane.sensor
-            for lane in load_ground(source=source).lanes.values()
-        }
-        for sensor in sensors.values():
-            warn_of_aliases(sensor)
 
 
 def test_a_footprint_beyond_what_the_tones_keep_apart_is_told_and_simulated(tmp_path):

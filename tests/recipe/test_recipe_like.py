@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.simulate import simulate_lane
 from flgpr.model import load_sensor, make_run, sensor_presets
-from flgpr.recipe.choice import toml_frequency
 from flgpr.recipe.fit import check_fit
 from flgpr.recipe.like import likeable_names
 from flgpr.recipe.make import fit_recipe, recipe_for, sensor_for
 from flgpr.recipe.schema import load_recipe, parse_recipe, recipe_names, recipe_text
 from flgpr.store import open_run, read_table, sample_lane, save_run
+from flgpr.toml_text import toml_value
 from recipe.test_recipe_for_run import bare_run
 from systems.lanes import SENSOR
 
@@ -106,7 +106,7 @@ def test_tones_at_the_edges_of_sub_bands_stay_in_them(like):
     [(1e9, "1e9"), (0.45e9, "0.45e9"), (1.5e10, "15e9"), (1e6, "0.001e9"), (1e9 / 3, None)],
 )
 def test_a_frequency_is_written_so_that_it_is_read_again(frequency, text):
-    written = toml_frequency(frequency)
+    written = toml_value(frequency)
     assert float(written) == frequency
     assert text is None or written == text
 

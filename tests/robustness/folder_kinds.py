@@ -8,11 +8,9 @@ import pytest
 from test_flips import learnt_stage, make_result, small_classifier
 
 from flgpr.commands.registering import find_entrant
-from flgpr.formats import gprmax_decks
 from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
 from flgpr.method.model import describe_model, load_model, save_model
 from flgpr.model import Lane, make_run
-from flgpr.proving_ground.running import read_costs, read_ground
 from flgpr.results.manifest import read_result_manifest
 from flgpr.results.result import Result, add_files, read_result
 from flgpr.results.score import read_scored_truth
@@ -26,6 +24,8 @@ from flgpr.store import (
 from flgpr.store.scan_file import RUN_FILE, RunDescription, read_description, write_description
 from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import ResultFiles, open_source
+from flgpr_exchange.gprmax import deck_results as gprmax_decks
+from flgpr_ground.running import read_costs, read_ground
 from small_results import small_result
 
 
@@ -130,7 +130,7 @@ def read_manifest_only(folder):
 
 def read_ground_mark(folder):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flgpr.proving_ground.running.load_ground", lambda quick, source: quick)
+        patch.setattr("flgpr_ground.running.load_ground", lambda quick, source: quick)
         return read_ground(folder)
 
 

@@ -27,7 +27,6 @@ from damage import (
 from flgpr import door
 from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, read_named
-from flgpr.formats import gprmax_decks
 from flgpr.jobs.checkpoint import Checkpoint, begin
 from flgpr.json_text import parse_json
 from flgpr.method.model import load_model
@@ -45,6 +44,7 @@ from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.tables import parse_columns
 from flgpr.store.verdicts import verdict_bytes
 from flgpr.viewer.session import LiveFile, ResultFiles
+from flgpr_exchange.gprmax import deck_results as gprmax_decks
 
 SMALL = 40 * 2**20
 """Memory that refusing a file may take, bytes; what is damaged is at least fifty times as large."""

@@ -15,11 +15,11 @@ import flgpr
 from flgpr.commands.app import app
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file
-from flgpr.formats.gprmax import read_gprmax
-from flgpr.formats.gprmax_explain import explain_merged
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.geo.geodesy import lonlat_of, transform_lonlat
 from flgpr.store import json_with_digest, parse_with_digest, sample_lane, save_run
+from flgpr_exchange.gprmax.explain import explain_merged
+from flgpr_exchange.gprmax.output import read_gprmax
 
 SECRET = np.arange(64.0) + 1000
 

@@ -1,7 +1,7 @@
 """Every reader of our own formats on damaged files: only documented errors, in bounded memory.
 
 ``FLGPR_CASES`` tells how many cases there are per reader. The readers of other formats have theirs in
-``tests/formats/test_fuzz_exchange.py``.
+``tests/exchange/test_fuzz_exchange.py``.
 """
 
 import json

@@ -20,13 +20,14 @@ import flgpr
 import io_gpr
 from archives import read_archive
 from every_command import make_cheap, make_inputs
-from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
+from flgpr.commands.imports import import_fullwave, import_mapped
 from flgpr.jobs import checkpoint
 from flgpr.results.result import ResultError, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run
 from flgpr.store.journal import JOURNAL
 from flgpr.trials import sealing
+from flgpr_exchange.commands.imports import import_gpr
 from robust import content, digests
 from scans_mapping import TIME, line_mapping
 

@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info
+from flgpr.detect.estimator_table import known_estimators
 from flgpr.detect.scorers.checks import Checked
 from flgpr.method.classifier import TrainingSet, train
 from flgpr.method.estimators import train_estimator
 from flgpr.method.model import MODEL_FILE, Model, describe_model, load_model, save_model
-from flgpr.recipe.estimator_classes import ALLOWED
 from flgpr.recipe.tables import DetectorTable
 from flgpr.store import (
     Bundle,
@@ -58,7 +58,7 @@ def examples():
 def trained(examples, tmp_path_factory):
     """A whole model of every estimator that a recipe may name."""
     folders = {}
-    for name in ALLOWED:
+    for name in known_estimators():
         table = DetectorTable(
             estimator=name,
             features=COLUMNS,
@@ -464,7 +464,9 @@ def test_what_json_can_hold_beside_numbers_is_no_number(value):
 
 
 def test_there_are_gadgets_of_every_estimator():
-    assert {estimator for estimator, _, _ in GADGETS.values()} >= set(ALLOWED) - {"copod"}
+    assert {estimator for estimator, _, _ in GADGETS.values()} >= set(known_estimators()) - {
+        "copod"
+    }
     assert len(GADGETS) >= 12
 
 

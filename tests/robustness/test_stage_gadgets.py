@@ -14,7 +14,7 @@ from flgpr.commands.app import app
 from flgpr.method.model import Model, save_model
 from flgpr.model import Grid
 from flgpr.recipe.schema import recipe_text
-from flgpr.stages import PACKAGED, Named, Stage, Table, find_stage, make_stage
+from flgpr.stages import PACKAGED, Named, Stage, Table, find_stage, make_stage, stage_names
 from flgpr.store import sample_lane
 
 SETUP = SimpleNamespace(
@@ -282,8 +282,8 @@ def kind_of(name):
 def test_every_packaged_stage_that_learns_is_tried():
     learning = {
         (kind, name)
-        for kind, names in PACKAGED.items()
-        for name in names
+        for kind in PACKAGED
+        for name in stage_names(kind)
         if find_stage(kind, name).learns
     }
     assert set(LEARNT) == learning

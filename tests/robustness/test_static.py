@@ -1,16 +1,14 @@
 """What the code never does, read from the code: pickle, run text as code, unpack archives, open files past the door."""
 
 import ast
-from pathlib import Path
 
 import pytest
 
-import flgpr
+from sources import BESIDE, ROOT, modules_of, place
 
 pytestmark = pytest.mark.slow("reads all sources")
 
-ROOT = Path(flgpr.__file__).parent
-MODULES = sorted(ROOT.rglob("*.py"))
+MODULES = modules_of(ROOT, *(path for path in BESIDE if path.name != "flgpr_papers"))
 PICKLES = {
     "pickle", "_pickle", "cPickle", "cloudpickle", "dill", "joblib", "shelve", "marshal", "jsonpickle", "skops", "yaml",
 }  # fmt: skip
@@ -30,9 +28,12 @@ BY_NAME = {
     "lazy.py": "names of a package's own stub",
     "io/__init__.py": "the rooms of files, which a constant names",
     "store/extras.py": "packages of the extras, by constants of its callers",
-    "method/estimators.py": "the classes of a table, for training alone",
     "stages/__init__.py": "packaged stages by a table, and what installed distributions offer",
-    "detect/scorers/__init__.py": "the scorers of a table",
+    "commands/app.py": "what installed distributions offer",
+    "commands/exports.py": "what installed distributions offer",
+    "commands/simulate.py": "what installed distributions offer",
+    "formats/reader.py": "what installed distributions offer",
+    "detect/estimator_table.py": "estimators by a table, and what installed distributions offer",
 }
 """Modules that may find code by a name that is no constant, and where the name comes from."""
 
@@ -61,7 +62,7 @@ def offending_call(node):
                 yield f"np.{function.attr} without allow_pickle=False"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize("path", MODULES, ids=place)
 def test_no_pickle_and_no_code_from_text(path):
     assert list(offences(ast.parse(path.read_text(encoding="utf-8")))) == []
 
@@ -87,10 +88,10 @@ def names_of_code(tree):
             yield "getattr(...)(...)"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize("path", MODULES, ids=place)
 def test_code_is_found_by_name_where_the_name_is_ours(path):
     found = list(names_of_code(ast.parse(path.read_text(encoding="utf-8"))))
-    assert not found or str(path.relative_to(ROOT)) in BY_NAME
+    assert not found or place(path) in BY_NAME
 
 
 def test_every_module_that_may_find_code_by_name_does():
@@ -135,10 +136,10 @@ BROWSER = "the browser opens a page that this process wrote"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 THROUGH_FOLDER = "the door's own folder opens it, under another name than the check knows"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
-    "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
-    "proving_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
-    "proving_ground/board.py packaged_board": ({"read_bytes"}, OWN),
-    "proving_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
+    "flgpr_ground/ground.py _description_text": ({"read_text"}, OWN),
+    "flgpr_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_ground/board.py packaged_board": ({"read_bytes"}, OWN),
+    "flgpr_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
     "recipe/schema.py recipe_text": ({"read_text"}, OWN),
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
@@ -147,15 +148,17 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
     "simulate/scene/scene.py site_tables": ({"read_text", "tomllib.loads"}, OWN),
     "simulate/bodies/signature/table.py load_table": ({"read_bytes"}, OWN),
-    "commands/simulation.py write_gprmax_decks": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_exchange/gprmax/deck_results.py deck_texts": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_exchange/gpr/antennas.py ": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_exchange/bags/foxglove.py ": ({"read_bytes"}, OWN),
     "viewer/server.py _static": ({"read_bytes"}, OWN),
     "store/bundle.py write_bundle": ({"open"}, JUST_WRITTEN),
-    "formats/cphd.py write_cphd": ({"open"}, JUST_WRITTEN),
+    "flgpr_exchange/cphd/phase_history.py write_cphd": ({"open"}, JUST_WRITTEN),
     "store/files.py sync_file": ({"open"}, JUST_WRITTEN),
     "store/files.py _open_alone": ({"open"}, JUST_WRITTEN),
     "store/files.py _write_under_own_name": ({"open"}, JUST_WRITTEN),
-    "geo/export.py _cloud_optimized": ({"open"}, JUST_WRITTEN),
-    "formats/sigmf_writer.py _write_samples": ({"open"}, JUST_WRITTEN),
+    "geo/geotiff.py _cloud_optimized": ({"open"}, JUST_WRITTEN),
+    "flgpr_exchange/sigmf/writing.py _write_samples": ({"open"}, JUST_WRITTEN),
     "store/outputs.py _hold": ({"open"}, LOCKED),
     "store/outputs.py _hold_beside": ({"open"}, LOCKED),
     "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
@@ -164,33 +167,31 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
     "simulate/bodies/signature/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
-    "commands/exporting.py export_qgis": ({"read_bytes"}, JUST_WRITTEN),
-    "commands/exporting.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
-    "formats/cphd.py read_cphd": ({"open"}, RECORDING),
-    "formats/explain.py explain_file": ({"open"}, RECORDING),
-    "formats/explain.py _explain_cphd": ({"open"}, RECORDING),
-    "formats/gpr_parts.py read_records": ({"fromfile"}, RECORDING),
-    "formats/motive.py is_motive": ({"open"}, RECORDING),
-    "formats/motive.py read_motive": ({"open"}, RECORDING),
-    "formats/motive.py _read_values": ({"open"}, RECORDING),
+    "flgpr_exchange/commands/exporting.py _pack": ({"read_bytes"}, JUST_WRITTEN),
+    "commands/exports.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
+    "flgpr_exchange/cphd/phase_history.py read_cphd": ({"open"}, RECORDING),
+    "flgpr_exchange/cphd/phase_history.py CphdReader.explain": ({"open"}, RECORDING),
+    "flgpr_exchange/gpr/parts.py read_records": ({"fromfile"}, RECORDING),
+    "flgpr_exchange/motive.py read_motive": ({"open"}, RECORDING),
+    "flgpr_exchange/motive.py _read_values": ({"open"}, RECORDING),
     "formats/arrays.py _open_hdf5": ({"File"}, GUARDED),
     "formats/arrays.py _open_npy": ({"load"}, RECORDING),
     "geo/basemap.py map_backdrop": ({"open"}, GUARDED),
     "geo/basemap.py _png_bytes": ({"open"}, IN_HAND),
     "formats/child.py probe_hdf5": ({"File"}, GUARDED),
-    "formats/gprmax.py is_gprmax": ({"File"}, GUARDED),
-    "formats/gprmax_explain.py explain_merged": ({"File"}, GUARDED),
-    "formats/gprmax.py _read": ({"File"}, GUARDED),
-    "formats/sigmf.py SigmfRecording._find_samples": ({"open"}, THROUGH_FOLDER),
-    "formats/sigmf.py SigmfRecording._read_samples": ({"open"}, THROUGH_FOLDER),
-    "proving_ground/croissant.py _files": ({"open"}, THROUGH_FOLDER),
+    "flgpr_exchange/gprmax/explain.py GprmaxReader.owns": ({"File"}, GUARDED),
+    "flgpr_exchange/gprmax/explain.py explain_merged": ({"File"}, GUARDED),
+    "flgpr_exchange/gprmax/output.py _read": ({"File"}, GUARDED),
+    "flgpr_exchange/sigmf/reading.py SigmfRecording._find_samples": ({"open"}, THROUGH_FOLDER),
+    "flgpr_exchange/sigmf/reading.py SigmfRecording._read_samples": ({"open"}, THROUGH_FOLDER),
+    "flgpr_ground/croissant.py _files": ({"open"}, THROUGH_FOLDER),
     "store/tables.py parse_csv": ({"read_csv"}, IN_HAND),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),
     "commands/design.py _as_json": ({"json.loads"}, IN_HAND),
     "commands/image.py _as_json": ({"json.loads"}, IN_HAND),
     "commands/score_text.py score_summary": ({"json.loads"}, IN_HAND),
-    "formats/recording.py _from_json": ({"json.loads"}, IN_HAND),
+    "flgpr_exchange/bags/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "store/run_writer.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
     "trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
     "jobs/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
@@ -255,7 +256,7 @@ def test_no_file_is_read_past_the_door():
     """What is listed and not found any more is taken out of the list."""
     found = {}
     for path in MODULES:
-        name = path.relative_to(ROOT).as_posix()
+        name = place(path)
         if name not in DOORS:
             for function, call in readings(ast.parse(path.read_text(encoding="utf-8"))):
                 found.setdefault(f"{name} {function}", set()).add(call)

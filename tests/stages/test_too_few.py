@@ -6,6 +6,7 @@ import pytest
 import xarray as xr
 
 import flgpr
+from alone import needs
 from few_mines import counts_of, follow, resized
 from flgpr.clutter import ThresholdCalibration
 from flgpr.method.classifier import TrainingSet, train
@@ -15,6 +16,8 @@ from flgpr.recipe.tables import DetectorTable
 from flgpr.stages import TrainingView, find_stage
 from flgpr.stages.clusters import subset
 from flgpr.stages.too_few import TooFewExamplesError, count_in_views
+
+RIVAL = needs("flgpr_ground")
 
 NO_MINES = "target_id,x,y,kind,depth,radius,height,lane\n"
 OUT_OF_SIGHT = (
@@ -120,6 +123,7 @@ def test_a_prescreener_that_raises_nothing_is_named_and_what_it_advises_lets_tra
     assert run_training(lane, follow(text, message), tmp_path / "model").detector is not None
 
 
+@RIVAL
 def test_a_stage_that_takes_all_targets_is_named(lane, tmp_path):
     matched = '[[columns]]\nstage = "matched"\n\n[detector]\nfeatures = ["ace"]\n\n[score]'
     text = changed(resized("wang2007", lane), "[score]", matched)
@@ -164,6 +168,7 @@ def too_few(kind, name, examples, **entries):
     return str(error.value.of_stage(f"{kind}.{name}"))
 
 
+@RIVAL
 @pytest.mark.parametrize("name", ["matched", "network"])
 def test_kinds_that_are_not_there_are_told_with_those_that_are(name):
     message = too_few("features", name, [view_of(THREE)], kinds=("wood",))
@@ -171,6 +176,7 @@ def test_kinds_that_are_not_there_are_told_with_those_that_are(name):
     assert next(iter(counts_of(message).values())) == 0
 
 
+@RIVAL
 @pytest.mark.parametrize("name", ["matched", "network"])
 def test_no_clutter_between_the_targets_is_told_with_a_nearer_border(name):
     message = too_few("features", name, [view_of(THREE)], clear=30.0)
@@ -304,10 +310,19 @@ def examples(hits, false_alarms):
         ("svm", "all", 5, 0, "hits and false alarms, got 5 hits and 0 false alarms"),
         ("one-class-rvm", "mines", 0, 5, "hits, got 0 hits and 5 false alarms"),
         ("one-class-svm", "mines", 0, 5, "hits, got 0 hits and 5 false alarms"),
-        ("isolation-forest", "clutter", 5, 0, "false alarms, got 5 hits and 0 false alarms"),
-        ("mixture", "mines", 1, 5, "2 examples or more for mixture, got 1"),
+        pytest.param(
+            "isolation-forest",
+            "clutter",
+            5,
+            0,
+            "false alarms, got 5 hits and 0 false alarms",
+            marks=RIVAL,
+        ),
+        pytest.param(
+            "mixture", "mines", 1, 5, "2 examples or more for mixture, got 1", marks=RIVAL
+        ),
         ("lda", "all", 1, 1, "3 examples or more for lda, got 2"),
-        ("knn", "mines", 3, 50, "6 examples or more for knn, got 3"),
+        pytest.param("knn", "mines", 3, 50, "6 examples or more for knn, got 3", marks=RIVAL),
     ],
 )
 def test_every_detector_tells_how_many_examples_it_needs(name, on, hits, false_alarms, needed):
@@ -324,6 +339,7 @@ def test_the_discriminant_tells_how_many_examples_it_needs():
         train(examples(3, 0), ["a", "b"])
 
 
+@RIVAL
 def test_fewer_neighbours_are_advised_and_let_train():
     pytest.importorskip("pyod", reason="PyOD is an extra")
     with pytest.raises(TooFewExamplesError) as error:

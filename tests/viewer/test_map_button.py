@@ -5,7 +5,7 @@ import zipfile
 
 import pytest
 
-from flgpr.commands.exporting import map_bytes
+from flgpr.commands.exports import map_bytes
 
 pytestmark = pytest.mark.slow("a browser draws every page")
 

@@ -12,13 +12,11 @@ from typer.core import TyperGroup
 
 import flgpr
 from flgpr.commands import (
-    benchmark,
     calibrate,
     imports,
     live,
     plan,
     recipe,
-    submissions,
 )
 from flgpr.commands.anchor import anchor
 from flgpr.commands.demo import demo
@@ -59,11 +57,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "calibrate joint": calibrate.calibrate_joint,
     "calibrate permittivity": calibrate.calibrate_permittivity,
     "import fullwave": imports.import_fullwave,
-    "import gprmax": imports.import_gprmax,
     "import mapped": imports.import_mapped,
     "import table": imports.import_table,
-    "import cphd": imports.import_cphd,
-    "import gpr": imports.import_gpr,
     "recipe list": recipe.list_recipes,
     "recipe show": recipe.show_recipe,
     "recipe for": recipe.recipe_for,
@@ -73,15 +68,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "plan register": plan.register_recipe,
     "plan check": plan.check_register,
     "plan survey": plan.survey_plan,
-    "benchmark run": benchmark.run_benchmark,
-    "benchmark oracle": benchmark.run_oracle,
-    "benchmark table": benchmark.benchmark_table,
-    "benchmark list": benchmark.list_benchmark,
-    "benchmark make": submissions.make_benchmark,
-    "benchmark croissant": submissions.describe_benchmark,
-    "benchmark validate": submissions.validate_submissions,
-    "benchmark enter": submissions.enter_benchmark,
-    "benchmark leaderboard": submissions.benchmark_leaderboard,
 }
 """Every command by its words."""
 
@@ -100,7 +86,6 @@ HELP_PANELS: dict[str, dict[str, str]] = {
     "Live": {"live": "", "feed": ""},
     "Research": {
         "design": "",
-        "benchmark": "The proving ground: compare detectors on the same sealed lanes.",
         "reproduce": "",
     },
 }

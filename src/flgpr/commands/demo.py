@@ -73,7 +73,7 @@ def _page(call: Arguments) -> Iterator[None]:
     yield
     if call.view:
         from flgpr import viewer
-        from flgpr.commands.exporting import map_bytes
+        from flgpr.commands.exports import map_bytes
 
         viewer.serve(Path(call.output), open_browser=opens, announce=typer.echo, make_map=map_bytes)
     elif opens:

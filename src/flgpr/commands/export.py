@@ -8,12 +8,9 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from flgpr.commands.exports import Wish, export_formats, write_export
 from flgpr.commands.options import Output, PathLike, anchor_option
 from flgpr.commands.shell import Arguments, command
-
-FORMATS = (
-    "geojson", "gpkg", "kml", "gpx", "csv", "imsma", "geotiff", "qgis", "cphd", "sigmf", "mcap",
-)  # fmt: skip
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
@@ -31,7 +28,7 @@ def export(
         ),
     ],
     output: Output,
-    to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
+    to: Annotated[str, Option(help=f"One of {', '.join(export_formats())}.")],
     anchor: Annotated[
         PathLike | None,
         anchor_option("needed where the data have no georeference"),
@@ -70,26 +67,5 @@ def export(
     FileExistsError
         If another file is at the output.
     """
-    from flgpr.commands import exporting
-
-    if score is not None and to != "qgis":
-        raise ValueError(f"score goes with qgis, got to {to!r}")
-    if organisation is not None and to != "imsma":
-        raise ValueError(f"organisation goes with imsma, got to {to!r}")
-    if to == "imsma":
-        return exporting.export_imsma(
-            source, output, anchor, time, organisation, detection, columns
-        )
-    if to == "cphd":
-        return exporting.export_run(source, output, anchor)
-    if to == "sigmf":
-        return exporting.export_sigmf(source, output, anchor, time)
-    if to == "mcap":
-        from flgpr.commands import recording_export
-
-        return recording_export.export_recording(source, output, anchor, detection, time)
-    if to == "qgis":
-        return exporting.export_qgis(source, output, anchor, detection, time, score)
-    if Path(source).suffix == ".csv":
-        return exporting.export_table(source, output, to, anchor, kind, time, columns)
-    return exporting.export_result(source, output, to, anchor, detection, time)
+    wish = Wish(source, output, to, anchor, kind, time, detection, score, columns, organisation)
+    return write_export(wish)

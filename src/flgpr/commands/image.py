@@ -208,7 +208,8 @@ def image(
     FileExistsError
         If another file is at an output.
     """
-    from flgpr.commands.radargram import RadargramView, is_recording, make_radargram
+    from flgpr.commands.radargram import RadargramView, make_radargram
+    from flgpr.formats.reader import is_recording
 
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
@@ -288,12 +289,13 @@ def _refuse_other_files(path: Path) -> None:
     """Refuse a file that is no recording, and name what can be drawn; a run is a folder."""
     if not path.is_file():
         return
-    from flgpr.formats.gpr_files import READERS
+    from flgpr.formats.reader import readers
     from flgpr.store.files import existing
 
     existing(path)  # refuses a pointer of Git LFS
+    endings = [ending for reader in readers() for ending in reader.endings]
     raise ValueError(
-        f"{path}: a run or a recording ({', '.join(READERS)}) can be drawn, "
+        f"{path}: a run or a recording ({', '.join(endings)}) can be drawn, "
         f"got the ending {path.suffix!r}; flgpr info describes how arrays are imported"
     )
 

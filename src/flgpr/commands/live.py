@@ -241,9 +241,9 @@ def live(
     with _stopped_by_signals(run):
         report = run.run()
     if mcap:
-        from flgpr.commands.recording_export import record_live_run
+        from flgpr.commands.exports import Wish, write_export
 
-        record_live_run(output, Path(output) / LIVE_RECORDING, replace=True)
+        write_export(Wish(output, Path(output) / LIVE_RECORDING, "mcap", replace=True))
     return report
 
 

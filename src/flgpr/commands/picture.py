@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flgpr.calibrate.peaks import image_peaks
 from flgpr.geo.anchor import read_anchor
-from flgpr.geo.export import write_geotiff
+from flgpr.geo.geotiff import write_geotiff
 from flgpr.imaging.focus import CHOSEN_PIXELS, focus
 from flgpr.imaging.view_axes import View, chosen_scans
 from flgpr.progress import Track, silent

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.commands.exporting import export_table
+from flgpr.commands.exports import Wish, write_export
 from flgpr.commands.registering import REGISTER_COLUMN, recipe_hash
 from flgpr.commands.scoring import borders, read_lanes
 from flgpr.door import read_named
@@ -131,7 +131,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, RegisterLine]:
     _write_crew_papers(plan, lanes, files, entry["plan"], anchor)
     if order.anchor is not None:
         for kind in ("gpkg", "gpx"):
-            export_table(files["plan"], files[kind], kind, order.anchor)
+            write_export(Wish(files["plan"], files[kind], kind, order.anchor))
 
     def entry_unless_opened(lines_now: list[RegisterLine]) -> RegisterLine:
         require_unopened(lines_now, too_late)

@@ -19,7 +19,8 @@ from flgpr.clutter.radargram_steps import (
     samples_until,
     window_samples,
 )
-from flgpr.formats import GprSection, is_gpr, read_gpr
+from flgpr.formats.reader import recording_reader
+from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
 from flgpr.store.outputs import atomic_output
@@ -72,11 +73,6 @@ class Radargram:
         return np.asarray(0.5 * speed * self.delay, dtype=np.float64)
 
 
-def is_recording(path: PathLike) -> bool:
-    """Return whether a path is a file that a radargram can be drawn of, by its ending."""
-    return Path(path).is_file() and is_gpr(Path(path))
-
-
 def make_radargram(
     path: PathLike,
     view: RadargramView = RadargramView(),
@@ -114,7 +110,7 @@ def make_radargram(
             raise ValueError(
                 f"output of a recording must end in {', '.join(ENDINGS)}, got {file.name!r}"
             )
-    drawn = radargram(read_gpr(path, max_memory), view)
+    drawn = radargram(recording_reader(path).read_section(Path(path), max_memory), view)
     for file in files:
         _write(drawn, file)
     return drawn

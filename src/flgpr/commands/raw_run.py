@@ -7,7 +7,6 @@ What is computed has its home below (:mod:`flgpr.imaging.range_profiles`,
 from __future__ import annotations
 
 import base64
-import json
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +23,7 @@ from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.commands.picture import Picture, picture_of
 from flgpr.commands.preparing import RemoveBackground, Step, Subtract, TimeZero, check_steps
 from flgpr.commands.run_report import geometry_doubts
-from flgpr.formats import is_gpr, preview_run
+from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
 from flgpr.json_text import parse_json
@@ -32,6 +31,7 @@ from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.made_of import read_limits
+from flgpr.toml_text import toml_value
 
 MOST_SCANS = 1200
 MOST_BINS = 800
@@ -91,9 +91,8 @@ class RawRun:
     """
 
     def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
-        is_recording = Path(path).is_file() and is_gpr(Path(path))
-        if is_recording:
-            self._run = preview_run(path, max_memory)
+        if is_recording(path):
+            self._run = recording_reader(path).preview(Path(path), max_memory)
             self._limits: Mapping[str, Any] = {}
         else:
             self._run = open_run(path, max_memory)
@@ -498,6 +497,6 @@ def _toml(steps: list[Step]) -> str:
         entries["do"] = step.do  # a default, which is left out
         lines = ["[[step]]"]
         for name, value in sorted(entries.items()):
-            lines.append(f"{name} = {json.dumps(value)}")
+            lines.append(f"{name} = {toml_value(value)}")
         tables.append("\n".join(lines) + "\n")
     return "\n".join(tables)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from flgpr.model import Sensor
     from flgpr.progress import Track
 
-ENGINES = ("flgpr", "gprmax")
+_OWN_ENGINE = "flgpr"
 
 
 @dataclass(frozen=True)
@@ -109,26 +110,29 @@ def simulate_lane(
         return _signature(body, output, workers, track or silent)
     if body is not None:
         raise ValueError(f"only simulate signature takes a second argument, got {body!r}")
-    if engine not in ENGINES:
-        raise ValueError(f"engine must be one of {', '.join(ENGINES)}, got {engine!r}")
+    engines = {one.name: one for one in entry_points(group="flgpr.engines")}
+    if engine != _OWN_ENGINE and engine not in engines:
+        raise ValueError(
+            f"engine must be one of {', '.join([_OWN_ENGINE, *sorted(engines)])}, got {engine!r}"
+        )
     if output is None and preview is None:
         raise ValueError("simulate needs --output or --preview, got neither")
-    from flgpr.commands.simulation import write_gprmax_decks, write_preview
+    from flgpr.commands.simulation import write_preview
     from flgpr.jobs.simulated_lane import simulate_to_store
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
 
     loaded_scene = load_scene(scene)
     array = _array(sensor)
-    is_simulated = output is not None and engine == "flgpr"
+    is_simulated = output is not None and engine == _OWN_ENGINE
     check_effort(loaded_scene, array if is_simulated else None, force)
 
     paths = []
     lines: list[str] = []
     if preview is not None:
         paths.append(write_preview(loaded_scene, seed, preview, force))
-    if output is not None and engine == "gprmax":
-        decks = write_gprmax_decks(loaded_scene, array, seed, output, cells, max_cells)
+    if output is not None and engine != _OWN_ENGINE:
+        decks = engines[engine].load()(loaded_scene, array, seed, output, cells, max_cells)
         lines += decks.summary
         lines += [f"left out: {reason}" for reason in decks.omissions]
         paths.append(Path(output))

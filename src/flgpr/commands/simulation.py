@@ -1,25 +1,20 @@
 """Simulated lanes as files.
 
-Decks for a full-wave solver, pictures of scenes, and tables of what bodies scatter.
+Pictures of scenes, and tables of what bodies scatter.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-import tomllib
-from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from flgpr.door import refuse_links
-from flgpr.model import Sensor
 from flgpr.progress import Track, silent
 from flgpr.report.scene_preview import scene_figure
-from flgpr.simulate import Decks, Scene, World, draw_world, make_decks
+from flgpr.simulate import Scene
 from flgpr.simulate.bodies.signature import (
     FREQUENCY,
     PERMITTIVITY,
@@ -32,7 +27,6 @@ from flgpr.simulate.bodies.signature import (
     save_table,
 )
 from flgpr.simulate.preview import preview_scene
-from flgpr.store import lane_text, write_geojson, write_table, write_whole
 from flgpr.store.files import naming_output
 from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
 
@@ -98,72 +92,6 @@ def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
     with atomic_output(target) as partial:
         partial.write_bytes(figure_png(figure, dpi=100))
     return target
-
-
-def write_gprmax_decks(
-    scene: Scene,
-    sensor: Sensor,
-    seed: int,
-    folder: PathLike,
-    cells_per_wavelength: float = 10.0,
-    max_cells: float = 3e8,
-) -> Decks:
-    """Write a scene's gprMax decks into a new folder, with truth, objects and lane.
-
-    Parameters
-    ----------
-    scene, sensor, seed, cells_per_wavelength, max_cells
-        As for :func:`flgpr.simulate.make_decks`.
-    folder : path
-        Folder to make.
-
-    Returns
-    -------
-    Decks
-        What was written, with its size, and what of the scene is not in it.
-
-    Raises
-    ------
-    FileExistsError
-        If anything else is there. A folder with these decks stays, with or without results.
-    """
-    target = Path(folder)
-    decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
-    world = draw_world(scene, seed)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_output(target, more=True) as partial:  # results may have been added
-        partial.mkdir()
-        for name, text in decks.files.items():
-            (partial / name).write_text(text, encoding="utf-8")
-        manifest = json.dumps(decks.manifest, indent=1)
-        (partial / "manifest.json").write_text(manifest, encoding="utf-8")
-        packaged = resources.files("flgpr.commands") / "gprmax.toml"
-        texts = tomllib.loads(packaged.read_text(encoding="utf-8"))
-        (partial / "run.sh").write_text(texts["script"], encoding="utf-8")
-        readme = _readme(texts["readme"], decks)
-        (partial / "README.txt").write_text(readme, encoding="utf-8")
-        _write_world_tables(world, partial)
-        write_whole(partial / "lane.toml", lane_text(scene.lane))
-    return decks
-
-
-def _readme(introduction: str, decks: Decks) -> str:
-    """Return the README of decks: what they are, their size, and what is not in them."""
-    size = _bullets(decks.summary)
-    omissions = _bullets(decks.omissions)
-    return f"{introduction}Size:\n{size}\nNot written:\n{omissions}"
-
-
-def _bullets(items: Sequence[str]) -> str:
-    """Return a list in Markdown."""
-    return "".join(f"- {item}\n" for item in items)
-
-
-def _write_world_tables(world: World, folder: Path) -> None:
-    """Write truth and objects of a world as CSV and GeoJSON."""
-    for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
-        write_table(table, folder / f"{name}.csv")
-        write_geojson(table, folder / f"{name}.json")
 
 
 def make_signature(

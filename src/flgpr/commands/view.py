@@ -89,6 +89,6 @@ def _raw_run(path: Path) -> Any:
 
 def _map_bytes(*arguments: Any) -> bytes:
     """Return the map of a result for QGIS."""
-    from flgpr.commands.exporting import map_bytes
+    from flgpr.commands.exports import map_bytes
 
     return map_bytes(*arguments)

@@ -22,7 +22,7 @@ from flgpr.features.templates import max_correlation as max_correlation
 from flgpr.features.templates import mean_template as mean_template
 from flgpr.features.templates import principal_templates as principal_templates
 from flgpr.features.templates import template_features as template_features
-from flgpr.features.time_frequency import ReflectionFeatures as ReflectionFeatures
-from flgpr.features.time_frequency import range_wavenumbers as range_wavenumbers
-from flgpr.features.time_frequency import reflection_features as reflection_features
-from flgpr.features.time_frequency import spectrograms as spectrograms
+from flgpr_ground.features.time_frequency import ReflectionFeatures as ReflectionFeatures
+from flgpr_ground.features.time_frequency import range_wavenumbers as range_wavenumbers
+from flgpr_ground.features.time_frequency import reflection_features as reflection_features
+from flgpr_ground.features.time_frequency import spectrograms as spectrograms

@@ -1,7 +1,7 @@
 """Named arrays in other people's files behind one interface.
 
-They are HDF5, MATLAB, NPZ, NPY, CSV, Touchstone and SigMF files, recordings and takes of motion
-capture.
+HDF5, MATLAB, NPZ, NPY and CSV files are read here, other formats by their readers
+(:mod:`flgpr.formats.reader`).
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,97 +22,29 @@ from numpy.typing import NDArray
 
 from flgpr.archive import Archive, array_bytes, npy_header
 from flgpr.door import check_expansion, open_named
-from flgpr.formats.motive import is_motive, read_motive
-from flgpr.formats.recording import Recording
-from flgpr.formats.sigmf import SigmfRecording
-from flgpr.formats.touchstone import touchstone_text
-from flgpr.store.extras import MissingExtraError, optional
+from flgpr.formats.array_file import (
+    LIMIT,
+    NUMBERS_AND_TEXT,
+    PAIRS,
+    ArrayFile,
+    ArrayInfo,
+    Opened,
+    faults_of_parser,
+    from_memory,
+)
+from flgpr.formats.reader import Reader, reader_of, readers
 from flgpr.store.files import existing
-from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text_tables import read_text_table
 
-SIGMF = "SigMF recording"
-"""Kind of a recording in words."""
-LIMIT = MAX_MEMORY
-"""Largest array that is read, bytes, unless another limit is given."""
-_CONVERTED = {
-    b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite",
-    b"#ROSBAG": "a ROS 1 bag",
-}
-"""Beginnings of files that must be converted, and what these are."""
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
 # Times the largest array that all arrays of an archive may take: they are read one by one.
 _ALL_ARRAYS = 8
-_PAIRS = (("real", "imag"), ("re", "im"), ("r", "i"))
-"""Names of the fields of a record that is a complex number."""
-_COMPLEX_PAIRS = [{*pair} for pair in _PAIRS]
+_COMPLEX_PAIRS = [{*pair} for pair in PAIRS]
 _SPARE = 2**29  # bytes that a child may take besides what it reads
 _MATLAB = "MATLAB_class"
 """Attribute of HDF5 arrays that MATLAB wrote, with the order of the dimensions reversed."""
 _UNIT_NAMES = ("units", "unit", "UNITS")
-_NUMBERS_AND_TEXT = "fciubUS"
-"""Kinds of NumPy types that are read."""
-
-
-@dataclass(frozen=True)
-class ArrayInfo:
-    """What is known of an array before it is read."""
-
-    #: name inside the file; members of groups and structures as ``group/name`` or ``struct.name``
-    name: str
-    shape: tuple[int, ...]  #: its shape, as the program that wrote the file shows it
-    dtype: str  #: type of its values
-    unit: str = ""  #: unit the file itself states, empty if none
-
-
-@dataclass
-class ArrayFile:
-    """An opened file of named arrays."""
-
-    path: Path
-    kind: str  #: its format in words
-    arrays: dict[str, ArrayInfo]  #: name -> :class:`ArrayInfo`
-    _read: Callable[[str], Any] = field(repr=False)
-    limit: int = LIMIT
-    about: list[str] = field(default_factory=list)  #: what else the file states, a line each
-    #: what was assumed, changed or left out so far, in words, for the notes of an import
-    notes: list[str] = field(default_factory=list)
-
-    def read(self, name: str) -> NDArray[Any]:
-        """Read one of ``arrays``.
-
-        Parameters
-        ----------
-        name : str
-            The array.
-
-        Returns
-        -------
-        ndarray
-            Its values in the machine's byte order.
-
-        Raises
-        ------
-        ValueError
-            If there is no such array, or it is too large or damaged.
-        """
-        if name not in self.arrays:
-            known = ", ".join(list(self.arrays)[:12]) or "no array"
-            raise ValueError(f"{self.path}: variable must be one of {known}, got {name!r}")
-        info = self.arrays[name]
-        count = int(np.prod([float(size) for size in info.shape]))
-        size = count * _width(info.dtype)
-        if size > self.limit:
-            raise ValueError(
-                f"{self.path}: {name} must hold at most {self.limit / 1e9:g} GB, "
-                f"got shape {info.shape} of {info.dtype}, {size / 1e9:.3g} GB"
-            )
-        with _faults_of_parser(self.path, self.kind):
-            values = _as_complex(np.asarray(self._read(name)))
-        if values.dtype.kind not in _NUMBERS_AND_TEXT:
-            raise ValueError(f"{self.path}: {name} must hold numbers or text, got {values.dtype}")
-        return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
 def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
@@ -141,39 +72,45 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
         If the file is of another kind, damaged or too large, or holds nothing.
     """
     path = existing(path)
-    kind, opener = _format_of(path)
+    is_hdf5 = h5py.is_hdf5(path)
+    reader = None if is_hdf5 else reader_of(path, "arrays")
+    if reader is not None:
+        return _opened_by(reader, path, limit)
+    kind, opener = ("HDF5 file", _open_hdf5) if is_hdf5 else _format_of(path)
+    _check_size(path, limit)
+    about: list[str] = []
+    notes: list[str] = []
+    with faults_of_parser(path, kind):
+        infos, read = opener(path, limit, about, notes)
+    return _not_empty(ArrayFile(path, kind, infos, read, limit, about, notes))
+
+
+def _opened_by(reader: Reader, path: Path, limit: int) -> ArrayFile:
+    """Open a file by the reader to which it belongs."""
+    if not reader.is_stream:
+        _check_size(path, limit)
+    with faults_of_parser(path, reader.kind):
+        opened = reader.open_arrays(path, limit)
+    return _not_empty(opened)
+
+
+def _check_size(path: Path, limit: int) -> None:
+    """Refuse a file of more bytes than a limit."""
     size = path.stat().st_size
-    if size > limit and opener is not _open_mcap:
+    if size > limit:
         raise ValueError(
             f"{path}: a file must hold at most {limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
         )
 
-    about: list[str] = []
-    notes: list[str] = []
-    with _faults_of_parser(path, kind):
-        infos, read = opener(path, limit, about, notes)
-    if not infos and not about:
-        raise ValueError(f"{path}: this {kind} holds no array")
-    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit, about, notes)
+
+def _not_empty(opened: ArrayFile) -> ArrayFile:
+    """Return a file that holds an array or states something."""
+    if not opened.arrays and not opened.about:
+        raise ValueError(f"{opened.path}: this {opened.kind} holds no array")
+    return opened
 
 
-@contextmanager
-def _faults_of_parser(path: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a parser raises on a damaged file into one ValueError that names the file."""
-    try:
-        yield
-    except MissingExtraError:
-        raise
-    except Exception as error:
-        message = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(
-            f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({message})"
-        ) from None
-
-
-_Opened = tuple[list[ArrayInfo], Callable[[str], Any]]
-"""The arrays of a file, and what reads one of them."""
-_Opener = Callable[[Path, int, list[str], list[str]], _Opened]
+_Opener = Callable[[Path, int, list[str], list[str]], Opened]
 """Opens a file with a limit for its arrays, bytes.
 
 It adds lines to what the file states, and to the notes of an import.
@@ -182,25 +119,7 @@ It adds lines to what the file states, and to the notes of an import.
 
 def _format_of(path: Path) -> tuple[str, _Opener]:
     """Return the kind of a file in words, and what opens it."""
-    if h5py.is_hdf5(path):
-        return "HDF5 file", _open_hdf5
-    with open_named(path) as file:
-        head = file.read(16)
-    if head.startswith(b"\x89MCAP"):
-        return "MCAP recording", _open_mcap
-    if is_motive(path):
-        return "take of OptiTrack Motive", _open_motive
-    for beginning, kind in _CONVERTED.items():
-        if head.startswith(beginning):
-            raise ValueError(
-                f"{path}: {kind} is not read as it is: make MCAP of it, "
-                f"mcap convert {path.name} OUT.mcap"
-            )
     suffix = path.suffix.lower()
-    if suffix == ".mcap":
-        raise ValueError(
-            f"{path}: an MCAP recording must begin with its signature: it is empty or damaged"
-        )
     if suffix in (".h5", ".hdf5"):
         raise ValueError(
             f"{path}: an HDF5 file must begin with the HDF5 signature: "
@@ -211,18 +130,10 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
             return kind, opener
     if suffix == ".zip":
         raise ValueError(f"{path}: a zip holds other files: unzip it, and give one of them")
-    if suffix in (".sigmf", ".sigmf-collection"):
-        raise ValueError(
-            f"{path}: an archive or a collection of SigMF names other files: unpack it "
-            "(tar -xf), and give the .sigmf-meta of one recording, or of several"
-        )
-    # Recordings of radars are no arrays, but what a user may have meant.
-    from flgpr.formats.gpr_files import READERS
-
+    others = ", ".join(reader.names for reader in readers() if reader.names)
     raise ValueError(
-        f"{path}: the format must be HDF5, MATLAB, MCAP, CPHD, .npz, .npy, .csv, .txt or "
-        "Touchstone (.s2p), SigMF (.sigmf-meta), or a recording of a commercial radar "
-        f"({', '.join(READERS)}), got the ending {suffix!r}"
+        f"{path}: the format must be HDF5, MATLAB, .npz, .npy, .csv, .txt"
+        f"{others and f', {others}'}, got the ending {suffix!r}"
     )
 
 
@@ -253,31 +164,10 @@ def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL
     raise ValueError(f"the {library} library crashes on it")
 
 
-def _open_mcap(path: Path, limit: int, about: list[str], notes: list[str]) -> _Opened:
-    """Open a recording."""
-    recording = Recording(path, limit, notes)
-    about += recording.lines
-    return [ArrayInfo(*array) for array in recording.arrays], recording.read
-
-
-def _open_motive(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
-    """Open a take of motion capture."""
-    arrays, units, lines = read_motive(path)
-    about += lines
-    return _from_memory(arrays, units)
-
-
-def _open_sigmf(path: Path, limit: int, about: list[str], notes: list[str]) -> _Opened:
-    """Open a SigMF recording."""
-    recording = SigmfRecording(path, limit, notes)
-    about += recording.lines
-    return [ArrayInfo(*array) for array in recording.arrays], recording.read
-
-
-def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
+def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> Opened:
     """Open an HDF5 file, after a child process has read it."""
     damaged = _damaged_in_hdf5(path)
-    infos: list[ArrayInfo] = []
+    infos: dict[str, ArrayInfo] = {}
     visited: set[str] = set()
 
     def visit(name: str, item: Any) -> None:
@@ -291,7 +181,7 @@ def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Ope
         if reason:
             about.append(f"{name}: not read: {reason}")
         else:
-            infos.append(_info_of(name, item))
+            infos[name] = _info_of(name, item)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
@@ -359,10 +249,10 @@ def _why_unreadable(kind: np.dtype[Any]) -> str:
         if are_numbers and {name.lower() for name in kind.names} in _COMPLEX_PAIRS:
             return ""
         return f"records of {', '.join(kind.names)}"
-    return "" if kind.kind in _NUMBERS_AND_TEXT else f"values of type {kind}"
+    return "" if kind.kind in NUMBERS_AND_TEXT else f"values of type {kind}"
 
 
-def _open_mat(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _Opened:
+def _open_mat(path: Path, limit: int, about: list[str], *_notes: list[str]) -> Opened:
     """Open a MATLAB file, which a child process has read."""
     arrays: dict[str, NDArray[Any]] = {}
     with tempfile.TemporaryFile() as file:
@@ -373,18 +263,18 @@ def _open_mat(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _
         while file.tell() < end:
             name = str(np.load(file, allow_pickle=False))
             arrays[name] = np.load(file, allow_pickle=False)
-    return _from_memory(arrays)
+    return from_memory(arrays)
 
 
-def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _Opened:
+def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> Opened:
     """Open an archive of NumPy."""
     with open_named(path) as file:
         archive = Archive(file, _ALL_ARRAYS * limit)
     for name, reason in archive.passed_over.items():
         about.append(f"{name}: not read: {reason}")
-    infos = []
+    infos = {}
     for name, member in archive.members.items():
-        infos.append(ArrayInfo(name, member.shape, str(member.dtype)))
+        infos[name] = ArrayInfo(name, member.shape, str(member.dtype))
 
     def read(name: str) -> Any:
         with open_named(path) as file:
@@ -393,7 +283,7 @@ def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _
     return infos, read
 
 
-def _open_npy(path: Path, *_: Any) -> _Opened:
+def _open_npy(path: Path, *_: Any) -> Opened:
     """Open a single array of NumPy."""
     with open_named(path) as file:
         shape, dtype, head = npy_header(file)
@@ -405,43 +295,12 @@ def _open_npy(path: Path, *_: Any) -> _Opened:
         with open_named(path) as file:
             return np.load(file, allow_pickle=False)
 
-    return [ArrayInfo("array", shape, str(dtype))], read
+    return {"array": ArrayInfo("array", shape, str(dtype))}, read
 
 
-def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
+def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> Opened:
     """Open a table of text."""
-    return _from_memory(read_text_table(path, notes))
-
-
-def _from_memory(arrays: dict[str, NDArray[Any]], units: dict[str, str] | None = None) -> _Opened:
-    """Return arrays that are read already, with their units."""
-    infos = []
-    for name, values in arrays.items():
-        unit = "" if units is None else units.get(name, "")
-        infos.append(ArrayInfo(name, values.shape, str(values.dtype), unit))
-    return infos, arrays.__getitem__
-
-
-def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
-    """Open a Touchstone file."""
-    library = optional("skrf", "vna")
-    text = touchstone_text(path, notes)
-    network = library.Network()
-    network.read_touchstone(text)  # given a file, the class itself tries whether it is a pickle
-    parameters = np.asarray(network.s)
-    frequency = np.asarray(network.f, dtype=np.float64)
-    if text.tones not in (0, frequency.size):
-        raise ValueError(
-            f"it holds {text.tones} tones, of which the scikit-rf library reads {frequency.size}"
-        )
-    arrays = {"frequency": frequency, "s": parameters}
-    ports = network.nports
-    separator = "" if ports < 10 else "_"
-    for row in range(ports):
-        for column in range(ports):
-            arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
-    units = dict.fromkeys(arrays, "1") | {"frequency": "Hz"}
-    return _from_memory(arrays, units)
+    return from_memory(read_text_table(path, notes))
 
 
 _FORMATS: tuple[tuple[str, str, _Opener], ...] = (
@@ -449,31 +308,4 @@ _FORMATS: tuple[tuple[str, str, _Opener], ...] = (
     (r"\.npz", "NumPy archive", _open_npz),
     (r"\.npy", "NumPy array", _open_npy),
     (r"\.(csv|txt|dat|tsv)", "table of numbers", _open_text),
-    (r"\.(s\d+p|ts)", "Touchstone file", _open_touchstone),
-    (r"\.sigmf-(meta|data)", SIGMF, _open_sigmf),
 )
-
-
-def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
-    """Return records of a real and an imaginary part as complex numbers; others as they are."""
-    names = values.dtype.names
-    if not names:
-        return values
-    name_of = {name.lower(): name for name in names}
-    for real, imaginary in _PAIRS:
-        if set(name_of) == {real, imaginary}:
-            first = values[name_of[real]]
-            second = values[name_of[imaginary]]
-            # A unit of the same precision keeps single precision single.
-            unit = np.asarray(1j)
-            kind = np.complex64 if first.dtype.itemsize == 4 else np.complex128
-            return first + unit.astype(kind) * second
-    raise ValueError(f"the array must be of numbers, got a record of {', '.join(names)}")
-
-
-def _width(dtype: str) -> int:
-    """Return the bytes of a value of a type, at least 1; 16 for text."""
-    try:
-        return np.dtype(dtype).itemsize or 1
-    except TypeError:
-        return 16

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from flgpr.formats.arrays import SIGMF, ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.draft_units import small_values
 from flgpr.model import POLARIZATIONS
 
@@ -30,8 +30,8 @@ def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
     imaginary : str or None
         The array of its imaginary part, if that is apart.
     """
-    if opened.kind == SIGMF and "sweeps" in opened.arrays:
-        return opened.arrays["sweeps"], None
+    if opened.signal:
+        return opened.arrays[opened.signal], None
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
     complex_arrays = [info for info in arrays if _COMPLEX.match(info.dtype)]
     if complex_arrays:

@@ -15,7 +15,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from flgpr.door import read_named
-from flgpr.formats.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
+from flgpr.formats.array_file import LIMIT, ArrayFile, ArrayInfo
+from flgpr.formats.arrays import open_arrays
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables, whose columns may hold text."""

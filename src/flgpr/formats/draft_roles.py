@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.formats.arrays import ArrayInfo
+from flgpr.formats.array_file import ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
 from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup, name_token
 from flgpr.formats.draft_units import unit_of

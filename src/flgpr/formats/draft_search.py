@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.formats.arrays import SIGMF, ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.draft_units import is_fast_time, small_values
 
 _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
@@ -59,9 +59,8 @@ class ArraySearch:
     def unused(self) -> list[ArrayInfo]:
         """Return the arrays that have no place yet."""
         infos = [info for info in self.opened.arrays.values() if info.name not in self.used]
-        if self.opened.kind == SIGMF and "sweeps" in self.opened.arrays:
-            # What the captures state is there for the sweeps as well.
-            infos = [info for info in infos if not info.name.startswith("captures/")]
+        if self.opened.repeated:
+            infos = [info for info in infos if not info.name.startswith(self.opened.repeated)]
         if self.topic:
             infos.sort(key=lambda info: not info.name.startswith(f"{self.topic}/"))
         return infos

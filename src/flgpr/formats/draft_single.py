@@ -9,7 +9,7 @@ import json
 import math
 import re
 
-from flgpr.formats.arrays import ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
 from flgpr.formats.draft_search import (
     GEODETIC_COMPONENTS,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.formats.arrays import ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.model.units import UNITS
 
 SMALL = 2_000_000

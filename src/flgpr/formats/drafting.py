@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.formats.arrays import LIMIT
+from flgpr.formats.array_file import LIMIT
 from flgpr.formats.draft_groups import group_files
 from flgpr.formats.draft_mapping import MappingDraft
 from flgpr.formats.draft_roles import Roles
-from flgpr.formats.explain import Explanation, explain_file
+from flgpr.formats.explain import explain_file
+from flgpr.formats.reader import Explanation
 from flgpr.store.files import existing
 
 

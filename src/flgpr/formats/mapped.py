@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.formats.arrays import LIMIT
+from flgpr.formats.array_file import LIMIT
 from flgpr.formats.impulse import impulse_to_frequency, negative_share
 from flgpr.formats.mapping import (
     Mapping,

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.formats.arrays import ArrayFile, open_arrays
+from flgpr.formats.array_file import ArrayFile
+from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapping import EntryValue, Index, Positions, Quantity, Variable, factor
 
 if TYPE_CHECKING:

@@ -13,10 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.door import read_named
-from flgpr.formats.arrays import open_arrays
-from flgpr.formats.axes import attitude_of, axes_matrix
-from flgpr.formats.mapping import factor
-from flgpr.formats.motive import is_motive
+from flgpr.formats.reader import reader_of
 from flgpr.geo.anchor import Anchor
 from flgpr.model.faults import faults_of
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
@@ -84,13 +81,13 @@ def read_track(
     """
     if heading not in ("column", "course"):
         raise ValueError(f"heading must be 'column' or 'course', got {heading!r}")
-    is_take = is_motive(existing(path, "track"))
-    if not is_take and (body is not None or axes is not None):
+    reader = reader_of(existing(path, "track"), "poses")
+    if reader is None and (body is not None or axes is not None):
         raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
     reading: list[str] = []
     with faults_of(path):
-        if is_take:
-            time, pose = _poses_of_take(Path(path), body, axes)
+        if reader is not None:
+            time, pose = reader.read_poses(Path(path), body, axes)
         else:
             columns = read_text_table(Path(path), reading)
             time, pose = _poses_of_table(columns, heading, reading)
@@ -122,40 +119,6 @@ def _poses_of_table(
     if missing:
         notes.append(f"no column tells {' and '.join(missing)}: 0 is taken")
     return time, np.stack([*position, level, pitch, roll], axis=1)
-
-
-def _poses_of_take(
-    path: Path, body: str | None, axes: Sequence[str] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return times and poses (frame, 6) of a rigid body of a take."""
-    opened = open_arrays(path)
-    bodies = []
-    for array in opened.arrays:
-        name = array.removesuffix("/rotation")
-        if name != array and f"{name}/position" in opened.arrays:
-            bodies.append(name)
-    is_known = len(bodies) == 1 if body is None else body in bodies
-    if not is_known:
-        raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
-    if axes is None:
-        raise ValueError(
-            "axes must say which of Motive's axes are the lane's x, y and z, "
-            "such as x,-z,y where Motive has y up"
-        )
-
-    name = body or bodies[0]
-    position = opened.read(f"{name}/position")
-    quaternions = opened.read(f"{name}/rotation")
-    if quaternions.shape[1] != 4:
-        raise ValueError(
-            "a take with Euler angles needs a mapping that tells their order: "
-            "export quaternions instead"
-        )
-    unit = opened.arrays[f"{name}/position"].unit
-    scale = factor(unit, "length", "the header's Length Units")
-    in_lane = scale * position @ axes_matrix(axes).T
-    pose = np.concatenate([in_lane, attitude_of(quaternions, axes, axes)], axis=1)
-    return opened.read("time"), pose
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.live.watch import Arrival, Inbox
+from flgpr.live.source import Arrival, Inbox, Source
 from flgpr.store import describe_for_live, encode_scan
 from flgpr.store.scan_file import scan_name
 
@@ -70,7 +69,7 @@ def due_times(run: xr.Dataset, rate: float | None) -> NDArray[np.float64]:
     return np.arange(count) / rate
 
 
-class RunPlayer(threading.Thread):
+class RunPlayer(Source):
     """Plays a run into the inbox of a live run, without the scans that are ``known``.
 
     Parameters
@@ -97,29 +96,21 @@ class RunPlayer(threading.Thread):
         rate: float | None = None,
         known: set[str] | None = None,
     ) -> None:
-        super().__init__(name="play a recording", daemon=True)
+        super().__init__(RECORDING, inbox)
         self._run = in_time_order(run)
-        self._inbox = inbox
         self._due = due_times(self._run, rate)
         names = [scan_name(number) for number in range(self._run.sizes["scan"])]
         self._numbers = [number for number, name in enumerate(names) if name not in (known or ())]
 
-    def run(self) -> None:
+    def bring(self) -> None:
         """Hand over the description, then every scan when it is due, then the end."""
-        try:
-            self._play()
-        except (OSError, ValueError) as error:
-            self._inbox.put(Arrival("failed", RECORDING, time.time(), value=error))
-
-    def _play(self) -> None:
-        """Play until the end, or until the live run stops."""
         description = describe_for_live(self._run)
-        self._inbox.put(Arrival("run", RECORDING, time.time(), value=description.as_json()))
+        self.inbox.put(Arrival("run", RECORDING, time.time(), value=description.as_json()))
         start = time.monotonic()
         for number in self._numbers:
             due = start + self._due[number] - self._due[self._numbers[0]]
             # Every wait ends at once where the live run stops.
-            if self._inbox.stop.wait(max(due - time.monotonic(), 0.0)):
+            if self.inbox.stop.wait(max(due - time.monotonic(), 0.0)):
                 return
             row = self._run.isel(scan=number)
             frame = encode_scan(
@@ -129,5 +120,5 @@ class RunPlayer(threading.Thread):
                 float(row["time"]),
                 description.run_id,
             )
-            self._inbox.put(Arrival("frame", scan_name(number), time.time(), frame))
-        self._inbox.put(Arrival("end", RECORDING, time.time()))
+            self.inbox.put(Arrival("frame", scan_name(number), time.time(), frame))
+        self.inbox.put(Arrival("end", RECORDING, time.time()))

@@ -12,10 +12,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from flgpr.live.source import Inbox, Source
 from flgpr.live.stream import FrameStream
 from flgpr.live.tcp import TcpAddress, listening_tcp
 from flgpr.live.unix_sockets import unix_socket
-from flgpr.live.watch import Inbox
 from flgpr.store.scan_file import MAGIC
 
 SENDERS = {
@@ -128,7 +128,7 @@ class _Sender(threading.Thread):
         return taken
 
 
-class _SenderWatch(threading.Thread):
+class _SenderWatch(Source):
     """Listens for senders on a socket; several may connect.
 
     With ``greets`` the first bytes of a sender must be those of a frame; else it is ended.
@@ -142,24 +142,23 @@ class _SenderWatch(threading.Thread):
         limits: SenderLimits | None,
         greets: bool,
     ) -> None:
-        super().__init__(name=f"listen {name}", daemon=True)
-        self._inbox = inbox
+        super().__init__(name, inbox)
         self._limits = limits or SenderLimits()
         self._greets = greets
         self._senders: list[_Sender] = []
         self._socket = listener
         self._socket.settimeout(_CHECK)
 
-    def run(self) -> None:
+    def bring(self) -> None:
         """Listen until the run ends."""
         with self._socket:
-            while not self._inbox.stop.is_set():
+            while not self.inbox.stop.is_set():
                 try:
                     connection, _ = self._socket.accept()
                 except TimeoutError:
                     continue
                 except OSError:  # the system opens no more files: who connects waits
-                    self._inbox.stop.wait(_CHECK)
+                    self.inbox.stop.wait(_CHECK)
                     continue
                 self._admit(connection)
         self._clear_away()
@@ -177,14 +176,14 @@ class _SenderWatch(threading.Thread):
         self._senders = [sender for sender in self._senders if sender.is_alive()]
         is_full = len(self._senders) >= self._limits.senders
         if is_full and not self._end_least_useful():
-            self._inbox.count_sender("refused")
+            self.inbox.count_sender("refused")
             connection.close()
             return
-        sender = _Sender(connection, self._inbox, self._limits, self._greets)
+        sender = _Sender(connection, self.inbox, self._limits, self._greets)
         try:
             sender.start()
         except RuntimeError:  # the system starts no more threads
-            self._inbox.count_sender("refused")
+            self.inbox.count_sender("refused")
             connection.close()
             return
         self._senders.append(sender)
@@ -208,7 +207,7 @@ class _SenderWatch(threading.Thread):
             return False
         least_useful = min(idle, key=lambda sender: sender.useful)
         least_useful.close()
-        self._inbox.count_sender("ended")
+        self.inbox.count_sender("ended")
         self._senders.remove(least_useful)
         return True
 

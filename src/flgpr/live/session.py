@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import os
 import queue
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -52,6 +51,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
+from flgpr.live.source import SOCKET, Arrival, Inbox, Source
 from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
@@ -63,7 +63,7 @@ from flgpr.live.state import (
 from flgpr.live.stream import largest_frame
 from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveUpdate, SettledOutcome
-from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
+from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.model import Lane
@@ -208,7 +208,7 @@ class LiveRun:
         snapshot = read_snapshot(path)
         if snapshot is not None and options.incoming is not None:
             _check_same_run(snapshot, Path(options.incoming))
-        sources: list[threading.Thread] = []
+        sources: list[Source] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
         if self._tcp is not None:

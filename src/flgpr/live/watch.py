@@ -1,21 +1,13 @@
-"""Where scans come from.
-
-The inbox of what arrived, and a folder that a thread of its own watches.
-"""
+"""Scans that a radar writes into a folder as files."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-import queue
-import threading
 import time
-from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
 
 from flgpr.door import DoorError, Folder
+from flgpr.live.source import LARGEST_FRAME, Arrival, Inbox, Source
 from flgpr.store import ScanFileError, read_description
 from flgpr.store.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
@@ -24,102 +16,18 @@ _CHECK_BUSY = 0.004
 _CHECK_AWAITED = 0.001
 _SETTLED = 0.05  # s after which a folder's time stamp shows every change
 _PATIENCE = 1.0  # s that a file may stay shorter than its header states
-_MOST_WAITING = 32
-_MOST_BYTES_WAITING = 2**28
 _MOST_FILE = 2**63  # of a file larger than a frame only the head is read
-LARGEST_FRAME = 2**28
-"""Most bytes that a frame of any run may have."""
-SOCKET = "socket"
-"""Name of arrivals over the socket."""
 
 
-@dataclass(frozen=True)
-class Arrival:
-    """A description, a frame, the end, or an error that ends the watch.
-
-    It came from ``name`` at ``when``, s since 1970. A frame that breaks the format has its
-    ScanFileError as ``value`` in place of ``data``.
-    """
-
-    kind: Literal["run", "frame", "end", "failed"]
-    name: str
-    when: float
-    data: bytes = b""
-    value: Any = None
-
-
-class ArrivalQueue(queue.Queue[Arrival]):
-    """Arrivals in their order; the queue is full with so many of them, or with so many bytes."""
-
-    def __init__(self, most: int = _MOST_WAITING, most_bytes: int = _MOST_BYTES_WAITING) -> None:
-        super().__init__(most)
-        self._most_bytes = most_bytes
-        self._bytes = 0
-
-    def _put(self, item: Arrival) -> None:
-        """Add an arrival and count its bytes."""
-        super()._put(item)
-        self._bytes += len(item.data)
-
-    def _get(self) -> Arrival:
-        """Remove an arrival and its bytes."""
-        item = super()._get()
-        self._bytes -= len(item.data)
-        return item
-
-    def _qsize(self) -> int:
-        """Return the number of arrivals; the largest one if there are too many bytes."""
-        if self._bytes >= self._most_bytes:
-            return self.maxsize
-        return super()._qsize()
-
-
-@dataclass
-class Inbox:
-    """What arrived and was not taken yet, and whether the run ends.
-
-    A source waits rather than filling the memory.
-    """
-
-    arrivals: queue.Queue[Arrival] = field(default_factory=ArrivalQueue)
-    stop: threading.Event = field(default_factory=threading.Event)
-    awaited: bool = False  #: whether the next arrival is taken at once
-    #: most bytes that a frame of the run may have; None while the run is not known
-    largest: int | None = None
-    _senders: Counter[str] = field(default_factory=Counter)
-    _counting: threading.Lock = field(default_factory=threading.Lock)
-
-    def put(self, arrival: Arrival) -> bool:
-        """Hand an arrival over; return False if the run ended before there was room."""
-        while not self.stop.is_set():
-            with contextlib.suppress(queue.Full):
-                self.arrivals.put(arrival, timeout=0.1)
-                return True
-        return False
-
-    def count_sender(self, outcome: Literal["refused", "ended"]) -> None:
-        """Count a sender on the socket that was refused when it connected, or ended later."""
-        with self._counting:
-            self._senders[outcome] += 1
-
-    def take_senders(self) -> Counter[str]:
-        """Return how many senders were refused or ended since the last call."""
-        with self._counting:
-            counts = self._senders
-            self._senders = Counter()
-        return counts
-
-
-class FolderWatch(threading.Thread):
+class FolderWatch(Source):
     """Watches a folder, which may be made later.
 
     It reads ``run.json``, then ``*.scan`` in the order of names, then ``end.json``.
     """
 
     def __init__(self, folder: Path, inbox: Inbox, known: set[str] | None = None) -> None:
-        super().__init__(name=f"watch {folder}", daemon=True)
+        super().__init__(str(folder), inbox)
         self._folder = folder
-        self._inbox = inbox
         self._known = set(known or ())
         self._began = time.time()
         self._growing: dict[str, tuple[int, float]] = {}
@@ -127,17 +35,12 @@ class FolderWatch(threading.Thread):
         self._ended = False
         self._stamp = -1
 
-    def run(self) -> None:
+    def bring(self) -> None:
         """Check the folder until the run ends."""
-        while not self._inbox.stop.is_set():
-            try:
-                busy = self._check()
-            except (OSError, ScanFileError) as error:
-                self._inbox.put(Arrival("failed", str(self._folder), time.time(), value=error))
-                return
-            if not busy:
-                pause = _CHECK_AWAITED if self._inbox.awaited else _CHECK_BUSY
-                self._inbox.stop.wait(pause)
+        while not self.inbox.stop.is_set():
+            if not self._check():
+                pause = _CHECK_AWAITED if self.inbox.awaited else _CHECK_BUSY
+                self.inbox.stop.wait(pause)
 
     def _check(self) -> bool:
         """Check the folder once; return whether a scan came."""
@@ -159,7 +62,7 @@ class FolderWatch(threading.Thread):
         # The end may be written before the last scans can be read: it is passed on after them.
         if END_FILE in names and not self._ended and not n_read and not self._growing:
             self._ended = True
-            self._inbox.put(Arrival("end", END_FILE, time.time()))
+            self.inbox.put(Arrival("end", END_FILE, time.time()))
         self._stamp = stamp if is_settled and not n_read else -1
         return n_read > 0
 
@@ -170,7 +73,7 @@ class FolderWatch(threading.Thread):
             return False
         self._described = True
         source = str(self._folder)
-        self._inbox.put(Arrival("run", source, time.time(), value=description.as_json()))
+        self.inbox.put(Arrival("run", source, time.time(), value=description.as_json()))
         return True
 
     def _forget_removed(self, names: set[str]) -> None:
@@ -196,7 +99,7 @@ class FolderWatch(threading.Thread):
             return False
         self._known.add(name)
         when = max(status.st_ctime, self._began)
-        return self._inbox.put(Arrival("frame", name, when, data))
+        return self.inbox.put(Arrival("frame", name, when, data))
 
     def _grows(self, name: str, data: bytes, size: int) -> bool:
         """Return whether a file is shorter than its header states and may still be completed."""

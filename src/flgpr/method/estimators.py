@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from importlib import import_module
 from itertools import groupby
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.detect.scorers import restored_scorer, scorer_of
+from flgpr.detect.estimator_table import find_estimator, scorer_class, trained_class
 from flgpr.detect.scorers.checks import StoredScorer
 from flgpr.method.classifier import (
     FloatArray,
@@ -25,12 +24,9 @@ from flgpr.method.classifier import (
     checked_names,
     feature_values,
 )
-from flgpr.recipe.estimator_classes import ALLOWED, GROUPED
 from flgpr.recipe.tables import DetectorTable
 from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
 
-_OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
-_NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
 LAYOUT = 2
 """Version of the layout of a trained estimator in a model.
 
@@ -38,30 +34,11 @@ The first was a file of skops, which could name what to call.
 """
 
 
-def find_estimator(name: str) -> Any:
-    """Return the class of an estimator in ``ALLOWED``.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If it is one of PyOD, and that library is not installed.
-    """
-    module, _, kind = ALLOWED[name].rpartition(".")
-    try:
-        return getattr(import_module(module), kind)
-    except ModuleNotFoundError as error:
-        if not module.startswith("pyod"):
-            raise
-        raise ModuleNotFoundError(
-            f"estimator {name} needs PyOD: pip install 'flgpr[benchmark]'"
-        ) from error
-
-
 @dataclass(frozen=True)
 class TrainedEstimator:
     """What a fitted estimator scores with."""
 
-    name: str  #: its name in ``ALLOWED``
+    name: str  #: its name in recipes
     features: tuple[str, ...]  #: columns that it reads, in order
     centre: FloatArray  #: (feature,) is subtracted from the features
     scale: FloatArray  #: (feature,) divides them then
@@ -90,8 +67,7 @@ class TrainedEstimator:
         values, complete = feature_values(features, self.features)
         confidence = np.full(len(values), np.nan)
         if complete.any():
-            outward = self.name in _OUTWARD
-            sign = 1 if self.unlike == outward else -1
+            sign = 1 if self.unlike == find_estimator(self.name).outward else -1
             scaled = (values[complete] - self.centre) / self.scale
             confidence[complete] = sign * self.scorer(scaled)
         return confidence
@@ -165,7 +141,7 @@ class TrainedEstimator:
         if not (scale > 0).all():
             raise ValueError(f"detector.scale must be positive, got {float(scale.min()):g}")
         try:
-            scorer = restored_scorer(name, about["settings"], unread, len(features))
+            scorer = scorer_class(name).restored(about["settings"], unread, len(features))
         except ValueError as error:
             raise ValueError(f"detector {str(name)[:60]!r}: {error}") from None
         return cls(name, features, centre, scale, scorer, notes, unlike)
@@ -233,7 +209,7 @@ def train_estimator(
         estimator.fit(scaled)
 
     try:
-        scorer = scorer_of(table.estimator, estimator)
+        scorer = scorer_class(table.estimator).of(estimator)
     except ValueError as error:
         raise ValueError(f"detector {table.estimator} cannot be kept: {error}") from None
     notes = {
@@ -250,7 +226,7 @@ def train_estimator(
 def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
     """Make the estimator that a recipe names, with its options, before it is fitted."""
     options: dict[str, Any] = dict(table.options)
-    if table.estimator in GROUPED:
+    if find_estimator(table.estimator).grouped:
         if "groups" in options:
             raise ValueError(
                 f"detector.options of {table.estimator} must not hold groups, as every entry of "
@@ -258,7 +234,7 @@ def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
             )
         options["groups"] = _group_sizes(features, table.features)
     try:
-        return find_estimator(table.estimator)(**options)
+        return trained_class(table.estimator)(**options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
 
@@ -279,12 +255,15 @@ def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:
     """Refuse fewer examples than an estimator can be trained with."""
     check_classes(table.on, hits, false_alarms)
     shown = {"all": hits + false_alarms, "mines": hits, "clutter": false_alarms}[table.on]
-    neighbours = int(table.options.get("n_neighbors", _NEIGHBOURS))
-    least = {"mixture": 2, "lda": 3, "knn": neighbours + 1}.get(table.estimator, 1)
+    estimator = find_estimator(table.estimator)
+    least = estimator.least
+    neighbours = int(table.options.get("n_neighbors", estimator.neighbours))
+    if estimator.neighbours:
+        least = neighbours + 1
     if shown >= least:
         return
     changes = []
-    if table.estimator == "knn" and shown > 1:
+    if estimator.neighbours and shown > 1:
         changes = [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")]
     needed = f"{least} examples or more for {table.estimator}, got {shown}"
     raise TooFewExamplesError(needed, changes=changes)

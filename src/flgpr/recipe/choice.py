@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
 
 import numpy as np
 
@@ -69,7 +68,7 @@ class Figures:
     fine: float  #: spacing of the images, m
     window: str  #: that of the images
     bands: dict[str, Band]  #: sub-bands, Hz
-    edges: dict[str, tuple[str, str]]  #: edges of the sub-bands, Hz, as TOML
+    edges: dict[str, Band]  #: sub-bands as they are written, Hz
     median_step: int  #: pixels between those of the background's median
     view_x: Band  #: borders of the run-view across, m in the lane frame
     coarse: float  #: spacing of the run-view, m
@@ -123,7 +122,7 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         fine=choice.fine,
         window=window,
         bands=choice.bands,
-        edges=_edge_texts(setup, choice),
+        edges=_edges(setup, choice),
         median_step=_median_step(choice),
         view_x=_view_x(setup, choice),
         coarse=choice.coarse,
@@ -349,17 +348,16 @@ def _spacing(cell: float, most: float) -> float:
     return min((spacing for spacing in _SPACINGS if spacing <= most), key=off)
 
 
-def _edge_texts(setup: RadarSetup, choice: _Choice) -> dict[str, tuple[str, str]]:
-    """Return the edges of the sub-bands as TOML, by name."""
-    texts = {}
+def _edges(setup: RadarSetup, choice: _Choice) -> dict[str, Band]:
+    """Return the sub-bands as a recipe writes them, Hz: edges that are no tone to six digits."""
+    edges = {}
     for name, (low, high) in choice.bands.items():
-        texts[name] = (_edge_text(setup, low), _edge_text(setup, high))
-    return texts
+        edges[name] = (_edge(setup, low), _edge(setup, high))
+    return edges
 
 
-def _edge_text(setup: RadarSetup, edge: float) -> str:
-    """Return the edge of a sub-band as TOML: to the bit where it is a tone, else six digits."""
-    return toml_frequency(edge) if edge in setup.tones else f"{edge / 1e9:.6g}e9"
+def _edge(setup: RadarSetup, edge: float) -> float:
+    return float(edge) if edge in setup.tones else float(f"{edge:.6g}")
 
 
 def pixels_of(lengths: Sequence[float], spacing: float) -> list[int]:
@@ -433,15 +431,6 @@ def _fitted_to(setup: RadarSetup) -> str:
 
 def _band_text(setup: RadarSetup) -> str:
     return f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
-
-
-def toml_frequency(frequency: float) -> str:
-    """Return a frequency in GHz as TOML, with the fewest digits that give the same number of Hz.
-
-    A tone at the edge of a band stays in it.
-    """
-    gigahertz = Decimal(repr(float(frequency))).scaleb(-9).normalize()
-    return f"{gigahertz:f}e9"
 
 
 def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:

@@ -6,18 +6,15 @@ that is made from nothing but a run. What belongs to the method stays as in the 
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from flgpr.model.printable import printable
-from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of, toml_frequency
+from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
 from flgpr.recipe.fit import FITTED_MAP
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_names, recipe_text
-from flgpr.toml_text import parse_toml
+from flgpr.toml_text import parse_toml, toml_lines
 
 Tables = dict[str, Any]
 _CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
@@ -33,7 +30,6 @@ _WHY_NOT = {
     "features.templates": "its region and its template are resolutions of its own array",
 }
 _OTHER_STAGE = "no rule fits its entries to an array"
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True)
@@ -157,7 +153,10 @@ class _Fitted:
             f"`flgpr recipe show {shown_like}`.",
         ]
         head += [f"# Left out: {reason}." for reason in self.left_out]
-        return "\n".join([*head, "", *_lines_of(self.tables, self.reasons)]) + "\n"
+        comments = {}
+        for entry, reason in self.reasons.items():
+            comments[entry] = reason if reason.startswith("assumed") else f"run: {reason}"
+        return "\n".join([*head, "", *toml_lines(self.tables, comments)]) + "\n"
 
     def _set(self, table: str, entry: str, value: Any, reason: str = "") -> None:
         """Set an entry that follows from the run."""
@@ -296,38 +295,3 @@ class _Fitted:
         if inner != list(features.inner):
             in_metres = " m x ".join(f"{length:g}" for length in lengths)
             self._set("features", "inner", inner, f"{in_metres} m of the image")
-
-
-def _lines_of(
-    table: Mapping[str, Any], reasons: Mapping[str, str], path: tuple[str, ...] = ()
-) -> list[str]:
-    """Return the lines of a table, its own entries before the tables within it."""
-    lines = []
-    inner_lines: list[str] = []
-    for name, value in table.items():
-        where = ".".join([*path, name])
-        reason = reasons.get(where, "")
-        mark = "run: " if not reason.startswith("assumed") else ""
-        comment = f"  # {mark}{reason}" if reason else ""
-        if isinstance(value, dict):
-            header = ".".join(_key(part) for part in (*path, name))
-            inner_lines += ["", f"[{header}]{comment}"]
-            inner_lines += _lines_of(value, reasons, (*path, name))
-        else:
-            lines.append(f"{_key(name)} = {_toml(value)}{comment}")
-    return lines + inner_lines
-
-
-def _key(name: str) -> str:
-    """Return a key as TOML writes it."""
-    return name if _BARE_KEY.fullmatch(name) else _toml(name)
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML writes it; frequencies in GHz."""
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml(member) for member in value)}]"
-    if isinstance(value, float) and abs(value) >= 1e6:
-        return toml_frequency(value)
-    # JSON leaves as it is the one character that TOML does not allow in a text.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
+from flgpr.detect.estimator_table import known_estimators
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane
 from flgpr.model.bounds import Largest, Spacing
-from flgpr.recipe.estimator_classes import ALLOWED
 from flgpr.stages import Positive, Table
 
 FloatArray = NDArray[np.float64]
@@ -242,7 +242,7 @@ class DetectorTable(Table):
     """The estimator that is trained on the features of alarms, and the features that it reads.
 
     ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher
-    discriminant), or one that ``ALLOWED`` in ``recipe/estimator_classes.py`` names, with its
+    discriminant), or one of ``detect/estimator_table.py`` or of another distribution, with its
     ``options``. ``scale`` "standard" brings every feature to zero mean and unit deviation before.
     ``features`` are columns; names may end in ``*``. Of "mkl" every entry is a group of features
     with a kernel of its own.
@@ -260,10 +260,9 @@ class DetectorTable(Table):
     @model_validator(mode="after")
     def _known(self) -> DetectorTable:
         """Refuse an estimator that there is not."""
-        if self.estimator not in ("fisher", *ALLOWED):
-            raise ValueError(
-                f"estimator must be one of fisher, {', '.join(ALLOWED)}, got {self.estimator!r}"
-            )
+        if self.estimator not in ("fisher", *known_estimators()):
+            known = ", ".join(("fisher", *known_estimators()))
+            raise ValueError(f"estimator must be one of {known}, got {self.estimator!r}")
         return self
 
 

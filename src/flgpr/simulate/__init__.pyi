@@ -1,6 +1,4 @@
 from flgpr.model import Sensor as Sensor
-from flgpr.simulate.full_wave.gprmax_deck import Decks as Decks
-from flgpr.simulate.full_wave.gprmax_deck import make_decks as make_decks
 from flgpr.simulate.scene.scene import Scene as Scene
 from flgpr.simulate.scene.scene import load_scene as load_scene
 from flgpr.simulate.scene.scene import sites as sites
@@ -13,3 +11,5 @@ from flgpr.simulate.scene.world import world_description as world_description
 from flgpr.simulate.simulator import Simulator as Simulator
 from flgpr.simulate.simulator import finest_cell as finest_cell
 from flgpr.simulate.simulator import simulate as simulate
+from flgpr_exchange.gprmax.decks import Decks as Decks
+from flgpr_exchange.gprmax.decks import make_decks as make_decks

@@ -37,13 +37,11 @@ PACKAGED = {
         "standing": "standing:StandingField",
         "early": "early:EarlyEchoes",
         "masks": "masks:MaskedSuppression",
-        "low-rank": "low_rank:LowRank",
         "roadside": "roadside:RoadsideSuppression",
     },
     "map": {
         "deflection": "forms:DeflectionMap",
         "neyman-pearson": "forms:NeymanPearsonMap",
-        "principal-components": "principal_components:ComponentMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
         "likelihood": "likelihood:LikelihoodMap",
@@ -52,16 +50,7 @@ PACKAGED = {
     "features": {
         "templates": "clusters:TemplateFeatures",
         "tracking": "tracking:Tracking",
-        "cfar": "anomaly:Cfar",
-        "rx": "anomaly:Rx",
-        "matched": "anomaly:Matched",
-        "network": "network:ChipNetwork",
-        "hog": "patterns:Hog",
-        "lbp": "patterns:Lbp",
-        "visual-words": "patterns:VisualWords",
-        "fisher-vectors": "patterns:FisherVectors",
         "roadside": "roadside:RoadsideShare",
-        "time-frequency": "time_frequency:TimeFrequency",
     },
 }
 FloatArray = NDArray[np.float64]
@@ -573,14 +562,26 @@ def find_stage(kind: str, name: str) -> type[Stage]:
         return packaged
     offered = {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
     if name not in offered:
-        known = ", ".join([*PACKAGED[kind], *offered])
-        raise ValueError(f"stage must be one of {known}, got {name!r}")
+        raise ValueError(f"stage must be one of {', '.join(stage_names(kind))}, got {name!r}")
     loaded = offered[name].load()
-    is_stage = isinstance(loaded, type) and issubclass(loaded, Stage)
-    if not is_stage or loaded.kind != kind:
+    if not _is_stage(loaded, kind):
         raise ValueError(
             f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, "
             f"got {loaded!r}"
         )
     stage_class: type[Stage] = loaded
     return stage_class
+
+
+def stage_names(kind: str) -> list[str]:
+    """Return the names of all stages of a kind: those of the package, then those offered."""
+    names = list(PACKAGED[kind])
+    for entry_point in entry_points(group=GROUP):
+        if _is_stage(entry_point.load(), kind):
+            names.append(entry_point.name)
+    return names
+
+
+def _is_stage(loaded: Any, kind: str) -> bool:
+    """Return whether what an entry point names is a stage of a kind."""
+    return isinstance(loaded, type) and issubclass(loaded, Stage) and loaded.kind == kind

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -10,6 +9,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+
+from flgpr.toml_text import toml_value
 
 if TYPE_CHECKING:
     from flgpr.stages import TrainingView
@@ -45,7 +46,7 @@ class Change(NamedTuple):
     table: str = ""  #: header of its table
 
     def __str__(self) -> str:
-        return f"{self.key} = {_toml(self.value)} in {self.table} (now {_toml(self.now)})"
+        return f"{self.key} = {toml_value(self.value)} in {self.table} (now {toml_value(self.now)})"
 
 
 class TooFewExamplesError(ValueError):
@@ -124,12 +125,6 @@ def header(name: str) -> str:
     kind, _, stage = name.partition(".")
     table = _HEADERS[kind]
     return f'{table} of stage "{stage}"' if table.startswith("[[") else table
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML writes it."""
-    # JSON is the same for words, numbers, truth values and lists of them.
-    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
 
 
 def looser_entries(settings: Any, values: Mapping[str, Any], table: str = "") -> list[Change]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
-from flgpr.formats import is_gpr, preview_run
+from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.json_text import parse_json
 from flgpr.store import (
     MOST_VERDICT_BYTES,
@@ -184,8 +184,8 @@ class RunFiles(IndexOnly):
 
     def __init__(self, path: str | Path) -> None:
         self.folder = Path(path).resolve()
-        is_recording = self.folder.is_file()
-        run = preview_run(path) if is_recording else open_run(path)
+        is_traces = self.folder.is_file()
+        run = recording_reader(path).preview(self.folder) if is_traces else open_run(path)
         pose = np.asarray(run["pose"].values, dtype=np.float64)
         valid = np.asarray(run["valid"].values).reshape(len(pose), -1)
         scans: dict[str, list[Any]] = {}
@@ -195,7 +195,7 @@ class RunFiles(IndexOnly):
         low = pose[:, :2].min(axis=0) - 5
         high = pose[:, :2].max(axis=0) + 5
         frequency = run["frequency"].values
-        self.title = f"{self.folder.name} ({'recording' if is_recording else 'run'})"
+        self.title = f"{self.folder.name} ({'recording' if is_traces else 'run'})"
         self.index = {
             "format": VIEW_FORMAT,
             "version": VIEW_VERSION,
@@ -214,7 +214,7 @@ class RunFiles(IndexOnly):
                 "pairs": int(run.sizes["pair"]),
                 "tones": len(frequency),
                 "frequency_hz": [float(frequency[0]), float(frequency[-1])],
-                "recording": is_recording,
+                "recording": is_traces,
                 "notes": [str(note) for note in run.attrs.get("import_notes", [])],
             },
         }
@@ -430,7 +430,7 @@ def open_source(path: str | Path, score: str | Path | None = None) -> ViewSource
         raise FileNotFoundError(f"nothing to view at {path}")
     if path.name == "alarms.csv":
         path = path.parent
-    if path.is_file() and is_gpr(path):
+    if is_recording(path):
         return RunFiles(path)
     folder = Folder(path)
     if folder.has(_MANIFEST):

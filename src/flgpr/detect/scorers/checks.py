@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, Self
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,37 +14,6 @@ from numpy.typing import NDArray
 Arrays = Mapping[str, NDArray[Any]]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-class StoredScorer(Protocol):
-    """Scores of samples from named arrays and settings."""
-
-    def __call__(self, X: FloatArray) -> FloatArray:
-        """Score samples (n_samples, n_features) as the estimator does: (n_samples,)."""
-        ...
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays that the scores depend on."""
-        ...
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings that the scores depend on, as JSON holds them."""
-        ...
-
-    @property
-    def threshold(self) -> float:
-        """Score at which the estimator itself decides."""
-        ...
-
-    @classmethod
-    def of(cls, estimator: Any) -> Self:
-        """Return the scorer of a fitted estimator."""
-        ...
-
-    @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Return the scorer of checked settings and arrays for so many features."""
-        ...
 
 
 class Checked:
@@ -162,3 +133,60 @@ def _short(value: Any) -> str:
     """Return a value as text of at most 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+class StoredScorer(ABC):
+    """Scores of samples from named arrays and settings. Its subclasses are dataclasses.
+
+    A file holds the fields without a default, those of a field that is a scorer's part as well.
+    """
+
+    threshold: float  #: score at which the estimator itself decides
+
+    @abstractmethod
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features) as the estimator does: (n_samples,)."""
+
+    @classmethod
+    @abstractmethod
+    def of(cls, estimator: Any) -> Self:
+        """Return the scorer of a fitted estimator."""
+
+    @classmethod
+    @abstractmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Return the scorer of settings and arrays for so many features, which may be more."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that the scores depend on."""
+        return {name: value for name, value in held_fields(self) if isinstance(value, np.ndarray)}
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings that the scores depend on, as JSON holds them."""
+        return {
+            name: value for name, value in held_fields(self) if not isinstance(value, np.ndarray)
+        }
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Return the scorer of a file's settings and arrays for so many features.
+
+        Raises
+        ------
+        ValueError
+            If one breaks a rule, is missing or does not belong to the estimator.
+        """
+        checked = Checked(settings, arrays)
+        scorer = cls.taken(checked, features)
+        checked.done()
+        return scorer
+
+
+def held_fields(part: Any) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of the fields that a file holds of a scorer, or of a part of one."""
+    for field in fields(part):
+        value = getattr(part, field.name)
+        if is_dataclass(value):
+            yield from held_fields(value)
+        elif field.default is MISSING:
+            yield field.name, value

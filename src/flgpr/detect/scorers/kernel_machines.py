@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
+from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
 
 KERNELS = ("linear", "rbf", "laplacian", "poly", "sigmoid")
 _VALUES_AT_ONCE = 2**22  # of a kernel matrix, in memory
@@ -39,20 +37,6 @@ class KernelSum:
         if self.kernel == "sigmoid":
             return np.asarray(np.tanh(shifted))
         return np.asarray(shifted**self.degree)
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the vectors and their weights."""
-        return {"vectors": self.vectors, "weight": self.weight}
-
-    def settings(self) -> dict[str, Any]:
-        """Return the kernel and the intercept."""
-        return {
-            "kernel": self.kernel,
-            "gamma": self.gamma,
-            "degree": self.degree,
-            "coef0": self.coef0,
-            "intercept": self.intercept,
-        }
 
     @classmethod
     def of(cls, estimator: Any, vectors: Any, weight: Any, intercept: float, gamma: float) -> Self:
@@ -123,7 +107,7 @@ def score_in_blocks(score: Any, X: FloatArray, vectors: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class VectorScorer:
+class VectorScorer(StoredScorer):
     """Compute the decision function of a support vector machine, of two classes or of one."""
 
     terms: KernelSum
@@ -137,14 +121,6 @@ class VectorScorer:
         """Score samples that are few enough for their kernel matrix to be in memory."""
         return np.asarray(self.terms.matrix(X) @ self.terms.weight + self.terms.intercept)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the support vectors and their weights."""
-        return self.terms.arrays()
-
-    def settings(self) -> dict[str, Any]:
-        """Return the kernel and the intercept."""
-        return self.terms.settings()
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted machine."""
@@ -155,16 +131,13 @@ class VectorScorer:
         return cls(KernelSum.of(estimator, vectors, weight, intercept, estimator._gamma))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
-        scorer = cls(KernelSum.taken(checked, features))
-        checked.done()
-        return scorer
+        return cls(KernelSum.taken(checked, features))
 
 
 @dataclass(frozen=True)
-class RelevanceScorer:
+class RelevanceScorer(StoredScorer):
     """Compute the log odds of a relevance vector machine.
 
     They are averaged over the weights' posterior if the machine is moderated.
@@ -193,14 +166,6 @@ class RelevanceScorer:
         variance = np.sum((basis @ self.covariance) * basis, axis=1)
         return np.asarray(mean / np.sqrt(1 + np.pi * np.maximum(variance, 0.0) / 8))
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the relevance vectors, their weights and the weights' covariance."""
-        return {**self.terms.arrays(), "covariance": self.covariance}
-
-    def settings(self) -> dict[str, Any]:
-        """Return the kernel, the intercept, and how the posterior enters."""
-        return {**self.terms.settings(), "moderated": self.moderated, "bias": self.bias}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted machine."""
@@ -215,14 +180,6 @@ class RelevanceScorer:
         return cls(terms, covariance, bool(estimator.moderated), bool(estimator._has_bias))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
-        scorer = cls.taken(checked, features)
-        checked.done()
-        return scorer
-
-    @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of settings and arrays that may hold more."""
         terms = KernelSum.taken(checked, features)
@@ -233,7 +190,7 @@ class RelevanceScorer:
 
 
 @dataclass(frozen=True)
-class OneClassRelevanceScorer:
+class OneClassRelevanceScorer(StoredScorer):
     """Compute the probability of a mine by a one-class relevance vector machine.
 
     The least probability that it calls a mine is subtracted.
@@ -250,14 +207,6 @@ class OneClassRelevanceScorer:
         log_odds = self.machine((X - self.own_centre) / self.own_scale)
         return np.asarray(logistic(log_odds) - self.offset)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the machine, and its standardisation."""
-        return {**self.machine.arrays(), "own_centre": self.own_centre, "own_scale": self.own_scale}
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings of the machine, and the offset."""
-        return {**self.machine.settings(), "offset": self.offset}
-
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted machine."""
@@ -266,17 +215,14 @@ class OneClassRelevanceScorer:
         return cls(RelevanceScorer.of(estimator), centre, scale, float(estimator.offset_))
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
         machine = RelevanceScorer.taken(checked, features)
         centre = checked.array("own_centre", (features,))
         scale = checked.array("own_scale", (features,))
         smallest = float(scale.min(initial=1.0))
         refuse_unless(bool((scale > 0).all()), "array 'own_scale' must be positive", smallest)
-        scorer = cls(machine, centre, scale, checked.number("offset"))
-        checked.done()
-        return scorer
+        return cls(machine, centre, scale, checked.number("offset"))
 
 
 def logistic(x: FloatArray) -> FloatArray:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
+from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
 
 
 @dataclass(frozen=True)
-class LinearScorer:
+class LinearScorer(StoredScorer):
     """Compute ``w · x + b``: for a logistic regression the log odds of a mine."""
 
     weight: FloatArray  #: (n_features,) w
@@ -25,10 +23,6 @@ class LinearScorer:
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
         return np.asarray(X @ self.weight + self.intercept)
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the weights."""
-        return {"weight": self.weight}
 
     def settings(self) -> dict[str, Any]:
         """Return the intercept, and whether examples weighed alike."""
@@ -45,13 +39,10 @@ class LinearScorer:
         return cls(weight, intercept, unweighted)
 
     @classmethod
-    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+    def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of a file's settings and arrays."""
-        checked = Checked(settings, arrays)
-        scorer = cls(
+        return cls(
             checked.array("weight", (features,)),
             checked.number("intercept"),
             checked.flag("plain"),
         )
-        checked.done()
-        return scorer

@@ -1,1 +1,0 @@
-"""Small scenes as input of a full-wave solver."""

@@ -1,0 +1,259 @@
+"""Lines of commercial radars and results of gprMax as stored runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from flgpr import __version__
+from flgpr.commands.importing import check_parent_folder, refuse_two_anchors, with_doubts
+from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run
+from flgpr.door import Folder
+from flgpr.formats.section import GprSection
+from flgpr.geo import anchor_from_fixes
+from flgpr.geo.anchor import Anchor
+from flgpr.model.motion import judge_run
+from flgpr.progress import Track, silent
+from flgpr.store import RunWriter, save_run, write_whole
+from flgpr.store.outputs import log_finished
+from flgpr.store.run_writer import RunExistsError
+from flgpr_exchange.gpr.files import read_gpr
+from flgpr_exchange.gpr.line_run import gpr_run
+from flgpr_exchange.gpr.survey import LineLayout, place_by_marks, read_line_ends, survey_run
+from flgpr_exchange.gprmax.deck_results import GprmaxRun
+
+_TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
+
+
+@dataclass(frozen=True)
+class LinePositions:
+    """Positions of lines of a commercial radar, as options state them."""
+
+    anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
+    anchor_from_track: bool = False  #: whether the first line's own fixes make the anchor
+    mark_spacing: float | None = None  #: distance of the marks, m
+    line_spacing: float | None = None  #: distance of parallel lines, m
+    zigzag: bool = False  #: whether every other line runs back
+    lines: PathLike | None = None  #: CSV of the ends of each line
+
+
+def import_line(
+    path: PathLike,
+    output: PathLike,
+    channel: int,
+    positions: LinePositions,
+    max_memory: int,
+    headers: Mapping[str, Any],
+) -> xr.Dataset:
+    """Import a channel of one line and store the run.
+
+    Parameters
+    ----------
+    path : path
+        The recording.
+    output : path
+        Run store to write.
+    channel : int
+        The channel.
+    positions : LinePositions
+        Where the line lies.
+    max_memory : int
+        Bytes of memory to use.
+    headers : mapping
+        Options of :func:`flgpr.formats.gpr_run` in place of the file's headers.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError
+        If something is neither in the headers nor given, or does not fit.
+    """
+    target = check_parent_folder(output)
+    section = read_gpr(path, max_memory)
+    anchor_notes: list[str] = []
+    if positions.anchor_from_track:
+        refuse_two_anchors(positions.anchor)
+        anchor, anchor_notes = anchor_of_line(section)
+    else:
+        anchor = read_optional_anchor(positions.anchor)
+
+    run = gpr_run(section, channel, anchor=anchor, **headers)
+    run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
+    run = tied_run(with_doubts(run), anchor)
+    save_run(run, target, resume=True)
+    return run
+
+
+def anchor_of_line(section: GprSection) -> tuple[Anchor | None, list[str]]:
+    """Return the anchor that a line's fixes make, with notes; fewer than two are a ValueError."""
+    try:
+        return anchor_from_fixes(section.fixes[:, 1:], section.fixes[:, 0])
+    except ValueError as error:
+        raise ValueError(f"{section.path}: {error}") from None
+
+
+def import_lines(
+    paths: Sequence[PathLike],
+    output: PathLike,
+    positions: LinePositions,
+    max_memory: int,
+    headers: Mapping[str, Any],
+) -> xr.Dataset:
+    """Import lines as one run, all channels of each, and store it.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        The recordings.
+    output : path
+        Run store to write.
+    positions : LinePositions
+        Where the lines lie.
+    max_memory : int
+        Bytes of memory to use.
+    headers : mapping
+        Options of :func:`flgpr.formats.survey_run` in place of the files' headers.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError
+        If something is neither in the headers nor given, or does not fit.
+    """
+    target = check_parent_folder(output)
+    _check_line_positions(positions)
+
+    sections = [read_gpr(path, max_memory) for path in paths]
+    if positions.mark_spacing is not None:
+        sections = [place_by_marks(section, positions.mark_spacing) for section in sections]
+
+    anchor = read_optional_anchor(positions.anchor)
+    anchor_notes: list[str] = []
+    if positions.anchor_from_track:
+        fixes = sections[0].fixes
+        anchor, anchor_notes = anchor_from_fixes(fixes[:, 1:], fixes[:, 0])
+    ends = None
+    if positions.lines is not None:
+        ends = read_line_ends(positions.lines, [section.path.name for section in sections])
+
+    layout = LineLayout(positions.line_spacing, positions.zigzag, ends)
+    run = tied_run(survey_run(sections, layout, anchor, **headers), anchor)
+
+    # Nothing is measured from the end of a line to the beginning of the next: a jump is expected.
+    doubts = judge_run(run).notes() if len(sections) == 1 else []
+    run.attrs["import_notes"] = [*anchor_notes, *run.attrs["import_notes"], *doubts]
+    save_run(run, target, resume=True)
+    return run
+
+
+def _check_line_positions(positions: LinePositions) -> None:
+    """Refuse options that contradict one another."""
+    if positions.zigzag and positions.line_spacing is None:
+        raise ValueError("zigzag goes with line-spacing, got none")
+    sources = [
+        positions.anchor is not None,
+        positions.anchor_from_track,
+        positions.line_spacing is not None,
+        positions.lines is not None,
+    ]
+    if sum(sources) > 1:
+        raise ValueError(
+            "anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one"
+        )
+
+
+def import_gprmax_decks(
+    folder: PathLike, output: PathLike, keep_direct: bool = False, track: Track = silent
+) -> list[Path]:
+    """Read the results of a folder of gprMax decks into a new run.
+
+    An interrupted import resumes with the next scan, unless a result has changed.
+
+    Parameters
+    ----------
+    folder : path
+        Folder that :func:`flgpr_exchange.gprmax.deck_folder.write_gprmax_decks` made; every input file must
+        have its result.
+    output : path
+        Run store to make. Truth, objects and lane are written beside it.
+    keep_direct : bool
+        Whether the direct wave stays in the data.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of pathlib.Path
+        What was written, the store first.
+
+    Raises
+    ------
+    ValueError
+        If a result is missing or does not fit.
+    FileExistsError
+        If another run is at the output.
+    """
+    results = GprmaxRun(folder, keep_direct)
+    store = Path(output)
+    manifest = results.manifest
+    try:
+        begun = RunWriter.resumed(
+            store,
+            results.frequency,
+            manifest["polarization"],
+            manifest["tx_position"],
+            manifest["rx_position"],
+            _attributes_of_decks(manifest, keep_direct),
+            inputs={"results": results.digest(), "flgpr": __version__},
+        )
+    except RunExistsError as error:
+        # The same run is complete already; any other one is refused.
+        if not error.same:
+            raise
+        log_finished(store)
+        return [store]
+
+    with begun as writer:
+        done = len(writer)
+        total = len(results)
+        label = f"reading results, {done} scans were there" if done else "reading results"
+        for scan in track(range(done, total), label, total - done):
+            writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
+        # The tables are written before the run, which marks a complete import.
+        tables = _copy_tables_of_decks(Path(folder), store)
+    return [store, *tables]
+
+
+def _attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[str, Any]:
+    """Return the attributes of a run that is made of decks."""
+    described = ("seed", "sensor", "grid", "soil", "surface", "omissions")
+    return {
+        "source": "gprMax, decks by flgpr",
+        "title": manifest["title"],
+        "direct_wave": "kept" if keep_direct else "taken off",
+        "fullwave": {name: manifest.get(name) for name in described},
+    }
+
+
+def _copy_tables_of_decks(folder: Path, store: Path) -> list[Path]:
+    """Copy truth, objects and lane of decks to files beside a store; return their paths."""
+    written = []
+    for name in _TABLES_OF_DECKS:
+        data = Folder(folder).read_if_listed(name)
+        if data is not None:
+            target = store.with_name(f"{store.stem}-{name}")
+            write_whole(target, data)
+            written.append(target)
+    return written

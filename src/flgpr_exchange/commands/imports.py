@@ -1,0 +1,274 @@
+"""``flgpr import gprmax``, ``import cphd`` and ``import gpr``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from flgpr.commands.imports import FromTrack, written_lines
+from flgpr.commands.options import (
+    AnchorOption,
+    Output,
+    PathLike,
+    Paths,
+    Progress,
+    one_or_more,
+    size_in_bytes,
+)
+from flgpr.commands.shell import Arguments, Offer, command
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@command(
+    lines=written_lines,
+    panels={
+        "Result files": (
+            "band",
+            "transmit",
+            "ground",
+            "horizontal",
+            "vertical",
+            "waveform",
+            "centre",
+        ),
+    },
+    resumes=True,
+)
+def import_gprmax(
+    source: Annotated[
+        Paths,
+        Argument(help="Folder of decks that flgpr wrote, with all results, or result files."),
+    ],
+    output: Output,
+    keep_direct: Annotated[
+        bool, Option("--keep-direct", help="Folder: leave the direct wave in the data.")
+    ] = False,
+    band: Annotated[
+        tuple[float, float] | None, Option(help="Files: first and last tone, Hz.")
+    ] = None,
+    transmit: Annotated[
+        str | None, Option(help="Files: polarization of the source, H or V.")
+    ] = None,
+    ground: Annotated[
+        float | None, Option(help="Files: height of the ground in the model, m.")
+    ] = None,
+    horizontal: Annotated[
+        str, Option("--h", help="Files: component of the field that is H.")
+    ] = "x",
+    vertical: Annotated[str, Option("--v", help="Files: component of the field that is V.")] = "z",
+    waveform: Annotated[
+        str | None, Option(help="Files of gprMax 3: the waveform, such as gaussiandotnorm.")
+    ] = None,
+    centre: Annotated[
+        float | None, Option(help="Files of gprMax 3: the waveform's frequency, Hz.")
+    ] = None,
+    *,
+    track: Progress = None,
+) -> list[Path]:
+    """Import gprMax results: a folder of decks that flgpr wrote, or other files, one per scan.
+
+    Returns
+    -------
+    list of pathlib.Path
+        What was written: the store, and for a folder truth, objects and lane beside it.
+
+    Raises
+    ------
+    ValueError
+        If a result is missing or does not fit, or options do not go together.
+    FileExistsError
+        If another run is at the output.
+    """
+    from flgpr.progress import silent
+    from flgpr.store import save_run
+    from flgpr.store.notes import log_note
+    from flgpr_exchange.commands.importing import import_gprmax_decks
+    from flgpr_exchange.gprmax.files import GprmaxSetup, import_gprmax_files
+
+    sources = [Path(path) for path in one_or_more(source)]
+    if len(sources) == 1 and sources[0].is_dir():
+        return import_gprmax_decks(sources[0], output, keep_direct, track or silent)
+    for path in sources:
+        if not path.exists():
+            raise FileNotFoundError(f"file not found: {path}")
+    if band is None or transmit is None or ground is None:
+        raise ValueError(
+            "result files need --band, --transmit and --ground, which they do not hold"
+        )
+    if (waveform is None) != (centre is None):
+        raise ValueError("--waveform and --centre go together")
+    pulse = None if waveform is None or centre is None else (waveform, centre)
+    stated = GprmaxSetup(band, transmit, ground, horizontal, vertical, pulse)
+    run = import_gprmax_files(sources, stated)
+    for import_note in run.attrs["import_notes"]:
+        log_note(import_note)
+    return [save_run(run, output, resume=True)]
+
+
+def _run_lines(run: xr.Dataset, call: Arguments) -> Iterator[str | Path]:
+    """Yield what was assumed, replaced or left out, and the store."""
+    for import_note in run.attrs.get("import_notes", []):
+        yield f"note: {import_note}"
+    yield call.output
+
+
+@command(lines=_run_lines)
+def import_cphd(
+    file: Annotated[PathLike, Argument(help="CPHD file.")],
+    output: Output,
+    anchor: AnchorOption = None,
+) -> xr.Dataset:
+    """Import a CPHD file.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run that was stored.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read, or was not written by flgpr and no anchor is given.
+    FileExistsError
+        If another run is at the output.
+    """
+    from flgpr.commands.importing import check_parent_folder, with_doubts
+    from flgpr.commands.positions import read_optional_anchor, tied_run
+    from flgpr.store import save_run
+    from flgpr_exchange.cphd.phase_history import read_cphd
+
+    target = check_parent_folder(output)
+    lane_anchor = read_optional_anchor(anchor)
+    run = tied_run(with_doubts(read_cphd(file, lane_anchor)), lane_anchor)
+    save_run(run, target, resume=True)
+    return run
+
+
+@command(
+    lines=_run_lines,
+    panels={
+        "Header": ("channel", "step", "time_zero", "window", "band"),
+        "Antennas": ("separation", "across", "height", "polarization"),
+        "Positions": ("anchor", "anchor_from_track", "topography", "mark_spacing"),
+        "Several lines or channels": (
+            "all_channels",
+            "channel_x",
+            "line_spacing",
+            "zigzag",
+            "lines",
+        ),
+    },
+)
+def import_gpr(
+    file: Annotated[
+        Paths,
+        Argument(
+            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .su or .ogpr; "
+            "several make a survey."
+        ),
+    ],
+    output: Output,
+    channel: Annotated[int, Option(help="Channel of a file that has several, from 0.")] = 0,
+    step: Annotated[
+        float | None, Option(help="Trace spacing, m, in place of the header's.")
+    ] = None,
+    time_zero: Annotated[float | None, Option(help="Time zero, ns after the first sample.")] = None,
+    window: Annotated[
+        float | None, Option(help="Time window, ns, in place of the header's.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, Option(help="First and last frequency to keep, Hz.")
+    ] = None,
+    separation: Annotated[float | None, Option(help="Between transmitter and receiver, m.")] = None,
+    across: Annotated[
+        bool, Option("--across", help="The antennas lie side by side, not along the line.")
+    ] = False,
+    height: Annotated[
+        float, Option(help="Antennas over the ground, m; 0 is coupled to the ground.")
+    ] = 0.0,
+    polarization: Annotated[str, Option(help="HH (dipoles across the line), HV, VH or VV.")] = "HH",
+    anchor: AnchorOption = None,
+    anchor_from_track: FromTrack = False,
+    topography: Annotated[
+        bool, Option("--topography", help="With an anchor: put the line on the receiver's heights.")
+    ] = False,
+    all_channels: Annotated[
+        bool, Option("--all-channels", help="All channels in one run, a pair each.")
+    ] = False,
+    channel_x: Annotated[
+        Sequence[float] | None,
+        Option(help="Position of a channel's antennas across the line, m; once per channel."),
+    ] = None,
+    mark_spacing: Annotated[
+        float | None, Option(help="Spacing of the marks, m, from which distances are computed.")
+    ] = None,
+    line_spacing: Annotated[
+        float | None, Option(help="Several lines: parallel, at this distance, m.")
+    ] = None,
+    zigzag: Annotated[
+        bool, Option("--zigzag", help="Several lines: every other line runs back.")
+    ] = False,
+    lines: Annotated[
+        PathLike | None, Option(help="Several lines: CSV of the ends of each line.")
+    ] = None,
+    max_memory: Annotated[str | int, Option(help="Largest array that is read.")] = "2GB",
+) -> xr.Dataset:
+    """Import a line that a commercial radar recorded, or several as a survey.
+
+    `flgpr info FILE` shows what a recording holds.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run that was stored, with ``import_notes`` of what was assumed, replaced or left out.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, or options do not go together.
+    FileExistsError
+        If another run is at the output.
+    """
+    from flgpr_exchange.commands.importing import LinePositions, import_line, import_lines
+
+    files = one_or_more(file)
+    headers: dict[str, Any] = {
+        "step": step,
+        "band": band,
+        "separation": separation,
+        "time_zero": _seconds(time_zero),
+        "window": _seconds(window),
+        "across": across,
+        "height": height,
+        "polarization": polarization,
+        "topography": topography,
+    }
+    memory = size_in_bytes(max_memory)
+    positions = LinePositions(anchor, anchor_from_track, mark_spacing, line_spacing, zigzag, lines)
+    is_survey = len(files) > 1 or all_channels or mark_spacing is not None
+    if not is_survey:
+        if line_spacing is not None or zigzag or lines is not None or channel_x:
+            raise ValueError(
+                "line-spacing, zigzag and lines are of several lines, channel-x of --all-channels"
+            )
+        return import_line(files[0], output, channel, positions, memory, headers)
+    if channel:
+        raise ValueError("channel is of a single line; a survey takes all channels")
+    headers["channel_x"] = channel_x or None
+    return import_lines(files, output, positions, memory, headers)
+
+
+def _seconds(nanoseconds: float | None) -> float | None:
+    """Return a time in seconds, where it was given."""
+    return None if nanoseconds is None else nanoseconds * 1e-9
+
+
+OFFER = Offer(
+    {"import gprmax": import_gprmax, "import cphd": import_cphd, "import gpr": import_gpr}
+)
+"""The commands of this package, by their words."""

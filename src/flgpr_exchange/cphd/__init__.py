@@ -1,0 +1,1 @@
+"""Runs as Compensated Phase History Data and back."""

@@ -1,0 +1,161 @@
+"""The XML tree of a run as CPHD (CPHD 1.1, NGA.STND.0068), from ``templates/metadata.xml``."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.geo.anchor import Anchor
+from flgpr.json_text import canonical_json
+from flgpr.model import POSE_COMPONENTS, Grid
+from flgpr.store.extras import optional
+from flgpr_exchange.documents import document
+
+FloatArray = NDArray[np.float64]
+Vectors = dict[str, NDArray[Any]]
+"""Parameters of a channel's vectors (scan, ...), by their names in CPHD."""
+ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
+TIME = "flgpr_time"
+_LONGEST_TITLE = 200  # characters
+_WORD = 8  # bytes
+_CORNERS = ((-1, 1), (1, 1), (1, -1), (-1, -1))
+"""Signs of x and y from the centre of the scene, clockwise as CPHD has them."""
+
+
+def metadata_tree(
+    run: xr.Dataset,
+    names: list[str],
+    vectors: dict[str, Vectors],
+    anchor: Anchor,
+    scene: Grid,
+    time: FloatArray,
+) -> Any:
+    """Return the XML tree of a run's channels.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    names : list of str
+        Names of the channels, ``PAIR_POLARIZATION``.
+    vectors : dict of str to dict
+        Parameters of the vectors of every channel, in the order in which a file has them.
+    anchor : Anchor
+        States where the lane lies.
+    scene : Grid
+        The ground the data are about, in the lane frame.
+    time : (scan,) ndarray of float
+        Times of the scans, s.
+
+    Returns
+    -------
+    lxml.etree._ElementTree
+        The tree, complete but for the reference geometry.
+
+    Raises
+    ------
+    MissingExtraError
+        If sarkit is not installed.
+    """
+    first = vectors[names[0]]
+    layout, vector_bytes = _layout(first)
+    middle, duration = _dwell(first)
+    text = document(
+        "flgpr_exchange.cphd",
+        "metadata.xml",
+        title=str(run.attrs.get("title", "run"))[:_LONGEST_TITLE] or "run",
+        first_time=float(time[0]),
+        last_time=float(time[-1]),
+        lowest=float(first["FX1"][0]),
+        highest=float(first["FX2"][0]),
+        nearest=float(first["TOA1"][0]),
+        farthest=float(first["TOA2"][0]),
+        place=_place(anchor, scene),
+        scene=scene,
+        scans=run.sizes["scan"],
+        tones=run.sizes["frequency"],
+        channels=[_channel(run, name) for name in names],
+        added=_added(run),
+        layout=layout,
+        vector_bytes=vector_bytes,
+        dwell_middle=middle,
+        dwell=duration,
+    )
+    etree = optional("lxml.etree", "cphd")
+    # Times of a long run are more text than a parser takes from anybody.
+    parser = etree.XMLParser(remove_blank_text=True, remove_comments=True, huge_tree=True)
+    return etree.fromstring(text, parser).getroottree()
+
+
+def _dwell(first: Vectors) -> tuple[float, float]:
+    """Return the middle and the length of the time in which the reference point is seen, s."""
+    out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
+    back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
+    # The pulse is at the reference point after the way out, a share of the time there and back.
+    two_way_time = first["RcvTime"] - first["TxTime"]
+    reached = first["TxTime"] + out / (out + back) * two_way_time
+    center = float((reached[0] + reached[-1]) / 2)
+    duration = float(reached[-1] - reached[0])
+    return center, duration
+
+
+def _place(anchor: Anchor, scene: Grid) -> dict[str, Any]:
+    """Return where the scene lies: its centre, axes and corners on the Earth."""
+    x1, x2, y1, y2 = scene.extent()
+    center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
+    lon, lat, height = anchor.to_geodetic(center).tolist()
+    half = np.array([(x2 - x1) / 2, (y2 - y1) / 2, 0.0])
+    corners = center + half * [(*signs, 0) for signs in _CORNERS]
+    return {
+        "geocentric": anchor.to_geocentric(center).tolist(),
+        "geodetic": [lat, lon, height],
+        "x_axis": anchor.turn([1.0, 0, 0]).tolist(),
+        "y_axis": anchor.turn([0, 1.0, 0]).tolist(),
+        "half": half[:2].tolist(),
+        "corners": anchor.to_geodetic(corners)[:, [1, 0]].tolist(),
+    }
+
+
+def _channel(run: xr.Dataset, name: str) -> dict[str, Any]:
+    """Return name and polarization of a channel, and whether no sweep of it is missing."""
+    pair, label = name.split("_")[:2]
+    labels = [str(one) for one in run["polarization"].values]
+    sweeps = run["valid"].values[:, labels.index(label), int(pair)]
+    return {"name": name, "label": label, "complete": bool(sweeps.all())}
+
+
+def _added(run: xr.Dataset) -> dict[str, str]:
+    """Return as JSON what of a run has no element in CPHD."""
+    attrs = {str(name): value for name, value in run.attrs.items()}
+    times = []
+    for time in run["time"].values.tolist():
+        # JSON has no NaN.
+        times.append(time if math.isfinite(time) else None)
+    return {
+        "flgpr_attrs": canonical_json(attrs).decode(),
+        "flgpr_tx_position": json.dumps(run["tx_position"].values.tolist()),
+        "flgpr_rx_position": json.dumps(run["rx_position"].values.tolist()),
+        "flgpr_frequency": json.dumps(run["frequency"].values.tolist()),
+        TIME: json.dumps(times),
+    }
+
+
+def _layout(first: Vectors) -> tuple[list[dict[str, Any]], int]:
+    """Return how the parameters of a vector lie in it, and its bytes; a number is a word."""
+    offset = 0  # in words of 8 bytes
+    layout = []
+    for name, values in first.items():
+        size = 1
+        form = "I8" if values.dtype.kind == "i" else "F8"
+        if values.ndim > 1:
+            size = 3
+            form = "X=F8;Y=F8;Z=F8;"
+        place = {"name": name, "offset": offset, "size": size, "format": form}
+        layout.append(place | {"added": name in ADDED})
+        offset += size
+    return layout, _WORD * offset

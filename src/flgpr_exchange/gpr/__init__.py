@@ -1,0 +1,1 @@
+"""Recordings of commercial ground-penetrating radars: lines of traces, placed and made runs."""

@@ -1,0 +1,378 @@
+"""A line of traces of a commercial ground-penetrating radar as a run, and described in words."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.formats.impulse import impulse_to_frequency
+from flgpr.formats.section import GprSection
+from flgpr.geo.anchor import Anchor
+from flgpr.model import make_run
+from flgpr.store.store_layout import MAX_MEMORY
+from flgpr_exchange.gpr.files import NOT_READ, READERS, read_gpr
+from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError
+from flgpr_exchange.gpr.places import doubts_of_fixes, options_that_place, trace_poses
+
+FloatArray = NDArray[np.float64]
+_BLOCK = 512  # traces that are transformed at a time
+_LOWEST = 1e6  # Hz, below which no run has tones
+_NYQUIST_SHARE = 0.9  # of the Nyquist frequency, which recorders' filters leave
+OCTAVE = 2.0
+"""Ratio of the ends of a band, at least, for the antenna's frequency to be believed."""
+
+
+class ReasonedBand(NamedTuple):
+    """A band to keep, Hz, and what the notes say of why."""
+
+    lowest: float
+    highest: float
+    reason: str
+
+
+def gpr_run(
+    section: GprSection,
+    channel: int = 0,
+    *,
+    step: float | None = None,
+    time_zero: float | None = None,
+    window: float | None = None,
+    band: tuple[float, float] | ReasonedBand | None = None,
+    separation: float | None = None,
+    across: bool = False,
+    height: float = 0.0,
+    polarization: str = "HH",
+    anchor: Anchor | None = None,
+    topography: bool = False,
+) -> xr.Dataset:
+    """Make a run of a line: one scan per trace, one pair.
+
+    The line runs along +y of the lane from its start, at x = 0, unless an anchor places it.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line (:func:`flgpr.formats.read_gpr`).
+    channel : int
+        The channel.
+    step : float, optional
+        Distance between traces, m, in place of what the headers state.
+    time_zero : float, optional
+        Time zero after the first sample, s, in place of what the headers state.
+    window : float, optional
+        Time window, s, in place of what the headers state.
+    band : tuple of float or ReasonedBand, optional
+        Band to keep, Hz. By default it is a quarter to twice the antenna's nominal frequency; up to
+        half of what the sampling holds where that is unknown, and all of it where that is less than
+        an octave of the antenna's. The notes give the reason of a ``ReasonedBand``.
+    separation : float, optional
+        Distance of the antennas, m, in place of what the headers state.
+    across : bool
+        Whether the antennas lie side by side; by default the receiver is ahead of the transmitter.
+    height : float
+        Height of the antennas over the ground, m.
+    polarization : str
+        Label of the polarization.
+    anchor : Anchor, optional
+        With it the satellite receiver's positions put the traces in the lane; traces before its
+        first and after its last are left out.
+    topography : bool
+        Whether traces are put on the receiver's heights, which else are not used.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run (:func:`flgpr.model.make_run`); ``import_notes`` state what was assumed.
+
+    Raises
+    ------
+    ValueError
+        If something is neither in the headers nor given, or does not fit.
+    """
+    channels = section.traces.shape[1]
+    if not 0 <= channel < channels:
+        raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
+    notes = list(section.history)
+    if channels > 1:
+        notes.append(
+            f"channel {channel} of {channels}: the file does not tell where their antennas are"
+        )
+    if section.gather:
+        raise ValueError(
+            f"{section.path}: its antennas move apart ({section.gather}): "
+            "it is no line of one offset and makes no run"
+        )
+
+    delay = _delay(section.delay_of(channel), time_zero, window)
+    half = _half_separation(section, separation, across, height, notes)
+    notes += _replaced(section, channel, step, time_zero, window, separation)
+    nominal = section.frequencies[channel]
+    chosen_band = _band(band, nominal, delay, notes)
+    traces, pose = trace_poses(section, step, height, anchor, topography, notes)
+    if section.marks:
+        notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
+    signal, tones = _signal(section, channel, traces, delay, chosen_band)
+
+    attrs = _attributes(section, delay, height, nominal, notes)
+    time = None if section.time is None else section.time[traces]
+    return make_run(signal[:, None, None], tones, [polarization], -half, half, pose, time, attrs)
+
+
+def _attributes(
+    section: GprSection, delay: FloatArray, height: float, nominal: float | None, notes: list[str]
+) -> dict[str, Any]:
+    """Return the attributes of the run of a line."""
+    attrs: dict[str, Any] = {
+        "title": section.title,
+        "source": f"{section.format}, {section.path.name}",
+        "import_notes": notes,
+        "sounding": "air-launched" if height > 0 else "ground-coupled",
+        # What takes the tones back to traces: a record of this length that begins at this delay.
+        "time_window_s": float((delay[1] - delay[0]) * delay.size),
+        "first_sample_s": float(delay[0]),
+        "samples": delay.size,
+    }
+    if nominal:
+        attrs["antenna_frequency_hz"] = nominal
+    return attrs
+
+
+def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str]]:
+    """Return the format of a recording, and in lines what it holds and the command to import it.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    max_memory : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    format : str
+        What it is.
+    lines : list of str
+        What it holds, or why it cannot be read.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged.
+    """
+    suffix = path.suffix.lower()
+    if suffix in NOT_READ:
+        kind, advice = NOT_READ[suffix]
+        return f"{kind} file", [f"known by its ending {suffix}; it cannot be read: {advice}"]
+    try:
+        section = read_gpr(path, max_memory)
+    except MissingHeaderError as error:
+        return READERS[suffix][0], [str(error).partition(": ")[2]]
+
+    lines = [*_size_lines(section), _antenna_line(section)]
+    lines.append(
+        f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks"
+    )
+    lines += [*section.history, *doubts_of_fixes(section)]
+    if section.gather:
+        lines.append("flgpr import gpr refuses it, for a run is a line of one offset")
+    else:
+        store = f"{shlex.quote(path.stem)}.zarr"
+        lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {store}")
+    return section.format, lines
+
+
+def _size_lines(section: GprSection) -> list[str]:
+    """Return in lines how many traces there are, how long, and how far apart."""
+    count, channels, samples = section.traces.shape
+    interval = float(section.delay[1] - section.delay[0])
+    zero = -section.delay[0] * 1e9
+    side = "after" if zero >= 0 else "before"
+    several = f", {channels} channels" if channels > 1 else ""
+    lines = [
+        f"{section.title}: {count} traces x {samples} samples{several}",
+        f"time window {samples * interval * 1e9:.6g} ns, "
+        f"time zero {abs(zero):.6g} ns {side} its start",
+    ]
+    if section.distance is not None and count > 1:
+        # There and back, where a line turns round.
+        length = float(np.abs(np.diff(section.distance)).sum())
+        lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
+    else:
+        lines.append(f"trace spacing unknown: give {options_that_place(section, '--')}")
+    return lines
+
+
+def _antenna_line(section: GprSection) -> str:
+    """Return in words what the antennas are."""
+    apart = "unknown" if section.separation is None else f"{section.separation:g} m"
+    return f"antenna {frequency_words(section.frequencies)}, separation {apart}"
+
+
+def frequency_words(frequencies: Sequence[float | None]) -> str:
+    """Return nominal frequencies of antennas, Hz, in words."""
+    labels = []
+    for frequency in frequencies:
+        labels.append("unknown" if frequency is None else f"{frequency / 1e6:g} MHz")
+    return ", ".join(labels)
+
+
+def _delay(stated: FloatArray, zero: float | None, window: float | None) -> FloatArray:
+    """Return the delays (sample,), s, with a time window and a time zero in place of the file's."""
+    stated_interval = stated[1] - stated[0]
+    interval = stated_interval if window is None else window / stated.size
+    if not INTERVALS[0] <= interval <= INTERVALS[1]:
+        raise ValueError(
+            f"window must make the samples 1e-4 to 1e3 ns apart, got {interval * 1e9:g} ns"
+        )
+    # Another window stretches the record: its time zero stays at the same sample.
+    first = -stated[0] * interval / stated_interval if zero is None else zero
+    if not abs(first) <= 100 * interval * stated.size:
+        raise ValueError(
+            f"time zero must lie near the record of {interval * stated.size:g} s, got {first:g} s"
+        )
+    return np.arange(stated.size) * interval - first
+
+
+def _half_separation(
+    section: GprSection,
+    separation: float | None,
+    across: bool,
+    height: float,
+    notes: list[str],
+) -> FloatArray:
+    """Return half the offset (1, 3) from transmitter to receiver, m, in the vehicle frame."""
+    apart = section.separation if separation is None else separation
+    if apart is None:
+        apart = 0.0
+        notes.append("no antenna separation is told: transmitter and receiver are put at one place")
+    if not (0 <= apart <= 100 and math.isfinite(height) and height >= 0):
+        raise ValueError(
+            "separation and height must not be negative, the first at most 100 m, "
+            f"got {apart}, {height}"
+        )
+    half = apart / 2
+    return np.array([[half, 0.0, 0.0] if across else [0.0, half, 0.0]])
+
+
+def _band(
+    band: tuple[float, float] | ReasonedBand | None,
+    nominal: float | None,
+    delay: FloatArray,
+    notes: list[str],
+) -> tuple[float, float]:
+    """Return the band to keep, Hz.
+
+    It is ``band`` if that is given, one about the antenna's ``nominal`` frequency, or one by the
+    sampling.
+    """
+    interval = float(delay[1] - delay[0])
+    nyquist = 0.5 / interval
+    lowest = max(_LOWEST, 1 / (interval * delay.size))
+    if nominal and nominal > nyquist:
+        notes.append(
+            f"an antenna of {nominal / 1e6:g} MHz does not fit samples {interval * 1e9:.4g} ns "
+            f"apart, which hold frequencies up to {nyquist / 1e6:g} MHz: "
+            "are antenna and time window right?"
+        )
+    if band is None:
+        low, high, reason = _usual_band(nominal, lowest, nyquist)
+    else:
+        low, high = band[:2]
+        reason = band.reason if isinstance(band, ReasonedBand) else "given"
+    if not lowest * (1 - 1e-9) <= low < high <= nyquist:
+        raise ValueError(
+            f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, "
+            f"{nyquist / 1e6:g} MHz, got {low / 1e6:g} to {high / 1e6:g} MHz: give the band, "
+            "or is the time window right?"
+        )
+    notes.append(f"impulse data taken to frequency, {low / 1e6:g} to {high / 1e6:g} MHz ({reason})")
+    return low, high
+
+
+def _usual_band(nominal: float | None, lowest: float, nyquist: float) -> ReasonedBand:
+    """Return the band that is kept where none is given, Hz."""
+    if not nominal:
+        return ReasonedBand(lowest, 0.5 * nyquist, "by the sampling")
+    low = max(nominal / 4, lowest)
+    high = min(2 * nominal, _NYQUIST_SHARE * nyquist)
+    if high < OCTAVE * low:
+        reason = "all that the sampling holds, which is hardly any of the antenna's"
+        return ReasonedBand(lowest, _NYQUIST_SHARE * nyquist, reason)
+    reason = "a quarter to twice the antenna's"
+    if low > nominal / 4 or high < 2 * nominal:
+        reason += ", within what the record and its sampling hold"
+    return ReasonedBand(low, high, reason)
+
+
+def _replaced(
+    section: GprSection,
+    channel: int,
+    step: float | None,
+    time_zero: float | None,
+    window: float | None,
+    separation: float | None,
+) -> list[str]:
+    """Return in lines what was given in place of what the file states."""
+    delay = section.delay_of(channel)
+    values: dict[str, tuple[float | None, float | None, str]] = {
+        "separation": (separation, section.separation, "m"),
+        "time window": (window, (delay[1] - delay[0]) * delay.size, "s"),
+        "time zero": (time_zero, -float(delay[0]), "s"),
+    }
+    lines = []
+    for name, (replacement, stated, unit) in values.items():
+        if replacement is None or stated is None:
+            continue
+        if not math.isclose(replacement, stated, rel_tol=1e-9, abs_tol=1e-15):
+            lines.append(
+                f"{name} {replacement:.6g} {unit} is given in place of the file's, "
+                f"{stated:.6g} {unit}"
+            )
+    if step is not None and section.distance is not None:
+        lines.append(
+            f"equal steps of {step:.6g} m are given in place of the file's "
+            f"{section.distance.size} places"
+        )
+    return lines
+
+
+def _signal(
+    section: GprSection,
+    channel: int,
+    traces: NDArray[np.int64],
+    delay: FloatArray,
+    band: tuple[float, float],
+) -> tuple[NDArray[np.complex64], FloatArray]:
+    """Return the signal (scan, tone) of some traces, and its tones, Hz.
+
+    A signal that is too large is refused before it is computed.
+    """
+    tones = _spectra(section.traces[:1, channel], delay, band)[1]
+    size = len(traces) * tones.size * 8
+    if size > section.max_memory:
+        raise ValueError(
+            f"the run must fit into {section.max_memory / 1e9:.3g} GB, "
+            f"it takes {size / 1e9:.3g} GB: narrow the band"
+        )
+    return _spectra(section.traces[traces, channel], delay, band)
+
+
+def _spectra(
+    traces: NDArray[np.floating], delay: FloatArray, band: tuple[float, float]
+) -> tuple[NDArray[np.complex64], FloatArray]:
+    """Return the spectra (trace, frequency) of traces, and their tones, Hz.
+
+    They are transformed in blocks, for a transform of all at once takes many times their memory.
+    """
+    blocks = []
+    for begin in range(0, len(traces), _BLOCK):
+        spectrum, tones = impulse_to_frequency(traces[begin : begin + _BLOCK], delay, band)
+        blocks.append(spectrum.astype(np.complex64))
+    return np.concatenate(blocks), tones

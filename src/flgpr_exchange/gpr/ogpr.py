@@ -1,0 +1,375 @@
+"""OpenGPR (.ogpr), the open format of IDS GeoRadar.
+
+It is a preamble, a JSON descriptor, and blocks of binary data. The preamble has three lines:
+``ogpr``, a check sum of 32 hexadecimal digits and a length of eight; the descriptor follows and
+states where each block lies. The block "Radar Volume" holds slices x channels x samples,
+little-endian. The block "Sample Geolocations" holds easting, northing and elevation, of every
+sample or of every trace. In version 2 it holds a record of every slice: its number, and of every
+channel easting, northing, depth and elevation of the first sample and of the last (archeogpr,
+``src/archaeogpr/io/ogpr_reader.py``, https://github.com/bruhnioli/archeogpr, which found this in a
+recorder's file). Other blocks are noted and not read.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.door import open_named
+from flgpr.json_text import parse_json
+from flgpr_exchange.gpr.parts import exact_floats, first_bytes, measured_distance
+
+FloatArray = NDArray[np.float64]
+_Shape = tuple[int, int, int]
+"""Slices, channels and samples of a volume."""
+_PREAMBLE = 47  # bytes: 5 + 33 + 9
+_LARGEST_DESCRIPTOR = 4 * 2**20
+_MOST_CHANNELS = 256
+_INTERVALS = (1e-13, 1e-6)  # s
+_FARTHEST = 1e8  # m, of a coordinate
+_POINT = 24  # bytes of easting, northing and elevation
+_VERSIONS = (1, 2)  # major numbers, whose layouts are known
+_SLICE_NUMBER = 8  # bytes at the begin of a record of version 2
+_CHANNEL_POINTS = 64  # bytes of a channel in it: eight numbers
+_TYPES = {2: "<i2", 4: "<f4"}  # by the bytes of a sample: counts, or floats
+_VOLUME = "Radar Volume"
+_GEOLOCATIONS = "Sample Geolocations"
+_NO_FIXES: FloatArray = np.empty((0, 4))
+
+
+class _PointLayout(NamedTuple):
+    """Where the first position of every slice lies."""
+
+    start: int  # bytes from the begin of the slice
+    columns: list[int]  # of easting, northing and elevation, in numbers of 8 bytes
+
+
+def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
+    """Read an OpenGPR file.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    limit : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    dict of str to Any
+        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
+
+    Raises
+    ------
+    ValueError
+        If the file contradicts itself or its size, or takes more memory.
+    """
+    descriptor = _descriptor_of(path)
+    main = _table(descriptor, "mainDescriptor")
+    samples = _count(main, "samplesCount", 2, 2**20)
+    channels = _count(main, "channelsCount", 1, _MOST_CHANNELS)
+    slices = _count(main, "slicesCount", 1, 2**31)
+    shape = (slices, channels, samples)
+
+    blocks, repeated = _blocks_of(descriptor)
+    if _VOLUME not in blocks:
+        raise ValueError(
+            f"its descriptor must name a block {_VOLUME}, got {', '.join(blocks) or 'none'}"
+        )
+    notes: list[str] = []
+    _note_version(descriptor, notes)
+    volume = blocks[_VOLUME]
+    traces = _radar_volume(path, volume, shape, limit, notes)
+
+    radar = _table(volume, "radar")
+    shortest_ns = _INTERVALS[0] * 1e9
+    longest_ns = _INTERVALS[1] * 1e9
+    interval = _number(radar, "samplingTime_ns", shortest_ns, longest_ns) * 1e-9
+    step = _number(radar, "samplingStep_m", 0.0, 1e3)
+    frequency = _frequency_of(radar)
+    notes.append("the descriptor tells no time zero: it is put at the first sample")
+
+    positions, fixes = _geolocations(path, blocks.get(_GEOLOCATIONS), shape, notes)
+    _note_unread_blocks(blocks, repeated, notes)
+    _note_unused_entries(radar, frequency, notes)
+
+    distance: FloatArray | None = None
+    if positions is not None:
+        distance = _distance_along(positions, notes)
+    elif step > 0:
+        distance = step * np.arange(slices, dtype=np.float64)
+        notes.append(f"traces are put at equal steps of {step:g} m, by samplingStep_m")
+
+    metadata = main.get("metadata")
+    name = metadata.get("swathName") if isinstance(metadata, dict) else None
+    return {
+        "traces": traces,
+        "delay": np.arange(samples) * interval,
+        "distance": distance,
+        "fixes": fixes,
+        "frequencies": (frequency,) * channels,
+        "title": str(name) if name else path.stem,
+        "history": tuple(notes),
+    }
+
+
+def _blocks_of(descriptor: dict[str, Any]) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """Return the first block of each type, and the types of those that repeat one."""
+    blocks: dict[str, dict[str, Any]] = {}
+    repeated: list[str] = []
+    for block in descriptor.get("dataBlockDescriptors") or []:
+        if not isinstance(block, dict):
+            continue
+        kind = str(block.get("type"))
+        if kind in blocks:
+            repeated.append(kind)
+        else:
+            blocks[kind] = block
+    return blocks, repeated
+
+
+def _note_unread_blocks(
+    blocks: dict[str, dict[str, Any]], repeated: list[str], notes: list[str]
+) -> None:
+    """Add notes of blocks of other kinds, and of further ones of a kind."""
+    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
+    if unknown_blocks:
+        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
+    if repeated:
+        kinds = ", ".join(sorted(set(repeated)))
+        notes.append(f"{len(repeated)} further blocks of {kinds} not read")
+
+
+def _note_version(descriptor: dict[str, Any], notes: list[str]) -> None:
+    """Add a note if the file declares a version that is not known."""
+    version = descriptor.get("version")
+    major = version.get("major") if isinstance(version, dict) else version
+    if version is not None and major not in _VERSIONS:
+        stated = version if major is None else major
+        notes.append(
+            f"its version is {str(stated)[:40]!r}, which is not known: "
+            f"it is read as version {_VERSIONS[-1]}"
+        )
+
+
+def _frequency_of(radar: dict[str, Any]) -> float | None:
+    """Return the antenna's nominal frequency, Hz; None if it is not stated."""
+    # The second name is how recorders spell it.
+    megahertz = radar.get("frequency_MHz", radar.get("fequency_MHz"))
+    if isinstance(megahertz, int | float) and 1 <= megahertz <= 1e5:
+        return float(megahertz) * 1e6
+    return None
+
+
+def _distance_along(positions: FloatArray, notes: list[str]) -> FloatArray | None:
+    """Return the distance (trace,) along positions (trace, 3), m."""
+    steps = np.hypot(*np.diff(positions[:, :2], axis=0).T)
+    distance = np.append(0.0, steps.cumsum())
+    notes.append(
+        "the distance along the line is that of the traces' coordinates, of the first channel"
+    )
+    where = "distances from trace to trace"
+    return measured_distance(distance, None, where, "the descriptor", notes)
+
+
+def _note_unused_entries(radar: dict[str, Any], frequency: float | None, notes: list[str]) -> None:
+    """Add notes of a missing frequency, and of entries of the descriptor that are not used."""
+    if frequency is None:
+        notes.append("the descriptor tells no frequency of the antenna: it is unknown")
+    polarization = radar.get("polarization")
+    if polarization is not None:
+        notes.append(f"polarization {str(polarization)[:40]!r} of the descriptor is not used")
+    speed = radar.get("propagationVelocity_mPerSec")
+    if isinstance(speed, int | float):
+        notes.append(f"the propagation velocity {speed:g} m/s of the descriptor is not used")
+
+
+def _descriptor_of(path: Path) -> dict[str, Any]:
+    """Return the descriptor, JSON, behind the preamble."""
+    raw = first_bytes(path, _PREAMBLE + _LARGEST_DESCRIPTOR)
+    if not raw.startswith(b"ogpr\n"):
+        raise ValueError(f"it must begin with the line ogpr, got {raw[:8]!r}")
+    # In Latin-1 every byte is a letter, so that the end of the JSON is found in bytes.
+    text = raw[_PREAMBLE:].decode("latin-1")
+    content = text.lstrip()
+    try:
+        _, length = json.JSONDecoder().raw_decode(content)
+    except ValueError as error:
+        raise ValueError(
+            f"its descriptor must be JSON of at most {_LARGEST_DESCRIPTOR} bytes: {error}"
+        ) from None
+    except RecursionError:
+        raise ValueError("its descriptor must not be nested so deeply") from None
+    begin = _PREAMBLE + len(text) - len(content)
+    descriptor = parse_json(raw[begin : begin + length])
+    if not isinstance(descriptor, dict):
+        raise ValueError("its descriptor must be a JSON object")
+    return descriptor
+
+
+def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return an entry that must be an object."""
+    table = entries.get(name)
+    if not isinstance(table, dict):
+        raise ValueError(f"its descriptor must hold the object {name}")
+    return table
+
+
+def _count(entries: dict[str, Any], name: str, low: int, high: int) -> int:
+    """Return an entry that must be a whole number within bounds."""
+    value = entries.get(name)
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
+    return value
+
+
+def _number(entries: dict[str, Any], name: str, low: float, high: float) -> float:
+    """Return an entry that must be a number within bounds."""
+    value = entries.get(name)
+    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"{name} must be a number from {low:g} to {high:g}, got {value!r}")
+    return float(value)
+
+
+def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
+    """Return where a block begins and how many bytes it has; it must lie in the file."""
+    size = path.stat().st_size
+    offset = _count(block, "byteOffset", 0, 2**62)
+    length = _count(block, "byteSize", 1, 2**62)
+    if offset + length > size:
+        raise ValueError(
+            f"block {block.get('type')} must end within the file's {size} bytes, "
+            f"got {offset + length}"
+        )
+    return offset, length
+
+
+def _radar_volume(
+    path: Path, block: dict[str, Any], shape: _Shape, limit: int, notes: list[str]
+) -> NDArray[np.floating[Any]]:
+    """Read the traces (slice, channel, sample)."""
+    offset, length = _block(path, block)
+    count = int(np.prod([float(size) for size in shape]))
+    width, rest = divmod(length, count)
+    if rest or width not in _TYPES:
+        raise ValueError(
+            f"block {_VOLUME} must hold {' x '.join(map(str, shape))} samples of 2 or 4 bytes, "
+            f"got {length} bytes"
+        )
+    needed = 4 * count * 2  # as 32 bit floating point, and a copy of it
+    if needed > limit:
+        raise ValueError(
+            f"it must fit into {limit / 1e9:.3g} GB, its traces take {needed / 1e9:.3g} GB"
+        )
+    stated = str(block.get("valueType", "")).lower()
+    are_floats = width == 4
+    if stated and stated.startswith("float") != are_floats:
+        notes.append(
+            f"valueType {stated!r} does not fit samples of {width} bytes: "
+            f"they are read as {_TYPES[width]}"
+        )
+    with open_named(path) as file:
+        file.seek(offset)
+        content = file.read(length)
+    values = np.frombuffer(content, dtype=_TYPES[width])
+    return exact_floats(values.reshape(shape), notes)
+
+
+def _geolocations(
+    path: Path, block: dict[str, Any] | None, shape: _Shape, notes: list[str]
+) -> tuple[FloatArray | None, FloatArray]:
+    """Return the positions (trace, 3) of the first channel, m, and its fixes (fix, 4).
+
+    There are no fixes if the reference system is not known.
+    """
+    if block is None:
+        return None, _NO_FIXES
+    offset, length = _block(path, block)
+    slices, channels, _ = shape
+    layout = _point_layout(length, shape)
+    if layout is None:
+        notes.append(
+            f"{_GEOLOCATIONS} of {length} bytes found, not understood: positions are not read"
+        )
+        return None, _NO_FIXES
+
+    positions = _first_points(path, offset, length // slices, slices, layout)
+    usable = np.isfinite(positions).all(axis=1)
+    magnitudes = np.abs(np.nan_to_num(positions))
+    usable &= (magnitudes <= _FARTHEST).all(axis=1)
+    known = np.flatnonzero(usable)
+    unusable = slices - known.size
+    if known.size < 2 or not np.ptp(positions[usable, :2], axis=0).any():
+        notes.append(
+            f"{unusable} of {slices} {_GEOLOCATIONS} are no places, and the others are too few or "
+            "all at one place: positions are not read"
+        )
+        return None, _NO_FIXES
+    if unusable:
+        notes.append(
+            f"{unusable} of {slices} {_GEOLOCATIONS} are no places: put between their neighbours"
+        )
+        trace = np.arange(slices)
+        for column in range(3):
+            positions[:, column] = np.interp(trace, known, positions[usable, column])
+    if channels > 1 and length > _POINT * slices:
+        notes.append(
+            f"{_GEOLOCATIONS} of {channels - 1} further channels are not used: "
+            "--channel-x places them"
+        )
+    return positions, _fixes(positions, known, block, notes)
+
+
+def _point_layout(length: int, shape: _Shape) -> _PointLayout | None:
+    """Return where positions lie in a block of so many bytes; None if that is not known."""
+    slices, channels, samples = shape
+    if length == slices * (_SLICE_NUMBER + _CHANNEL_POINTS * channels):
+        return _PointLayout(_SLICE_NUMBER, [0, 1, 3])
+    per_slice = _POINT * slices
+    if length in {per_slice * channels * samples, per_slice * channels, per_slice}:
+        return _PointLayout(0, [0, 1, 2])
+    return None
+
+
+def _first_points(
+    path: Path, offset: int, stride: int, slices: int, layout: _PointLayout
+) -> FloatArray:
+    """Read the first position of every slice (slice, 3): its first channel's first sample's."""
+    width = 8 * (layout.columns[-1] + 1)
+    raw = bytearray()
+    with open_named(path) as file:
+        for number in range(slices):
+            file.seek(offset + number * stride + layout.start)
+            raw += file.read(width)
+    numbers = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, -1)
+    return numbers[:, layout.columns].astype(np.float64)
+
+
+def _fixes(
+    positions: FloatArray, known: NDArray[np.intp], block: dict[str, Any], notes: list[str]
+) -> FloatArray:
+    """Return the fixes (fix, 4) of the traces whose positions (trace, 3) are ``known``.
+
+    There are none if their reference system is not known.
+    """
+    system = block.get("srs")
+    code = system.get("value") if isinstance(system, dict) else None
+    if not isinstance(code, int):
+        notes.append(f"{_GEOLOCATIONS} name no reference system: they give the distance alone")
+        return _NO_FIXES
+    from flgpr.geo.geodesy import lonlat_of  # geodesy takes its time to load, and few lines need it
+
+    try:
+        lonlat = lonlat_of(positions[known, :2], f"EPSG:{code}")
+    except ValueError as error:
+        notes.append(
+            f"{_GEOLOCATIONS} in EPSG:{code} are no places there, and give the distance alone: "
+            f"{error}"
+        )
+        return _NO_FIXES
+    notes.append(f"heights are taken as ellipsoidal: EPSG:{code} does not tell")
+    return np.column_stack([known.astype(np.float64), lonlat, positions[known, 2]])

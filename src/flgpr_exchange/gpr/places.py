@@ -1,0 +1,307 @@
+"""Where the traces of a line are: along +y by their distances, or by a satellite receiver."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.formats.section import GprSection
+from flgpr.geo.anchor import Anchor
+from flgpr.model.bounds import LARGEST
+from flgpr.model.motion import Motion, judge_poses, some_steps
+from flgpr.model.plausible import MotionLimits
+from flgpr.model.track import course, make_track, poses_at
+
+FloatArray = NDArray[np.float64]
+_MOST_HEADINGS = 4000  # fixes of a course, whose computation takes the square of their number
+_LISTED = 3  # fixes that are named
+_EARTH = 6_371_000.0  # m, its mean radius
+_LEVEL = 0.01  # m of height, that are none
+_CLOSE = 20.0  # m that the path of a receiver without corrections may be off
+_SLIP = 2  # times the traces' own distance that positions may lie apart
+
+
+def trace_poses(
+    section: GprSection,
+    step: float | None,
+    height: float,
+    anchor: Anchor | None,
+    topography: bool,
+    notes: list[str],
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the traces that have a pose, and their poses.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    step : float or None
+        Distance between traces, m, in place of the file's.
+    height : float
+        Height of the antennas over the ground, m.
+    anchor : Anchor or None
+        Takes the satellite receiver's positions to the lane; without one the line runs along +y.
+    topography : bool
+        Whether the receiver's heights are used.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    traces : (scan,) ndarray of int
+        Traces, from 0.
+    poses : (scan, 6) ndarray
+        Their poses, m and rad.
+
+    Raises
+    ------
+    ValueError
+        If positions, heights or distances that are needed are missing.
+    """
+    if anchor is not None:
+        return _poses_by_fixes(section, height, anchor, topography, notes)
+    if topography:
+        raise ValueError(
+            "topography needs an anchor and a receiver's heights: "
+            "give --anchor or --anchor-from-track"
+        )
+    if step is not None and not 1e-5 <= step <= 1e3:
+        raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
+    count = len(section.traces)
+    along = section.distance if step is None else step * np.arange(count)
+    if along is None:
+        raise ValueError(
+            f"{section.path}: its headers tell no trace spacing: give the "
+            f"{options_that_place(section)}"
+        )
+    notes.append("the line is put along +y of the lane, at x = 0")
+    if len(section.fixes):
+        notes.append(
+            f"{len(section.fixes)} positions of the satellite receiver are not used: "
+            "they need an anchor"
+        )
+    pose = np.zeros((count, 6))
+    pose[:, 1] = along
+    pose[:, 2] = height
+    return np.arange(count), pose
+
+
+def _poses_by_fixes(
+    section: GprSection, height: float, anchor: Anchor, topography: bool, notes: list[str]
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the traces between the receiver's first and last position, and their poses."""
+    if len(section.fixes) < 2:
+        raise ValueError(
+            f"{section.path}: an anchor needs positions of two traces or more, "
+            f"got {len(section.fixes)}"
+        )
+    position = anchor.from_geodetic(section.fixes[:, 1:])
+    ground = position[:, 2].copy()
+    position[:, 2] = height
+    trace, position = _plausible_fixes(section, position, notes)
+    ground = ground[np.isin(section.fixes[:, 0], trace)]
+    position[:, 2] += _topography(section, ground, anchor, topography, notes)
+
+    every = 1 + len(trace) // _MOST_HEADINGS
+    heading_of_some = np.unwrap(course(position[::every]))
+    heading = np.interp(trace, trace[::every], heading_of_some)
+    track = make_track(trace, position, heading)
+    first = math.ceil(trace[0])
+    last = math.floor(trace[-1])
+    between = np.arange(first, last + 1)
+    notes.append(
+        f"{len(between)} of {len(section.traces)} traces lie between positions of the satellite "
+        "receiver and are kept"
+    )
+    return between, poses_at(track, between)
+
+
+def options_that_place(section: GprSection, dashes: str = "") -> str:
+    """Return the options that place the traces of a line whose headers do not, in words.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    dashes : str
+        What stands before the name of an option.
+
+    Returns
+    -------
+    str
+        The options, such as "step or mark-spacing".
+    """
+    names = ["step"]
+    if len(section.marks) > 1:
+        names.append("mark-spacing")
+    if len(section.fixes) > 1:
+        names += ["anchor", "anchor-from-track"]
+    options = [dashes + name for name in names]
+    *first, last = options
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def _topography(
+    section: GprSection, ground: FloatArray, anchor: Anchor, use_heights: bool, notes: list[str]
+) -> FloatArray:
+    """Return what the receiver's heights (fix,), m in the lane, add to the antennas'.
+
+    Heights that are not used are noted.
+    """
+    if not anchor.heights_known or not np.isfinite(ground).all():
+        if use_heights:
+            raise ValueError(
+                f"{section.path}: topography needs an anchor with heights and a height of every "
+                "position"
+            )
+        return np.zeros(ground.size)
+    low = float(ground.min())
+    high = float(ground.max())
+    if use_heights:
+        notes.append(
+            f"antennas are put on the receiver's heights, {low:.2f} to {high:.2f} m in the lane; "
+            "its own height over the ground is not taken off"
+        )
+        return ground
+    if high - low > _LEVEL:
+        notes.append(
+            f"heights of the receiver from {low:.2f} to {high:.2f} m in the lane are not used: "
+            "the ground is taken as level; --topography puts the line on them"
+        )
+    return np.zeros(ground.size)
+
+
+def _plausible_fixes(
+    section: GprSection, position: FloatArray, notes: list[str]
+) -> tuple[FloatArray, FloatArray]:
+    """Return traces and positions of the fixes (fix, 3) in the lane that a vehicle can reach.
+
+    Traces in between are put on the line from fix to fix, so that one wrong fix would move all to
+    its next ones. The times are the receiver's own; the headers state at best a nominal rate of
+    traces. Fixes left out are noted.
+    """
+    trace = section.fixes[:, 0]
+    motion = _judge_fixes(section, position)
+    if motion.left_out:
+        notes.append(
+            f"{len(motion.left_out)} of {len(trace)} positions of the satellite receiver left out, "
+            f"which no vehicle reaches; traces are counted as scans: {some_steps(motion.steps)}"
+        )
+    elif motion.steps:
+        notes.append(
+            f"{len(motion.steps)} of {len(trace)} positions of the satellite receiver lie farther "
+            "from those before than a vehicle goes; they are too many to be faults, and all are "
+            f"used: {some_steps(motion.steps)}"
+        )
+    used = np.flatnonzero(motion.plausible)
+    agrees = _near_by_distance(section, trace[used], position[used])
+    if not agrees.all():
+        listed = ", ".join(f"{number:g}" for number in trace[used][~agrees][:_LISTED])
+        notes.append(
+            f"{np.count_nonzero(~agrees)} of {len(trace)} positions of the satellite receiver left "
+            "out, which are farther from those about them than the traces' own distance: "
+            f"at trace {listed}"
+        )
+    used = used[agrees]
+    return trace[used], position[used]
+
+
+def _near_by_distance(
+    section: GprSection, trace: FloatArray, position: FloatArray
+) -> NDArray[np.bool_]:
+    """Return which positions (fix, 3), m, are as near to others as the traces' distance allows.
+
+    The others are the next two of each side.
+    """
+    count = len(position)
+    if section.distance is None or count < 3:
+        return np.ones(count, bool)
+    travelled = np.append(0.0, np.abs(np.diff(section.distance)).cumsum())
+    along = np.interp(trace, np.arange(len(travelled)), travelled)
+    agrees = np.zeros(count, bool)
+    for step in (1, 2):
+        offset = position[step:, :2] - position[:-step, :2]
+        apart = np.hypot(*offset.T)
+        travelled_between = along[step:] - along[:-step]
+        allowed = _SLIP * travelled_between + _CLOSE
+        fits = apart <= allowed
+        agrees[step:] |= fits
+        agrees[:-step] |= fits
+    # Where hardly any agree, it is the distance that is wrong.
+    if 2 * np.count_nonzero(agrees) <= count:
+        return np.ones(count, bool)
+    return agrees
+
+
+def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
+    """Judge positions (fix, 3), m, of the receiver as those of a vehicle.
+
+    They are judged by their times where these go on.
+    """
+    pose = np.concatenate([position, np.zeros_like(position)], axis=1)
+    # Fixes may be as many traces apart as they like, and a receiver without corrections wanders
+    # from fix to fix.
+    limits = MotionLimits(scans=int(LARGEST), acceleration=1000.0)
+    time: FloatArray | None = None
+    if section.fix_time.size == len(position):
+        steps = np.diff(section.fix_time)
+        if (steps > 0).any() and not (steps < 0).any():
+            time = section.fix_time
+    if time is None and section.time is not None:
+        time = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time)
+    return judge_poses(pose, time, limits, np.round(section.fixes[:, 0]))
+
+
+def doubts_of_fixes(section: GprSection) -> list[str]:
+    """Return in lines what of the receiver's positions is in doubt.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+
+    Returns
+    -------
+    list of str
+        On positions that no vehicle reaches, and on a path that contradicts the traces' distances.
+    """
+    if len(section.fixes) < 2:
+        return []
+    notes: list[str] = []
+    trace, position = _plausible_fixes(section, _near_middle(section.fixes), notes)
+    lines = []
+    for note in notes:
+        lines.append(note.replace("left out, which", "an import with an anchor leaves out, which"))
+    if section.distance is None or len(trace) < 2:
+        return lines
+    steps = np.hypot(*np.diff(position[:, :2], axis=0).T)
+    by_receiver = float(steps.sum())
+    first = int(np.ceil(trace[0]))
+    last = int(np.floor(trace[-1]))
+    steps_of_traces = np.diff(section.distance[first : last + 1])
+    by_traces = float(np.abs(steps_of_traces).sum())
+    differs = abs(by_receiver - by_traces) > _CLOSE
+    ratio = by_receiver / max(by_traces, 1e-9)
+    if differs and not 0.5 < ratio < 2.0:
+        lines.append(
+            f"the satellite receiver went {by_receiver:.4g} m from trace {first} to trace {last}, "
+            f"where the traces' own distance is {by_traces:.4g} m: is their spacing right?"
+        )
+    return lines
+
+
+def _near_middle(fixes: FloatArray) -> FloatArray:
+    """Return fixes (fix, 4) as positions (fix, 3) on a plane at the middle of the line, m.
+
+    Near the middle of the line a degree is as long as there; far away it need only be far.
+    """
+    longitude = np.radians(fixes[:, 1])
+    latitude = np.radians(fixes[:, 2])
+    middle = float(np.median(latitude))
+    # The difference of longitudes is wrapped: a line may cross the date line.
+    difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
+    east = difference * math.cos(middle)
+    north = latitude - middle
+    return _EARTH * np.stack([east, north, np.zeros_like(east)], axis=1)

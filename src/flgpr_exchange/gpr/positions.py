@@ -1,0 +1,516 @@
+"""Positions of a satellite receiver in files that lie beside a recording.
+
+``.gps`` and ``.gp2`` are Sensors & Software's, ``.dzg`` GSSI's, ``.cor`` MALÅ's and ImpulseRadar's.
+Their layouts are as files show them and as RGPR, readgssi, ridal and ImpDAR read them. What is in
+them and not used is counted in ``notes``; nothing in such a file keeps the recording itself from
+being read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr_exchange.gpr.parts import (
+    DAY,
+    FOOT,
+    FloatArray,
+    find_companion,
+    is_header_line,
+    read_companion,
+)
+
+NO_FIXES: FloatArray = np.empty((0, 4))
+_SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
+_TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
+_SCAN = re.compile(r"\s*\$GSSIS,(\d{1,9})")
+_NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
+"""Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
+_ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
+_ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
+_ANGLE_SIGNS = re.compile("[°º'’′\"”″]+")  # of degrees, minutes and seconds
+_HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+_LARGEST_HEIGHT = 1e5  # m
+
+
+class Fix(NamedTuple):
+    """A position of a satellite receiver, as a file states it."""
+
+    trace: float  #: from 0
+    longitude: float  #: degrees, WGS 84
+    latitude: float
+    height: float  #: over the ellipsoid, m; NaN if the file states none
+    time: float = np.nan  #: s of the day; NaN if unknown
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """The positions that are used, in the order of their traces."""
+
+    #: (fix, 4): trace, longitude, latitude, height
+    table: FloatArray = field(default_factory=lambda: NO_FIXES)
+    #: (fix,) s of the first day, NaN where unknown
+    time: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+class _SentenceLayout(NamedTuple):
+    """Where the cells of a sentence of NMEA 0183 are."""
+
+    latitude: int  # its letter, the longitude and that one's letter follow
+    quality: int
+    no_fix: str  # quality of a receiver that has no position
+    cells: int  # at least
+
+
+_GGA_QUALITY = 5
+_LAYOUTS = {
+    "GGA": _SentenceLayout(1, _GGA_QUALITY, "0", 11),
+    "RMC": _SentenceLayout(2, 1, "V", 6),
+}
+
+
+@dataclass
+class _Sentences:
+    """The positions of the sentences of a file, and counts of what is not used or not sure."""
+
+    fixes: dict[str, list[Fix]] = field(default_factory=lambda: {"GGA": [], "RMC": []})
+    count: int = 0
+    without_trace: int = 0
+    unusable: int = 0
+    not_measured: Counter[str] = field(default_factory=Counter)
+
+    def add(self, kind: str, cells: Sequence[str], trace: int | None) -> None:
+        """Add a sentence of a kind, GGA or RMC, that belongs to a trace, from 0."""
+        self.count += 1
+        fix = _fix_of_sentence(kind, cells, trace)
+        if fix is None:
+            self.unusable += 1
+            return
+        if kind == "GGA" and cells[_GGA_QUALITY] in _NOT_MEASURED:
+            quality = _NOT_MEASURED[cells[_GGA_QUALITY]]
+            self.not_measured[quality] += 1
+        if trace is None:
+            self.without_trace += 1
+        else:
+            self.fixes[kind].append(fix)
+
+    def note_counts(self, name: str, notes: list[str]) -> None:
+        """Add notes of the counts; ``name`` is the file's."""
+        if not self.count:
+            notes.append(f"{name} was found and holds no position that is understood")
+        if self.unusable:
+            notes.append(
+                f"{self.unusable} of {self.count} sentences of {name} tell no position "
+                "(the receiver had no fix)"
+            )
+        for quality, number in self.not_measured.items():
+            notes.append(
+                f"{number} of {self.count} sentences of {name} are {quality}: they are used"
+            )
+        if self.without_trace:
+            notes.append(f"{self.without_trace} positions of {name} name no trace and are not used")
+        if self.fixes["RMC"] and not self.fixes["GGA"]:
+            notes.append(f"{name} holds RMC sentences alone, which tell no height")
+
+
+def nmea_fixes(
+    path: Path | None, count: int, notes: list[str], numbers: NDArray[np.integer] | None = None
+) -> Fixes:
+    """Read the positions of a file of NMEA sentences beside a recording.
+
+    Each follows a line that names its trace, or stands in a row that begins with it. GGA is used;
+    RMC, which has no height, where there is no GGA.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None if there is none.
+    count : int
+        Traces of the recording.
+    notes : list of str
+        Notes are added to it.
+    numbers : (trace,) ndarray of int, optional
+        The traces' own numbers from 1 on, where a recording has them.
+
+    Returns
+    -------
+    Fixes
+        The positions that are used.
+    """
+    text = _companion_text(path, notes)
+    if path is None or text is None:
+        return Fixes()
+    sentences = _Sentences()
+    trace: int | None = None
+    for line in text.splitlines():
+        trace = _trace_in(line, trace)
+        sentence = _SENTENCE.search(line)
+        if sentence is None:
+            continue
+        row = _ROW.match(line[: sentence.start()])
+        if row is not None:
+            trace = int(row[1]) - 1
+        sentences.add(sentence[1], sentence[2].split(","), trace)
+
+    sentences.note_counts(path.name, notes)
+    # RMC would add the same positions once more, without a height.
+    fixes = sentences.fixes["GGA"] or sentences.fixes["RMC"]
+    return settle_fixes(fixes, count, notes, path.name, numbers)
+
+
+def _companion_text(path: Path | None, notes: list[str]) -> str | None:
+    """Return the text of a file beside a recording; None if there is none or it is not a text."""
+    if path is None:
+        return None
+    try:
+        return read_companion(path, notes)
+    except ValueError as error:
+        notes.append(f"{path.name} was found and not understood: {error}")
+        return None
+
+
+def _trace_in(line: str, before: int | None) -> int | None:
+    """Return the trace, from 0, that a line names, else the one ``before``."""
+    by_number = _TRACE.match(line)
+    if by_number is not None:
+        return int(by_number[1]) - 1
+    by_scan = _SCAN.match(line)
+    return before if by_scan is None else int(by_scan[1])
+
+
+def _fix_of_sentence(kind: str, cells: Sequence[str], trace: int | None) -> Fix | None:
+    """Return the position of a GGA or RMC sentence (NMEA 0183); None if it states none."""
+    layout = _LAYOUTS[kind]
+    if len(cells) < layout.cells or cells[layout.quality] in (layout.no_fix, ""):
+        return None
+    north, north_letter, east, east_letter = cells[layout.latitude : layout.latitude + 4]
+    try:
+        latitude = _nmea_degrees(north)
+        longitude = _nmea_degrees(east)
+        height = _gga_height(cells) if kind == "GGA" else np.nan
+    except (ValueError, OverflowError):
+        return None
+    if north_letter == "S":
+        latitude = -latitude
+    if east_letter == "W":
+        longitude = -longitude
+    number = np.nan if trace is None else trace
+    return Fix(number, longitude, latitude, height, _clock_time(cells[0]))
+
+
+def _nmea_degrees(text: str) -> float:
+    """Return degrees of ``dddmm.mmmm``."""
+    value = float(text)
+    degrees = int(value // 100)
+    minutes = value % 100
+    return degrees + minutes / 60
+
+
+def _gga_height(cells: Sequence[str]) -> float:
+    """Return the height over the ellipsoid, m.
+
+    It is that over the sea and the geoid's, in the units that the cells name.
+    """
+    if not cells[8]:
+        return np.nan
+    height = float(cells[8]) * _metres_of(cells[9])
+    if len(cells) > 11 and cells[10]:
+        height += float(cells[10]) * _metres_of(cells[11])
+    return height
+
+
+def _metres_of(unit: str) -> float:
+    """Return the metres of a unit of GGA: F is feet, and all else metres."""
+    return FOOT if unit.upper() == "F" else 1.0
+
+
+def _clock_time(text: str) -> float:
+    """Return the second of the day of ``hhmmss.ss`` or ``hh:mm:ss``; NaN if it is none."""
+    match = re.fullmatch(r"(\d{1,2}):?(\d{2}):?(\d{2}(?:[.,]\d*)?)", text.strip())
+    if match is None:
+        return np.nan
+    hours, minutes, seconds = match.groups()
+    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+
+
+def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
+    """Read the positions of a ``.cor``.
+
+    Its columns are trace (from 1), date, time, latitude, N or S, longitude, E or W, height. They
+    are parted by tabs, blanks, semicolons or commas; decimals may have commas where commas do not
+    part the columns. Latitude and longitude may be ``deg:min:s``, or have the signs of these, and
+    may carry their letter or a sign. A row with another letter is not understood: O is east in
+    German, and west in French and Spanish.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None if there is none.
+    count : int
+        Traces of the recording.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    Fixes
+        The positions that are used.
+    """
+    text = _companion_text(path, notes)
+    if path is None or text is None:
+        return Fixes()
+    fixes: list[Fix] = []
+    strange = 0
+    for number, line in enumerate(text.splitlines()):
+        content = line.strip()
+        names_columns = not fixes and is_header_line(line)
+        is_text = number == 0 and not content.lstrip("\"'")[:1].isdigit()
+        if not content or names_columns or is_text:
+            continue
+        fix = _fix_of_row(_cor_cells(content))
+        if fix is None:
+            strange += 1
+        else:
+            fixes.append(fix)
+    if strange:
+        notes.append(
+            f"{strange} of {strange + len(fixes)} lines of {path.name} were not understood "
+            "and are left out"
+        )
+    return settle_fixes(fixes, count, notes, path.name)
+
+
+def _cor_cells(line: str) -> list[str]:
+    """Split a line of a ``.cor`` into cells with decimal points."""
+    cells = re.split(r"[;\t ]+", line.strip(";"))
+    if len(cells) >= 5:  # commas are decimal, or stand beside blanks
+        return [cell.strip('",').replace(",", ".") for cell in cells]
+    return [cell.strip('" ') for cell in re.split(r"[,;\t]", line)]
+
+
+def _fix_of_row(cells: Sequence[str]) -> Fix | None:
+    """Return the position that a row of a ``.cor`` states; None if it is not understood."""
+    if len(cells) < 6 or not re.fullmatch(r"\d{1,9}(\.0*)?", cells[0]):
+        return None
+    latitude, position = _angle_at(cells, 3, "NS")
+    longitude, position = _angle_at(cells, position, "EW")
+    if latitude is None or longitude is None:
+        return None
+    height = np.nan
+    if position < len(cells):
+        match = _HEIGHT.match(cells[position])
+        height = float(match[0]) if match else np.nan
+    return Fix(float(cells[0]) - 1, longitude, latitude, height, _clock_time(cells[2]))
+
+
+def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float | None, int]:
+    """Return an angle that begins at a cell, and the position of the cell that follows.
+
+    Its letter is before, within or after it. The angle is None if the cell is none.
+    """
+    side = _letter_at(cells, position, letters)
+    if side:
+        position += 1
+    match = _match_angle(cells[position]) if position < len(cells) else None
+    if match is None:
+        return None, position
+    before, digits, behind = match.groups()
+    side = side or before or behind
+    position += 1
+    if not side:
+        side = _letter_at(cells, position, letters)
+        if side:
+            position += 1
+    if (side and side not in letters) or _is_strange_letter(cells, position):
+        return None, position
+    try:
+        sexagesimal = [float(number) for number in digits.split(":")]
+    except ValueError:
+        return None, position
+    angle = sum(abs(number) / 60**power for power, number in enumerate(sexagesimal))
+    is_negative = digits.startswith("-") or side == letters[1]
+    return (-angle if is_negative else angle), position
+
+
+def _match_angle(cell: str) -> re.Match[str] | None:
+    """Match an angle whose degrees, minutes and seconds may have their signs."""
+    parted = _ANGLE_SIGNS.sub(":", cell.upper())
+    # The sign behind the last number parts nothing.
+    return _ANGLE.fullmatch(re.sub(r":(?=[NSEW]?$)", "", parted))
+
+
+def _is_strange_letter(cells: Sequence[str], position: int) -> bool:
+    """Return whether the cell behind an angle is a letter of another language.
+
+    M is the unit of a height that is missing.
+    """
+    if position >= len(cells):
+        return False
+    return re.fullmatch(r"[^\W\d_Mm]", cells[position]) is not None
+
+
+def _letter_at(cells: Sequence[str], position: int, letters: str) -> str:
+    """Return the letter in a cell that is one of two; empty if it is another cell."""
+    if position >= len(cells):
+        return ""
+    letter = cells[position].upper()
+    return letter if letter in tuple(letters) else ""
+
+
+def settle_fixes(
+    fixes: Sequence[Fix],
+    count: int,
+    notes: list[str],
+    name: str,
+    numbers: NDArray[np.integer] | None = None,
+) -> Fixes:
+    """Return the positions that lie on the Earth and on a trace, the first of each trace.
+
+    Where the trace numbers of a file begin anew, lines were merged: then a position belongs to the
+    trace of its own line, if the traces' own numbers begin anew as often. Otherwise those from
+    there on are left out.
+
+    Parameters
+    ----------
+    fixes : sequence of Fix
+        The positions in the order of the file.
+    count : int
+        Traces of the recording.
+    notes : list of str
+        Notes are added to it.
+    name : str
+        What holds the positions.
+    numbers : (trace,) ndarray of int, optional
+        The traces' own numbers from 1 on.
+
+    Returns
+    -------
+    Fixes
+        The positions that are used.
+    """
+    table = np.array(fixes, dtype=np.float64).reshape(-1, 5)
+    table = _on_own_lines(table, notes, name, numbers)
+    table = table[_on_earth(table, count, len(fixes), notes)]
+    table[:, 4] = _over_midnight(table[:, 4])
+
+    back = np.diff(table[:, 4]) < 0
+    if back.any():
+        notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
+    _, first = np.unique(table[:, 0], return_index=True)
+    further = len(table) - first.size
+    if further:
+        notes.append(f"{further} positions are further ones of the same trace: its first is used")
+    table = table[first]
+    unknown = np.isnan(table[:, 3])
+    if unknown.any():
+        notes.append(
+            f"{np.count_nonzero(unknown)} of {len(table)} positions tell no height: 0 m is taken"
+        )
+        table[unknown, 3] = 0.0
+    return Fixes(table[:, :4], table[:, 4])
+
+
+def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> NDArray[np.bool_]:
+    """Return which positions (fix, 5) lie on the Earth and on one of ``count`` traces.
+
+    0 N 0 E is what recorders write without a position. ``total`` positions are in the file.
+    """
+    trace, longitude, latitude, height = table[:, :4].T
+    at_zero = (longitude == 0) & (latitude == 0)
+    if at_zero.any():
+        notes.append(
+            f"{np.count_nonzero(at_zero)} of {total} positions left out: "
+            "0 N 0 E, where no receiver was"
+        )
+
+    usable = np.isfinite(table[:, :3]).all(axis=1)
+    usable &= (np.abs(longitude) <= 180) & (np.abs(latitude) <= 90)
+    usable &= (trace >= 0) & (trace < count)
+    usable &= ~(np.abs(height) >= _LARGEST_HEIGHT)  # an unknown height, NaN, is allowed
+    lost = np.count_nonzero(~(usable | at_zero))
+    if lost:
+        notes.append(f"{lost} of {total} positions left out: no place on the Earth, or no trace")
+    return usable & ~at_zero
+
+
+def _on_own_lines(
+    table: FloatArray, notes: list[str], name: str, numbers: NDArray[np.integer] | None
+) -> FloatArray:
+    """Return positions (fix, 5) of merged lines on their own traces.
+
+    Those whose line is not known are left out. ``numbers`` (trace,) are the traces' own.
+    """
+    restarts = _restarts(table[:, 0])
+    if not restarts.size:
+        return table
+    starts = np.empty(0, int)
+    if numbers is not None:
+        starts = np.flatnonzero(np.diff(numbers) < 0) + 1
+    if numbers is None or starts.size != restarts.size:
+        lost = len(table) - restarts[0]
+        notes.append(
+            f"{lost} of {len(table)} positions of {name} left out: its trace numbers begin anew, "
+            "as those of merged lines, and the traces do not tell where"
+        )
+        return table[: restarts[0]]
+
+    settled = table.copy()
+    line_of_fix = np.searchsorted(restarts, np.arange(len(table)), side="right")
+    edges = [0, *starts.tolist(), len(numbers)]
+    lines = len(edges) - 1
+    for line in range(lines):
+        traces = np.arange(edges[line], edges[line + 1])
+        fixes = np.flatnonzero(line_of_fix == line)
+        trace_number = table[fixes, 0] + 1
+        match = np.searchsorted(numbers[traces], trace_number)
+        nearest = traces[np.minimum(match, traces.size - 1)]
+        is_there = (match < traces.size) & (numbers[nearest] == trace_number)
+        settled[fixes, 0] = np.where(is_there, nearest, np.nan)
+    notes.append(
+        f"{lines} lines were merged: the positions of {name} are put on the traces of their own "
+        "line"
+    )
+    return settled
+
+
+def _restarts(trace: FloatArray) -> NDArray[np.intp]:
+    """Return where trace numbers begin anew.
+
+    There they fall, and the next one does not go on from before the fall.
+    """
+    falls = np.flatnonzero(np.diff(trace) < 0) + 1
+    following = np.append(trace, -np.inf)
+    return falls[following[falls + 1] < trace[falls - 1]]
+
+
+def _over_midnight(time: FloatArray) -> FloatArray:
+    """Return times of the day, s, counted on where they pass midnight."""
+    known = np.flatnonzero(np.isfinite(time))
+    passes = np.append(0, np.diff(time[known]) < -DAY / 2)
+    time[known] += DAY * np.cumsum(passes)[: known.size]
+    return time
+
+
+def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:
+    """Add notes of the files of the same name that lie beside a recording and are not read.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    suffixes : sequence of str
+        Endings of the files.
+    notes : list of str
+        Takes a line for each that is there.
+    """
+    for suffix in suffixes:
+        companion = find_companion(path, suffix)
+        if companion is not None:
+            notes.append(f"{companion.name} lies beside it and is not read")

@@ -1,0 +1,243 @@
+"""SEG-Y of revisions 0 to 2, as radars write it, and Seismic Unix."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr_exchange.gpr.parts import (
+    FOOT,
+    INTERVALS,
+    ZERO_ASSUMED,
+    exact_floats,
+    first_bytes,
+    read_records,
+)
+from flgpr_exchange.gpr.segy_layout import (
+    HEAD,
+    PICOSECOND,
+    TRACE_HEAD,
+    TraceLayout,
+    interval_of,
+    layout_of,
+    order_and_format,
+    record_type,
+    revision_of,
+    word_at,
+)
+from flgpr_exchange.gpr.segy_places import HeaderGeometry, geometry_of
+
+_IBM = 1
+_IEEE = 5
+_DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
+
+
+def read_segy(path: Path, limit: int) -> dict[str, Any]:
+    """Read a SEG-Y file.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    limit : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    dict of str to Any
+        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
+
+    Raises
+    ------
+    ValueError
+        If the file contradicts itself.
+    """
+    raw = first_bytes(path, HEAD + TRACE_HEAD)
+    if len(raw) < HEAD:
+        raise ValueError(f"its headers must have {HEAD} bytes, the file has {len(raw)}")
+    notes: list[str] = []
+    order, code = order_and_format(raw)
+
+    revision = revision_of(raw, order, notes)
+    layout = layout_of(path, raw, order, code, revision, notes)
+    interval = interval_of(raw, order, revision, notes)
+    notes.append(
+        "the sample interval is taken as picoseconds, as radars write it; "
+        "SEG-Y itself has microseconds"
+    )
+    notes.append(ZERO_ASSUMED)
+
+    record = record_type(layout, order, code)
+    table = read_records(path, layout.start, record, None, notes, limit, layout.end)
+    samples = _ibm(table["samples"]) if code == _IBM else table["samples"]
+    traces = exact_floats(samples, notes)
+    _check_trace_headers(table, layout.samples, interval, notes)
+    _leave_dead_out(table, traces, notes)
+    geometry = geometry_of(table, _unit_of_length(raw, order, notes), notes)
+    return _entries(traces, layout.samples, interval, geometry, notes)
+
+
+def _entries(
+    traces: NDArray[np.floating[Any]],
+    samples: int,
+    interval: float,
+    geometry: HeaderGeometry,
+    notes: list[str],
+) -> dict[str, Any]:
+    """Return the entries of a section of traces (trace, sample) at an interval, s."""
+    return {
+        "traces": traces[:, None],
+        "delay": np.arange(samples) * interval,
+        "distance": geometry.distance,
+        "fixes": geometry.fixes.table,
+        "fix_time": geometry.fixes.time,
+        "separation": geometry.separation,
+        "gather": geometry.gather,
+        "history": tuple(notes),
+    }
+
+
+def _leave_dead_out(
+    table: NDArray[Any], traces: NDArray[np.floating[Any]], notes: list[str]
+) -> None:
+    """Make traces (trace, sample) NaN that their headers call dead or dummy."""
+    dead = np.isin(table["identification"], _DEAD)
+    if dead.any():
+        traces[dead] = np.nan
+        notes.append(
+            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
+        )
+
+
+def _check_trace_headers(
+    table: NDArray[Any], samples: int, interval: float, notes: list[str]
+) -> None:
+    """Add notes of what the trace headers state otherwise, and of what of it is not applied.
+
+    ``interval`` is in s.
+    """
+    differs = (table["count"] != 0) & (table["count"] != samples & 0xFFFF)
+    if differs.any():
+        low = table["count"][differs].min()
+        high = table["count"][differs].max()
+        notes.append(
+            f"{np.count_nonzero(differs)} trace headers tell {low} to {high} samples: "
+            f"all traces are read with {samples}"
+        )
+    intervals = table["interval"]
+    off = np.abs(intervals * PICOSECOND - interval) > 0.5 * PICOSECOND
+    differing = np.count_nonzero((intervals != 0) & off)
+    if differing:
+        notes.append(
+            f"{differing} trace headers tell another sample interval (bytes 117-118) than "
+            f"{interval * 1e12:g} ps, which is used"
+        )
+    late = np.count_nonzero(table["late"])
+    if late:
+        notes.append(
+            f"the delay of the recording of {late} traces is not applied; give the time zero"
+        )
+    weighted = np.count_nonzero(table["weight"])
+    if weighted:
+        notes.append(f"the weighting factors of {weighted} traces (bytes 169-170) are not applied")
+    offset = table["offset"].astype(np.float64)
+    if np.ptp(offset) > 0 and np.abs(offset).max() > 0:
+        notes.append(
+            "the distance from source to receiver (bytes 37-40) goes from "
+            f"{offset.min():g} to {offset.max():g}: it is not used, and a gather whose antennas "
+            "move apart is no common-offset line"
+        )
+
+
+def _unit_of_length(raw: bytes, order: str, notes: list[str]) -> float:
+    """Return the unit of coordinates that are lengths, m."""
+    system = word_at(raw, f"{order}H", 3254)
+    if system not in (0, 1, 2):
+        notes.append(
+            f"its measurement system is {system}, which does not exist: lengths are taken as metres"
+        )
+    return FOOT if system == 2 else 1.0
+
+
+def _ibm(ibm_words: NDArray[Any]) -> NDArray[np.float32]:
+    """Return IBM's floating point as IEEE's.
+
+    It has a sign, an exponent of 16 less 64 and 24 bits of fraction.
+    """
+    word = ibm_words.astype(np.uint32)
+    fraction = (word & 0xFFFFFF).astype(np.float64) * 2.0**-24
+    exponent = ((word >> 24) & 0x7F).astype(np.int32) - 64
+    size = np.ldexp(fraction, 4 * exponent)
+    # What is too large for any recorder is refused by what follows.
+    with np.errstate(over="ignore"):
+        return np.where(word >> 31, -size, size).astype(np.float32)
+
+
+def read_su(path: Path, limit: int) -> dict[str, Any]:
+    """Read a file of Seismic Unix.
+
+    It has the traces of SEG-Y revision 0 without its headers, IEEE floats of 32 bits. Samples and
+    interval are those of the first trace header. The byte order is the one in which the file's size
+    is a whole number of traces.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    limit : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    dict of str to Any
+        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
+
+    Raises
+    ------
+    ValueError
+        If the file contradicts itself.
+    """
+    raw = first_bytes(path, TRACE_HEAD)
+    if len(raw) < TRACE_HEAD:
+        raise ValueError(
+            f"its first trace header must have {TRACE_HEAD} bytes, the file has {len(raw)}"
+        )
+    order, samples, interval = _su_order(raw, path.stat().st_size)
+    notes = [
+        f"the byte order is taken as {'big' if order == '>' else 'little'}-endian, "
+        "in which the trace headers fit",
+        "the sample interval is taken as picoseconds, as radars write it; "
+        "Seismic Unix itself has microseconds",
+        ZERO_ASSUMED,
+    ]
+    layout = TraceLayout(0, TRACE_HEAD, samples)
+    table = read_records(path, 0, record_type(layout, order, _IEEE), None, notes, limit)
+    traces = exact_floats(table["samples"], notes)
+    _check_trace_headers(table, samples, interval, notes)
+    _leave_dead_out(table, traces, notes)
+    return _entries(traces, samples, interval, geometry_of(table, 1.0, notes), notes)
+
+
+def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:
+    """Return byte order, samples and interval, s, of a file of Seismic Unix.
+
+    The order is the one in which the size of the file fits, else the first that is plausible.
+    """
+    plausible: list[tuple[str, int, float]] = []
+    for order in "<>":
+        samples = word_at(raw, f"{order}H", 114)
+        interval = word_at(raw, f"{order}H", 116) * PICOSECOND
+        if samples < 2 or not INTERVALS[0] <= interval <= INTERVALS[1]:
+            continue
+        if size % (TRACE_HEAD + 4 * samples) == 0:
+            return order, samples, interval
+        plausible.append((order, samples, interval))
+    if not plausible:
+        raise ValueError(
+            "its first trace header must tell samples and interval (bytes 115-118), "
+            "in either byte order"
+        )
+    return plausible[0]

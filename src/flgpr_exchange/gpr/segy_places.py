@@ -1,0 +1,221 @@
+"""Where the traces of a SEG-Y file are, by the coordinates in their headers."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr_exchange.gpr.parts import (
+    FloatArray,
+    float64,
+    gather_note,
+    gather_of_separations,
+    measured_distance,
+)
+from flgpr_exchange.gpr.positions import Fix, Fixes, settle_fixes
+
+_COORDINATES = {
+    "source": "source coordinates (bytes 73-80)",
+    "group": "group coordinates (bytes 81-88)",
+    "cdp": "CDP coordinates (bytes 181-188)",
+}
+_ANGULAR = (2, 3, 4)  # codes of units of coordinates that are angles
+_LONGEST_SEPARATION = 100.0  # m, of two antennas
+_SPREAD = 0.1  # share of the mean separation by which constant ones may differ
+_FAR = 10  # extents of a line; 0, 0 at more than so many from it is no place on it
+
+
+class HeaderGeometry(NamedTuple):
+    """What the trace headers state of where the traces are."""
+
+    distance: FloatArray | None = None  # (trace,) along the line, m
+    fixes: Fixes = Fixes()
+    separation: float | None = None  # of the antennas, m
+    gather: str = ""  # what a survey is whose antennas move apart
+
+
+def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
+    """Return where the traces are, and how far apart their antennas.
+
+    Parameters
+    ----------
+    table : (trace,) ndarray of records
+        The trace headers: coordinates of source, group and CDP with their ``scalar`` and ``unit``
+        (SEG-Y revision 2.1, bytes 71 to 90 and 181 to 188).
+    metre : float
+        Metres of a unit of coordinates that are lengths.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    HeaderGeometry
+        Distances or fixes, whichever the coordinates give, and the antennas' separation.
+    """
+    placed = _line_geometry(table, metre, notes)
+    return placed._replace(gather=_gather(table, metre, notes))
+
+
+def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
+    """Return distance along the line, or fixes, and the antennas' separation, if stated."""
+    coordinates = _changing_coordinates(table, notes)
+    if not coordinates:
+        return HeaderGeometry()
+    name, points = next(iter(coordinates.items()))
+    units = np.unique(table["unit"])
+    if units.size > 1:
+        notes.append(
+            f"its traces have {units.size} units of coordinates: "
+            f"the {_COORDINATES[name]} are not used"
+        )
+        return HeaderGeometry()
+
+    unit = int(units[0])
+    if unit in _ANGULAR:
+        notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
+        return HeaderGeometry(fixes=_fixes_of(_degrees(points, unit), notes))
+    if unit != 1:
+        notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
+
+    points = _without_far_zeros(points, notes)
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    distance = np.append(0.0, steps.cumsum()) * metre
+    notes.append(
+        f"the distance along the line is that of the traces' coordinates, the {_COORDINATES[name]}"
+    )
+    where = "distances from trace to trace"
+    settled = measured_distance(distance, None, where, "the header", notes)
+    separation = _separation(coordinates, metre, notes)
+    for other in coordinates:
+        gives_separation = other == "group" and separation is not None
+        if other != name and not gives_separation:
+            notes.append(f"the {_COORDINATES[other]} are not used")
+    return HeaderGeometry(settled, Fixes(), separation)
+
+
+def _coordinates(table: NDArray[Any], name: str) -> FloatArray:
+    """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit."""
+    scalar = float64(table["scalar"])
+    # By the standard (bytes 71-72) a negative scalar divides; 0 counts as 1.
+    divided = 1 / np.maximum(-scalar, 1)
+    multiplied = np.maximum(scalar, 1)
+    scale = np.where(scalar < 0, divided, multiplied)
+    x = table[f"{name}_x"] * scale
+    y = table[f"{name}_y"] * scale
+    return np.stack([x, y], axis=1)
+
+
+def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
+    """Return what a survey is whose source and receiver move apart by their coordinates.
+
+    It is empty for a line.
+    """
+    if np.isin(table["unit"], _ANGULAR).any():
+        return ""
+    source = _coordinates(table, "source")
+    group = _coordinates(table, "group")
+    separations = _separations(source, group, metre)
+    if separations.size < 2:
+        return ""
+    gather = gather_of_separations(separations, " m", notes)
+    if gather:
+        notes.append(gather_note(gather))
+    return gather
+
+
+def _separations(source: FloatArray, group: FloatArray, metre: float) -> FloatArray:
+    """Return the distances (trace,), m, of the traces whose source and group are both stated.
+
+    Coordinates 0, 0 count as not stated.
+    """
+    is_stated = source.any(axis=1) & group.any(axis=1)
+    offsets = group[is_stated] - source[is_stated]
+    return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * metre, dtype=np.float64)
+
+
+def _changing_coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, FloatArray]:
+    """Return the coordinates (trace, 2) that change along the line, by their names."""
+    coordinates = {}
+    for name, description in _COORDINATES.items():
+        points = _coordinates(table, name)
+        if np.ptp(points, axis=0).any():
+            coordinates[name] = points
+        elif points.any() and len(points) > 1:
+            notes.append(f"the {description} are the same in all traces: they are not used")
+    return coordinates
+
+
+def _degrees(points: FloatArray, unit: int) -> FloatArray:
+    """Return degrees of coordinates in a unit of angle.
+
+    They are seconds of arc (2), degrees (3), or degrees, minutes and seconds as digits (4).
+    """
+    if unit == 2:
+        return points / 3600
+    if unit == 4:
+        return _sexagesimal(points)
+    return points
+
+
+def _fixes_of(degrees: FloatArray, notes: list[str]) -> Fixes:
+    """Return the fixes of longitudes and latitudes (trace, 2)."""
+    fixes = []
+    for trace, (longitude, latitude) in enumerate(degrees.tolist()):
+        fixes.append(Fix(float(trace), longitude, latitude, np.nan))
+    return settle_fixes(fixes, len(degrees), notes, "the trace headers")
+
+
+def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
+    """Return points (trace, 2) with those at 0, 0 put between their neighbours.
+
+    They stay where the line is near 0, 0.
+    """
+    is_set = np.asarray(points.any(axis=1))
+    missing = np.count_nonzero(~is_set)
+    if not missing or not is_set.any():
+        return points
+    stated = points[is_set]
+    nearest = np.abs(stated).max(axis=1).min()
+    extent = np.ptp(stated, axis=0).max()
+    if nearest <= _FAR * extent:
+        return points
+    notes.append(
+        f"{missing} of {len(points)} traces are at 0, 0, far from all others, "
+        "and are put between their neighbours"
+    )
+    return _between_neighbours(points, is_set)
+
+
+def _between_neighbours(points: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+    """Return points (trace, 2), those that are not usable between those before and behind."""
+    trace = np.arange(len(points))
+    sides = []
+    for side in points.T:
+        sides.append(np.interp(trace, trace[usable], side[usable]))
+    return np.stack(sides, axis=1)
+
+
+def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[str]) -> float | None:
+    """Return the distance of source and group, m, where it is the same in all traces."""
+    if "source" not in coordinates or "group" not in coordinates:
+        return None
+    separations = _separations(coordinates["source"], coordinates["group"], metre)
+    if not separations.size:
+        return None
+    mean = float(separations.mean())
+    is_plausible = 0 < mean <= _LONGEST_SEPARATION
+    is_constant = np.ptp(separations) <= _SPREAD * mean
+    if not (is_plausible and is_constant):
+        return None
+    notes.append("the antennas' separation is the distance of source and group coordinates")
+    return mean
+
+
+def _sexagesimal(values: FloatArray) -> FloatArray:
+    """Return degrees of numbers whose digits are degrees, minutes and seconds: DDDMMSS.ss."""
+    degrees, rest = np.divmod(np.abs(values), 10_000)
+    minutes, seconds = np.divmod(rest, 100)
+    size = degrees + minutes / 60 + seconds / 3600
+    return np.asarray(np.sign(values) * size, dtype=np.float64)

@@ -1,0 +1,293 @@
+"""Many lines of a commercial radar as one survey: one run that knows where every line lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.formats.section import GprSection
+from flgpr.geo.anchor import Anchor
+from flgpr.model import LINE_STARTS
+from flgpr.store.tables import read_columns
+from flgpr_exchange.gpr.channels import channels_run, common_band
+from flgpr_exchange.gpr.line_run import ReasonedBand, gpr_run
+
+FloatArray = NDArray[np.float64]
+_CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
+
+
+@dataclass(frozen=True)
+class LineLayout:
+    """Where lines lie that no satellite receiver placed.
+
+    They are parallel along +y, or go from point to point.
+    """
+
+    spacing: float | None = None  #: between parallel lines, m along x; the first lies at x = 0
+    zigzag: bool = False  #: whether every other line runs back, from where the one before ended
+    #: (line, 4) x and y of the start and of the end of each line, m, in place of both
+    ends: FloatArray | None = None
+
+
+def read_line_ends(path: str | Path, names: Sequence[str]) -> FloatArray:
+    """Read where lines begin and end from CSV.
+
+    Columns are ``line`` (the file's name), ``x_start_m``, ``y_start_m``, ``x_end_m`` and
+    ``y_end_m``.
+
+    Parameters
+    ----------
+    path : path
+        The table.
+    names : sequence of str
+        Names of the lines' files.
+
+    Returns
+    -------
+    (line, 4) ndarray
+        x and y of start and end, m, in the order of ``names``.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, or a line is missing, not finite or there twice.
+    """
+    table = read_columns(Path(path), "line")
+    columns = ["x_start_m", "y_start_m", "x_end_m", "y_end_m"]
+    missing = [name for name in ("line", *columns) if name not in table.columns]
+    if missing:
+        raise ValueError(
+            f"{path}: must have the columns line, {', '.join(columns)}; "
+            f"missing: {', '.join(missing)}"
+        )
+    rows = []
+    for name in names:
+        matching = table[table["line"] == name]
+        if len(matching) != 1:
+            raise ValueError(f"{path}: must have one row for the line {name}, got {len(matching)}")
+        rows.append(matching[columns].to_numpy(dtype=np.float64)[0])
+    ends = np.array(rows)
+    if not np.isfinite(ends).all():
+        raise ValueError(f"{path}: places of lines must be finite")
+    return ends
+
+
+def place_by_marks(section: GprSection, spacing: float) -> GprSection:
+    """Put the traces of a line at distances by its marks.
+
+    Traces between marks are at equal steps; those before the first and after the last go on at the
+    steps next to them.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    spacing : float
+        Distance from mark to mark, m.
+
+    Returns
+    -------
+    GprSection
+        The line with these distances, and without its marks.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two marks, or the spacing is not positive.
+    """
+    marks = np.unique(np.asarray(section.marks, dtype=np.float64))
+    if marks.size < 2:
+        raise ValueError(
+            f"{section.path}: distances from marks need two marks or more, got {marks.size}"
+        )
+    if not (math.isfinite(spacing) and spacing > 0):
+        raise ValueError(f"mark-spacing must be a positive distance, got {spacing:g} m")
+
+    number = np.arange(len(section.traces), dtype=np.float64)
+    along = spacing * np.arange(marks.size)
+    distance = np.interp(number, marks, along)
+    before = number < marks[0]
+    after = number > marks[-1]
+    first_gap = marks[1] - marks[0]  # traces from mark to mark
+    last_gap = marks[-1] - marks[-2]
+    distance[before] = (number[before] - marks[0]) * spacing / first_gap
+    distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / last_gap
+
+    note = f"distances are from {marks.size} marks every {spacing:g} m"
+    if section.distance is not None:
+        note += ", in place of those that the file tells"
+    outside = int(np.count_nonzero(before | after))
+    if outside:
+        note += (
+            f"; {outside} traces before the first and after the last mark go on at the steps "
+            "beside them"
+        )
+    # The distances replace the marks.
+    return replace(
+        section, distance=distance - distance[0], marks=(), history=(*section.history, note)
+    )
+
+
+def survey_run(
+    sections: Sequence[GprSection],
+    layout: LineLayout = LineLayout(),
+    anchor: Anchor | None = None,
+    **options: Any,
+) -> xr.Dataset:
+    """Make one run of several lines, one after the other, on the same tones.
+
+    All channels are a pair each.
+
+    Parameters
+    ----------
+    sections : sequence of GprSection
+        The lines, of :func:`flgpr.formats.read_gpr`; all with the same channels and time window.
+    layout : LineLayout
+        Where they lie, unless an anchor and their own fixes place them.
+    anchor : Anchor, optional
+        Takes the lines' fixes to the lane.
+    **options
+        Those of :func:`flgpr.formats.gpr_run` but ``channel``.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run; its attribute ``line_starts`` holds the first scan of each line.
+
+    Raises
+    ------
+    ValueError
+        If lines have other tones or channels than the first, or nothing states where they lie.
+    """
+    if not sections:
+        raise ValueError("a survey must have at least one line, got none")
+    if options.get("band") is None:
+        bands = [common_band(section) for section in sections]
+        lowest = max(band.lowest for band in bands)
+        highest = min(band.highest for band in bands)
+        options["band"] = ReasonedBand(lowest, highest, "common to all lines and their antennas")
+    if anchor is None and layout.spacing is None and layout.ends is None and len(sections) > 1:
+        raise ValueError(
+            "lines of a survey need an anchor, line-spacing or a table of lines, "
+            "which tell where they lie"
+        )
+
+    runs = [_line_run(section, anchor, options) for section in sections]
+    for section, run in zip(sections, runs, strict=True):
+        differing = _differing_axis(run, runs[0])
+        if differing is not None:
+            raise ValueError(
+                f"{section.path}: lines of a survey must have the same time window and channels, "
+                f"this one has another {differing} than {sections[0].path.name}"
+            )
+
+    notes: list[str] = []
+    if anchor is None:
+        notes += _place_lines(runs, [section.path.name for section in sections], layout)
+    notes += _without_clocks(runs)
+    scans = [run.sizes["scan"] for run in runs]
+    starts = np.cumsum([0, *scans[:-1]]).tolist()
+    for section, run in zip(sections, runs, strict=True):
+        notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
+
+    merged = xr.concat(
+        runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact"
+    )
+    attrs = runs[0].attrs | {
+        "title": f"{len(runs)} lines",
+        "source": f"{sections[0].format}, {', '.join(section.path.name for section in sections)}",
+        "import_notes": notes,
+        LINE_STARTS: starts,
+    }
+    return merged.assign_attrs(attrs)
+
+
+def _differing_axis(run: xr.Dataset, first: xr.Dataset) -> str | None:
+    """Return the axis in which a line differs from the first; None if both are alike."""
+    if not np.array_equal(run["frequency"].values, first["frequency"].values):
+        return "frequency"
+    return None if run.sizes["pair"] == first.sizes["pair"] else "pair"
+
+
+def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
+    """Take times away where they do not go on from line to line, and return a note of it."""
+    time = np.concatenate([run["time"].values for run in runs])
+    known = time[np.isfinite(time)]
+    if not known.size or (np.diff(known) >= 0).all():
+        return []
+    for number, run in enumerate(runs):
+        unknown = np.full(run.sizes["scan"], np.nan)
+        runs[number] = run.assign_coords(time=("scan", unknown))
+    return [
+        f"the clocks of {len(runs)} lines do not go on from one to the next: "
+        f"{known.size} times are not kept"
+    ]
+
+
+def _line_run(section: GprSection, anchor: Anchor | None, options: dict[str, Any]) -> xr.Dataset:
+    """Return one line as a run."""
+    if section.traces.shape[1] == 1:
+        options = {name: value for name, value in options.items() if name != "channel_x"}
+        return gpr_run(section, 0, anchor=anchor, **options)
+    return channels_run(section, anchor=anchor, **options)
+
+
+def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayout) -> list[str]:
+    """Move the poses of lines, each along +y from the origin, to where they lie; return notes."""
+    if layout.ends is not None:
+        return _place_by_ends(runs, names, layout.ends)
+    spacing = layout.spacing or 0.0
+    end = 0.0  # of the line before, m along y
+    for number, run in enumerate(runs):
+        runs_back = layout.zigzag and number % 2 == 1
+        length = _length_of(run)
+        if runs_back:
+            _move(run, number * spacing, end, math.pi)
+            end = 0.0
+        else:
+            _move(run, number * spacing, 0.0, 0.0)
+            end = length
+    manner = "all begin at y = 0"
+    if layout.zigzag:
+        manner = "every other line runs back from where the one before ended"
+    return [f"{len(runs)} lines are put {spacing:g} m apart along x as given; {manner}"]
+
+
+def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: FloatArray) -> list[str]:
+    """Move the poses of lines to their starts and ends (line, 4), m; return notes."""
+    notes: list[str] = []
+    for run, name, (x0, y0, x1, y1) in zip(runs, names, ends, strict=True):
+        length = math.hypot(x1 - x0, y1 - y0)
+        measured = _length_of(run)
+        if length == 0:
+            raise ValueError(
+                f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
+            )
+        if abs(length - measured) > _CLOSE * length:
+            notes.append(
+                f"{name}: its ends lie {length:.4g} m apart, its own distance is {measured:.4g} m, "
+                "which is kept"
+            )
+        _move(run, x0, y0, math.atan2(x1 - x0, y1 - y0))
+    return notes
+
+
+def _length_of(run: xr.Dataset) -> float:
+    """Return the length of a line along +y, m."""
+    return float(np.ptp(run["pose"].values[:, 1]))
+
+
+def _move(run: xr.Dataset, x: float, y: float, heading: float) -> None:
+    """Turn a line that runs along +y from the origin, and put its origin at (x, y)."""
+    pose = run["pose"].values
+    along = pose[:, 1] - pose[0, 1]
+    pose[:, 0] = x + along * math.sin(heading)
+    pose[:, 1] = y + along * math.cos(heading)
+    pose[:, 3] = heading

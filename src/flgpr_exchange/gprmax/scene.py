@@ -1,0 +1,249 @@
+"""A scene as solids of gprMax: boxes of soil, spheres and rods of objects, discs of targets."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.model.arrays import FloatArray
+from flgpr.simulate.bodies.rims import Profile
+from flgpr.simulate.bodies.signature.table import find_body
+from flgpr.simulate.ground.roughness import surface_heights
+from flgpr.simulate.scene.scene import Scene, SceneObject, Target
+from flgpr.simulate.scene.world import World
+from flgpr_exchange.gprmax.bodies import (
+    Materials,
+    Medium,
+    body_lines,
+    rod,
+    thinnest_disc,
+    top_and_axis,
+)
+from flgpr_exchange.gprmax.grid import CellGrid, RelaxingMedium, rectangles
+
+_ROCK = 6.0  # permittivity, as the simulator's own rocks
+
+
+def densest_body(world: World) -> float:
+    """Return the greatest permittivity of the dielectric bodies in a world, 1 without any."""
+    greatest = 1.0
+    for target in world.targets:
+        if target.body is not None:
+            greatest = max(greatest, find_body(target.body).densest())
+        elif target.dielectric is not None:
+            greatest = max(greatest, target.dielectric)
+    if any(scene_object.kind == "rock" for scene_object in world.objects):
+        greatest = max(greatest, _ROCK)
+    return greatest
+
+
+def scene_text(
+    scene: Scene,
+    world: World,
+    grid: CellGrid,
+    soils: list[RelaxingMedium],
+    seed: int,
+    omissions: list[str],
+) -> tuple[str, dict[str, float]]:
+    """Return everything that does not change from run to run: soil, surface, objects, targets.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its soil and surface.
+    world : World
+        Its targets and objects.
+    grid : CellGrid
+        Where the nodes lie.
+    soils : list of RelaxingMedium
+        Of each layer, the uppermost first.
+    seed : int
+        Draws the surface's heights.
+    omissions : list of str
+        What cannot be written joins it, in words.
+
+    Returns
+    -------
+    text : str
+        Lines of gprMax's commands.
+    surface : dict of str to float
+        Rms of the surface's heights before and after they are rounded to nodes, m.
+
+    Raises
+    ------
+    ValueError
+        If a target does not lie on the lane.
+    """
+    lines = []
+    for number, soil in enumerate(soils, start=1):
+        material = f"{soil.permittivity:.9g} {soil.conductivity:.9g} 1 0 soil{number}"
+        lines.append(f"#material: {material}")
+        if soil.poles:
+            poles = " ".join(f"{delta:.9g} {tau:.9g}" for delta, tau in soil.poles)
+            lines.append(f"#add_dispersion_debye: {len(soil.poles)} {poles} soil{number}")
+    ground, rough = _ground(scene, grid, seed, len(soils))
+    lines += ground
+    for target in world.targets:
+        if not grid.contains((target.x, target.y, 0.0), target.extent[0]):
+            raise ValueError(
+                f"every target must lie on the lane, got one at x = {target.x:g}, "
+                f"y = {target.y:g} m"
+            )
+    lines += _objects(world.objects, grid, rough["rms_height"], omissions)
+    materials = Materials()
+    for target in world.targets:
+        if target.body is None:
+            lines += _generic_mine(target, grid, materials, omissions)
+        else:
+            lines += body_lines(find_body(target.body), target, grid, materials, omissions)
+    return "\n".join([*materials.lines(), *lines]) + "\n", rough
+
+
+def _ground(
+    scene: Scene, grid: CellGrid, seed: int, soils: int
+) -> tuple[list[str], dict[str, float]]:
+    """Return the boxes of all soils, and how rough the surface is before and after rounding."""
+    cell = grid.cell
+    level = round(-grid.origin[2] / cell)
+    steps, rms_height = _surface_steps(scene, grid, seed)
+    lowest = int(steps.min())
+    highest = int(steps.max())
+    below = level * cell
+    bottoms = []
+    for layer in scene.soil.layers:
+        below -= layer.thickness
+        bottoms.append(max(round(below / cell), 0))
+    tops = [level + lowest, *bottoms]
+    width, length, _ = grid.shape
+    lines = []
+    for k in range(soils):
+        floor = bottoms[k] if k < len(bottoms) else 0
+        if tops[k] > floor:
+            lines.append(_box(0, width, 0, length, floor, tops[k], cell, f"soil{k + 1}"))
+    for step in range(lowest + 1, highest + 1):
+        for area in rectangles(steps >= step):
+            lines.append(_box(*area, level + step - 1, level + step, cell, "soil1"))
+    rough = {"rms_height": rms_height, "rms_height_on_grid": float(steps.std() * cell)}
+    return lines, rough
+
+
+def _surface_steps(scene: Scene, grid: CellGrid, seed: int) -> tuple[NDArray[Any], float]:
+    """Return the surface's heights in cells (i, j), and the rms of the exact ones, m."""
+    surface = scene.surface
+    rough = surface.rms_height + surface.unevenness > 0
+    if not (rough and (surface.echo or surface.phase_screen)):
+        return np.zeros(grid.shape[:2], dtype=int), 0.0
+    heights = surface_heights(surface, seed)
+    places = []
+    for count, start in zip(grid.shape[:2], grid.origin[:2], strict=True):
+        # Inside the absorbing layers the ground goes on as it enters them.
+        inner = np.clip(np.arange(count), grid.absorber, count - 1 - grid.absorber)
+        places.append((inner + 0.5) * grid.cell + start)
+    x, y = places
+    exact = np.stack([heights(x[i], y) for i in range(x.size)])
+    return np.rint(exact / grid.cell).astype(int), float(exact.std())
+
+
+def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, material: str) -> str:
+    """Return the line of a box between nodes."""
+    corners = " ".join(f"{n * cell:.9g}" for n in (i0, j0, k0, i1, j1, k1))
+    return f"#box: {corners} {material}"
+
+
+def _objects(
+    objects: tuple[SceneObject, ...], grid: CellGrid, rms_height: float, omissions: list[str]
+) -> list[str]:
+    """Return the lines of rocks and posts; all else joins the omissions."""
+    lines = []
+    outside = 0
+    without_body: dict[str, int] = {}
+    for scene_object in objects:
+        if not grid.contains((scene_object.x, scene_object.y, 0.0), scene_object.radius):
+            outside += 1
+        elif scene_object.kind == "rock":
+            centre = " ".join(f"{v:.9g}" for v in grid.local((scene_object.x, scene_object.y, 0.0)))
+            lines.append(f"#sphere: {centre} {scene_object.radius:.9g} rock")
+        elif scene_object.kind == "post" and scene_object.height >= grid.cell:
+            # Deep enough to reach the ground in the deepest trough.
+            foot = -grid.cell * math.ceil(3 * rms_height / grid.cell)
+            top = np.array([scene_object.x, scene_object.y, scene_object.height])
+            bottom = np.array([scene_object.x, scene_object.y, foot])
+            lines.append(rod(top, bottom, scene_object.radius, grid, "pec"))
+        else:
+            without_body[scene_object.kind] = without_body.get(scene_object.kind, 0) + 1
+    if any(line.startswith("#sphere") for line in lines):
+        lines.insert(0, f"#material: {_ROCK:g} 0 1 0 rock")
+    for kind, count in without_body.items():
+        omissions.append(f"{count} of kind {kind}: no body to write")
+    if outside:
+        omissions.append(f"{outside} objects that stand outside the model")
+    return lines
+
+
+def _generic_mine(
+    target: Target, grid: CellGrid, materials: Materials, omissions: list[str]
+) -> list[str]:
+    """Return the lines of a generic mine, a body of revolution about its leaning axis.
+
+    These are discs of its profile, the air gap under its top last.
+    """
+    top, axis = top_and_axis(target)
+    medium: Medium = "metal" if target.dielectric is None else target.dielectric
+    material = materials.name_of(medium)
+    thinnest = thinnest_disc(target, grid)
+    name = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
+    height = target.extent[1]
+    if height < thinnest:
+        omissions.append(
+            f"the height of {name}: {1000 * height:.0f} mm became a cell, {1000 * thinnest:.0f} mm"
+        )
+    discs = _discs(target.outline, max(thinnest, 1e-9))
+    lines = []
+    for radius, upper, lower in discs:
+        lines.append(rod(top - upper * axis, top - lower * axis, radius, grid, material))
+    gap = 0.0
+    if target.dielectric is not None:
+        gap = min(target.air_gap, 0.9 * target.height)
+    if 0 < gap < thinnest:
+        omissions.append(
+            f"the air gap of {name}: {1000 * gap:.0f} mm became a cell, {1000 * thinnest:.0f} mm"
+        )
+        gap = thinnest
+    if gap > 0:
+        lines.append(rod(top, top - gap * axis, discs[0][0], grid, "free_space"))
+    return lines
+
+
+def _discs(profile: Profile, thinnest: float) -> list[tuple[float, float, float]]:
+    """Return the discs (radius, upper drop, lower drop), m, of a body of revolution.
+
+    None is thinner than ``thinnest``; discs of one radius are joined.
+    """
+    radius = np.array([corner[0] for corner in profile], dtype=float)
+    drop = np.array([corner[1] for corner in profile], dtype=float)
+    bottom = float(drop[-1])
+    height = max(bottom, thinnest)
+    count = max(1, math.floor(height / thinnest + 1e-9))
+    edges = np.linspace(0.0, height, count + 1)
+    discs: list[tuple[float, float, float]] = []
+    for upper, lower in itertools.pairwise(edges.tolist()):
+        middle = min((upper + lower) / 2, 0.999 * bottom)
+        widest = _radius_at(radius, drop, middle)
+        if discs and abs(discs[-1][0] - widest) < 1e-12:
+            discs[-1] = (widest, discs[-1][1], lower)
+        elif widest > 0:
+            discs.append((widest, upper, lower))
+    return discs
+
+
+def _radius_at(radius: FloatArray, drop: FloatArray, at: float) -> float:
+    """Return the greatest radius of a profile at a drop below its top, m."""
+    greatest = 0.0
+    for r0, r1, d0, d1 in zip(radius[:-1], radius[1:], drop[:-1], drop[1:], strict=True):
+        if min(d0, d1) <= at <= max(d0, d1) and d0 != d1:
+            greatest = max(greatest, r0 + (r1 - r0) * (at - d0) / (d1 - d0))
+    return float(greatest)

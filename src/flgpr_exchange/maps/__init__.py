@@ -1,0 +1,1 @@
+"""Alarms, truth and lanes for programs of maps."""

@@ -1,0 +1,197 @@
+"""Points on the Earth as GeoPackage, KML, GPX and CSV, and the outline of a lane.
+
+Alarms are exported as evidence points: positions where the radar saw something, with the confidence
+and the processing that they came from. They are never drawn as areas, and ground without a point is
+not thereby free of hazards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.geo.anchor import Anchor
+from flgpr.geo.geotiff import disk_errors
+from flgpr.geo.points import NATURES, STATEMENT
+from flgpr.model.lane import Lane
+from flgpr.store.extras import optional
+from flgpr.store.files import write_whole
+from flgpr.store.outputs import atomic_output
+from flgpr.store.tables import json_value, write_table
+from flgpr_exchange.documents import document
+
+_KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
+
+
+def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
+    """Write points as CSV.
+
+    Cells that a spreadsheet would take for formulas are quoted (:func:`flgpr.store.write_table`).
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`flgpr.geo.georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    write_table(points, path)
+
+
+def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
+    """Write points as KML 2.2 placemarks.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`flgpr.geo.georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+    title : str
+        Title of the document.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    text = document(
+        "flgpr_exchange.maps", "points.kml", title=title, statement=STATEMENT, points=_marks(points)
+    )
+    write_whole(Path(path), text)
+
+
+def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
+    """Write points as GPX 1.1 waypoints, for a hand-held receiver.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`flgpr.geo.georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    are_alarms = (points["nature"] == NATURES["alarms"]).any()
+    statement = STATEMENT if are_alarms else ""
+    write_whole(
+        Path(path),
+        document("flgpr_exchange.maps", "points.gpx", statement=statement, points=_marks(points)),
+    )
+
+
+def _marks(points: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return points with their names, and with their values as JSON has them."""
+    marks = []
+    for number, row in enumerate(points.to_dict("records")):
+        entries = {str(name): json_value(value) for name, value in row.items()}
+        marks.append({"name": _name_of(row, number), "row": row, "entries": entries})
+    return marks
+
+
+def _name_of(row: Mapping[Any, Any], number: int) -> str:
+    """Return the name of a point, or its number from 1 if it has none."""
+    for key in _KEYS.values():
+        if isinstance(row.get(key), str):
+            return str(row[key])
+    return f"{number + 1}"
+
+
+def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
+    """Write points as a GeoPackage of one layer.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`flgpr.geo.georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+    layer : str
+        Name of the layer.
+
+    Raises
+    ------
+    MissingExtraError
+        Without geopandas and pyogrio, the extra ``gis``.
+    OSError
+        If the file cannot be written.
+    """
+    geopandas = optional("geopandas", "gis")
+    optional("pyogrio", "gis")
+    frame = geopandas.GeoDataFrame(
+        points.drop(columns=["longitude", "latitude"]),
+        geometry=geopandas.points_from_xy(points["longitude"], points["latitude"]),
+        crs="EPSG:4326",
+    )
+    _write_layer(frame, Path(path), layer)
+
+
+def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
+    """Write the outline of a lane as a GeoPackage of one polygon, WGS 84.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+    path : str or path
+        The file to write.
+    anchor : Anchor
+        States where the lane lies.
+
+    Raises
+    ------
+    MissingExtraError
+        If geopandas or pyogrio is not installed.
+    """
+    geopandas = optional("geopandas", "gis")
+    optional("pyogrio", "gis")
+    geometry = optional("shapely.geometry", "gis")
+    polygon = geometry.Polygon(anchor.to_geodetic(corners(lane))[:, :2])
+    attributes = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
+    frame = geopandas.GeoDataFrame(attributes, geometry=[polygon], crs="EPSG:4326")
+    _write_layer(frame, Path(path), "lane")
+
+
+def _write_layer(frame: Any, path: Path, layer: str) -> None:
+    """Write a layer as a GeoPackage without the time of writing: equal points give equal bytes."""
+    pyogrio = optional("pyogrio", "gis")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
+    with atomic_output(path, replace=True) as partial, disk_errors():
+        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+
+
+def corners(lane: Lane) -> NDArray[np.float64]:
+    """Return the corners of a lane at its mean ground, in order around it.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+
+    Returns
+    -------
+    (4, 3) ndarray of float
+        Corners in the lane frame, m.
+    """
+    return np.array(
+        [
+            [lane.x_min, lane.y_min, 0.0],
+            [lane.x_max, lane.y_min, 0.0],
+            [lane.x_max, lane.y_max, 0.0],
+            [lane.x_min, lane.y_max, 0.0],
+        ]
+    )

@@ -1,0 +1,211 @@
+"""Motion capture: takes that OptiTrack Motive exports as CSV, formats 1.2 to 1.25."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.formats.array_file import ArrayFile, from_memory
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.axes import attitude_of, axes_matrix
+from flgpr.formats.explain import array_lines
+from flgpr.formats.mapping import factor
+from flgpr.formats.reader import Explanation, Reader
+
+FloatArray = NDArray[np.float64]
+_UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in", "feet": "ft"}
+_KINDS = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone")
+_HEAD = 20  # lines among which the columns must be named
+
+
+def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], list[str]]:
+    """Read a take as named arrays.
+
+    There are ``frame`` and ``time``, and for every rigid body, marker or bone ``NAME/position``
+    (frame, 3) and ``NAME/rotation``: quaternions (frame, 4) x, y, z, w or Euler angles (frame, 3),
+    deg, in the order that the header names. They are NaN where the body was not seen.
+
+    Parameters
+    ----------
+    path : Path
+        The take.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+        The arrays by name.
+    units : dict of str to str
+        Their units.
+    about : list of str
+        What the header states, a line each.
+
+    Raises
+    ------
+    ValueError
+        If the header names no columns, or there are no frames or no positions.
+    """
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        head = list(csv.reader(islice(file, _HEAD)))
+
+    first = head[0]  # names and values in turn
+    properties = dict(zip(first[::2], first[1::2], strict=False))
+    start = _column_row(head)
+    labels = {}
+    for row in head[1:start]:
+        if len(row) > 2:
+            label = row[1].strip()
+            labels[label] = row
+    if "Type" not in labels or "Name" not in labels:
+        raise ValueError("a take must have lines of Type and Name over its columns")
+    stated_unit = properties.get("Length Units", "").strip().lower()
+    length_unit = _UNITS.get(stated_unit, "")
+    rotation_type = properties.get("Rotation Type", "").strip()
+    columns = _columns(
+        labels["Type"],
+        labels["Name"],
+        head[start - 1],
+        head[start],
+        rotation_type.lower(),
+    )
+
+    values = _read_values(path, start + 1, len(head[start]))
+    arrays: dict[str, NDArray[Any]] = {"frame": values[:, 0], "time": values[:, 1]}
+    units = {"time": "s"}
+    for name, order in columns.items():
+        arrays[name] = values[:, order]
+        if name.endswith("/position"):
+            units[name] = length_unit
+        else:
+            units[name] = "deg" if len(order) == 3 else ""
+    rate = properties.get("Export Frame Rate", "?")
+    about = (
+        f"{len(values)} frames at {rate} Hz, rotations as {rotation_type or '?'}, "
+        f"lengths in {length_unit or '?'}"
+    )
+    return arrays, units, [about]
+
+
+def _read_values(path: Path, head_lines: int, columns: int) -> NDArray[np.float64]:
+    """Read the numbers (frame, column) below the head of a take."""
+    from flgpr.store.tables import parse_csv
+
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
+        table = parse_csv(
+            file,
+            header=None,
+            skiprows=head_lines,
+            names=list(map(str, range(columns))),
+            index_col=False,
+            dtype=np.float64,
+        )
+    if table.empty:
+        raise ValueError("a take must hold frames, got none")
+    return table.to_numpy()
+
+
+def _column_row(head: list[list[str]]) -> int:
+    """Return the number of the row that names the columns."""
+    for number, row in enumerate(head):
+        if row[:1] == ["Frame"] and len(row) > 2:
+            if number >= 3:
+                return number
+            break
+    raise ValueError(
+        "a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines"
+    )
+
+
+def _columns(
+    types: list[str], bodies: list[str], groups: list[str], axes: list[str], euler: str
+) -> dict[str, list[int]]:
+    """Return the columns of every body's position and rotation.
+
+    They are in the order x, y, z and w, or in that of the Euler angles.
+    """
+    columns_of: dict[str, dict[str, int]] = {}
+    width = min(len(row) for row in (types, bodies, groups, axes))
+    for kind in _KINDS:  # a rigid body goes before a marker of its name
+        for column in range(2, width):
+            group = groups[column].strip().lower()
+            if types[column].strip() != kind or group not in ("position", "rotation"):
+                continue
+            name = f"{bodies[column].strip()}/{group}"
+            axis = axes[column].strip().lower()
+            columns_of.setdefault(name, {}).setdefault(axis, column)
+
+    complete = {}
+    for name, column_of in columns_of.items():
+        order = "xyz"
+        if name.endswith("/rotation"):
+            order = "xyzw" if "w" in column_of else euler
+        if order and all(axis in column_of for axis in order):
+            complete[name] = [column_of[axis] for axis in order]
+    if not complete:
+        raise ValueError("a take must hold positions of rigid bodies or markers, got none")
+    return complete
+
+
+class MotiveReader(Reader):
+    """Takes of motion capture by OptiTrack Motive."""
+
+    kind = "take of OptiTrack Motive"
+    reads = frozenset({"arrays", "poses"})
+
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether the file begins as a take does."""
+        return head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"Format Version")
+
+    def open_arrays(self, path: Path, limit: int) -> ArrayFile:
+        """Open positions and rotations of all bodies."""
+        arrays, units, about = read_motive(path)
+        return ArrayFile(path, self.kind, *from_memory(arrays, units), limit, about)
+
+    def explain(self, path: Path, limit: int) -> Explanation:
+        """Return what the bodies are, and how the take is read as a track."""
+        lines = array_lines(open_arrays(path, limit))
+        lines.append("read as a track: --track FILE --body NAME --axes x,-z,y")
+        return Explanation(path, self.kind, lines, needs_mapping=False)
+
+    def read_poses(
+        self, path: Path, body: str | None, axes: Sequence[str] | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times and poses of a rigid body."""
+        opened = open_arrays(path)
+        bodies = []
+        for array in opened.arrays:
+            name = array.removesuffix("/rotation")
+            if name != array and f"{name}/position" in opened.arrays:
+                bodies.append(name)
+        is_known = len(bodies) == 1 if body is None else body in bodies
+        if not is_known:
+            raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
+        if axes is None:
+            raise ValueError(
+                "axes must say which of Motive's axes are the lane's x, y and z, "
+                "such as x,-z,y where Motive has y up"
+            )
+
+        name = body or bodies[0]
+        position = opened.read(f"{name}/position")
+        quaternions = opened.read(f"{name}/rotation")
+        if quaternions.shape[1] != 4:
+            raise ValueError(
+                "a take with Euler angles needs a mapping that tells their order: "
+                "export quaternions instead"
+            )
+        unit = opened.arrays[f"{name}/position"].unit
+        scale = factor(unit, "length", "the header's Length Units")
+        in_lane = scale * position @ axes_matrix(axes).T
+        pose = np.concatenate([in_lane, attitude_of(quaternions, axes, axes)], axis=1)
+        return opened.read("time"), pose
+
+
+READER = MotiveReader()

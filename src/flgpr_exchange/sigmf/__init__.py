@@ -1,0 +1,1 @@
+"""Recordings in SigMF, read and written."""

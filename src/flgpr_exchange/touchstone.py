@@ -1,0 +1,166 @@
+"""Touchstone files as their library reads them without a loss.
+
+In a file of two ports of version 1, lines of five numbers behind the sweep are noise parameters,
+and begin where the frequency falls (Touchstone File Format Specification, version 1.1). scikit-rf
+takes any tone below the one before for that, so that a sweep from high to low would come as its
+first tone alone. Therefore the tones are sorted by frequency first.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from flgpr.door import read_named
+from flgpr.formats.array_file import ArrayFile, from_memory
+from flgpr.formats.reader import Reader
+from flgpr.store.extras import optional
+from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.store.text import decode_text
+
+_NOISE = 5  # numbers of a line of noise parameters
+_PORTS = re.compile(r"\.s(\d+)p", re.IGNORECASE)
+
+
+class TouchstoneText(io.StringIO):
+    """The text of a file with its name, by which the library knows the number of ports."""
+
+    def __init__(self, text: str, path: Path, tones: int) -> None:
+        super().__init__(text)
+        self.name = str(path)
+        self.tones = tones  #: how many tones it holds; 0 if the file does not state it
+
+
+def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
+    """Return a file's text, of any encoding, with its tones in the order of frequency.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    notes : list of str
+        Changes, and what is not read, are added to it.
+
+    Returns
+    -------
+    TouchstoneText
+        The text as scikit-rf takes it.
+
+    Raises
+    ------
+    ValueError
+        If the numbers make no whole number of tones, or the ending names no number of ports.
+    """
+    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    keywords = {}
+    for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE):
+        keywords[name.lower()] = value
+    if keywords:  # of version 2, which marks where noise begins
+        stated = keywords.get("number of frequencies", "")
+        _note_noise(_noise_lines(text), notes)
+        return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
+
+    head, rows = _head_and_rows(text)
+    ports = _ports_of(path)
+    noise = 0
+    while ports == 2 and len(rows) > 1 and len(rows[-1]) == _NOISE:
+        rows.pop()
+        noise += 1
+    tones = _tones_in(rows, ports)
+    ordered = sorted(tones, key=lambda tone: float(tone[0]))
+    _note_noise(noise, notes)
+    if ordered != tones:
+        notes.append(f"its {len(tones)} tones do not rise: they are put in the order of frequency")
+    elif not noise:
+        return TouchstoneText(text, path, len(tones))
+    body = [" ".join(tone) for tone in ordered]
+    return TouchstoneText("\n".join([*head, *body]) + "\n", path, len(tones))
+
+
+def _note_noise(lines: int, notes: list[str]) -> None:
+    """Add a note of the lines of noise parameters, if there are any."""
+    if lines:
+        notes.append(f"{lines} lines of noise parameters are not read")
+
+
+def _head_and_rows(text: str) -> tuple[list[str], list[list[str]]]:
+    """Separate the lines of comments, options and keywords from the rows of numbers."""
+    head = []
+    rows = []
+    for line in text.splitlines():
+        content = line.partition("!")[0].strip()
+        if not content or content[0] in "#[":
+            head.append(line)
+        else:
+            rows.append(content.split())
+    return head, rows
+
+
+def _tones_in(rows: list[list[str]], ports: int) -> list[list[str]]:
+    """Return the numbers of every tone, which may go over several rows."""
+    size = 1 + 2 * ports**2  # the frequency, and two numbers for each parameter
+    numbers = [number for row in rows for number in row]
+    if len(numbers) % size or not numbers:
+        raise ValueError(
+            f"its numbers must be {size} for every tone of {ports} ports, got {len(numbers)}"
+        )
+    return [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]
+
+
+def _noise_lines(text: str) -> int:
+    """Count the lines of noise parameters of version 2, behind the keyword Noise Data."""
+    _, keyword, rest = text.lower().partition("[noise data]")
+    if not keyword:
+        return 0
+    lines = rest.partition("[end]")[0].splitlines()
+    return sum(bool(line.partition("!")[0].strip()) for line in lines)
+
+
+def _ports_of(path: Path) -> int:
+    """Return the number of ports that the ending states."""
+    ending = _PORTS.fullmatch(path.suffix)
+    if ending is None or not 1 <= int(ending[1]) <= 999:
+        raise ValueError(
+            f"the ending must tell the number of ports, such as .s2p, got {path.suffix!r}"
+        )
+    return int(ending[1])
+
+
+class TouchstoneReader(Reader):
+    """Touchstone files of a network analyser, read by scikit-rf."""
+
+    kind = "Touchstone file"
+    names = "Touchstone (.s2p)"
+    reads = frozenset({"arrays"})
+
+    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """Return whether the ending is that of a Touchstone file."""
+        return re.fullmatch(r"\.(s\d+p|ts)", path.suffix.lower()) is not None
+
+    def open_arrays(self, path: Path, limit: int) -> ArrayFile:
+        """Open the scattering parameters, all and one by one."""
+        notes: list[str] = []
+        library = optional("skrf", "vna")
+        text = touchstone_text(path, notes)
+        network = library.Network()
+        network.read_touchstone(text)  # given a file, the class itself tries whether it is a pickle
+        parameters = np.asarray(network.s)
+        frequency = np.asarray(network.f, dtype=np.float64)
+        if text.tones not in (0, frequency.size):
+            raise ValueError(
+                f"it holds {text.tones} tones, of which the scikit-rf library reads {frequency.size}"
+            )
+        arrays = {"frequency": frequency, "s": parameters}
+        ports = network.nports
+        separator = "" if ports < 10 else "_"
+        for row in range(ports):
+            for column in range(ports):
+                arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
+        units = dict.fromkeys(arrays, "1") | {"frequency": "Hz"}
+        return ArrayFile(path, self.kind, *from_memory(arrays, units), limit, [], notes)
+
+
+READER = TouchstoneReader()

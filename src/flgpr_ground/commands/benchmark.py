@@ -1,0 +1,143 @@
+"""``flgpr benchmark``: the proving ground, which compares detectors on the same sealed lanes.
+
+Submissions made elsewhere are in :mod:`flgpr_ground.commands.submissions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
+from flgpr.commands.run_options import run_options
+from flgpr.commands.shell import Arguments, command
+
+Chosen = Annotated[
+    str | None,
+    Option(
+        help="proving-ground-2 (the default), proving-ground-1, full-wave-2, full-wave-1, or the "
+        "TOML of another ground."
+    ),
+]
+Tier = Annotated[
+    str | None, Option(help="prepared, as-found or another tier of the ground; all by default.")
+]
+Workers = Annotated[int | None, Option(min=1, help="Processes that share the work.")]
+Quick = Annotated[
+    bool, Option("--quick", help="A small version that only checks that everything runs.")
+]
+
+
+def _table_lines(text: str, _: Arguments) -> Iterator[str]:
+    """Yield the table of the scores."""
+    yield text
+
+
+def _page_lines(text: str, call: Arguments) -> Iterator[str]:
+    """Yield the table of the scores and the address of the page."""
+    yield text
+    yield f"page: {(Path(call.output) / 'index.html').resolve()}"
+
+
+@command(lines=_page_lines, resumes=True)
+def run_benchmark(
+    entries: Annotated[
+        Sequence[str] | None,
+        Argument(
+            help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; "
+            "all packaged entries by default."
+        ),
+    ] = None,
+    output: Annotated[PathLike, output_option("folder to work in")] = Path("proving-ground"),
+    quick: Quick = False,
+    ground: Chosen = None,
+    tier: Tier = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    *,
+    track: Progress = None,
+) -> str:
+    """Make the lanes, train, freeze, detect on the test lanes, and score.
+
+    An interrupted run resumes.
+
+    Returns
+    -------
+    str
+        The table of the scores.
+    """
+    from flgpr import proving_ground
+
+    options = run_options(workers, scheduler, track=track)
+    proving_ground.run_benchmark(list(entries or ()), output, quick, options, ground, tier)
+    return proving_ground.write_score_tables([output], output)
+
+
+@command(lines=_table_lines)
+def run_oracle(
+    folder: Annotated[PathLike, Argument(help="Folder of `flgpr benchmark run`.")],
+    recipe: Annotated[str, Option(help="Recipe whose images are used.")] = "wang2007",
+    tier: Tier = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    *,
+    track: Progress = None,
+) -> str:
+    """Score a detector that knows every mine's echo. It opens the truth, which is logged.
+
+    Returns
+    -------
+    str
+        The table of the scores.
+    """
+    from flgpr import proving_ground
+
+    proving_ground.run_oracle(folder, recipe, run_options(workers, scheduler, track=track), tier)
+    return proving_ground.write_score_tables([folder], folder)
+
+
+@command(lines=_table_lines, quiet=False)
+def benchmark_table(
+    folders: Annotated[Paths, Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
+    output: Annotated[
+        PathLike | None, output_option("folder of the table, by default the first")
+    ] = None,
+) -> str:
+    """Compare entries. Alarms without a score are scored, and the look at the truth is logged.
+
+    Returns
+    -------
+    str
+        The table of the scores.
+    """
+    from flgpr import proving_ground
+
+    return proving_ground.write_score_tables(folders, output or folders[0])
+
+
+def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:
+    """Yield the lines of a listing."""
+    yield from lines
+
+
+@command(lines=_listing_lines, quiet=False)
+def list_benchmark(
+    quick: Quick = False,
+    lanes: Annotated[
+        PathLike | None, Option(help="Folder of lanes to compare with those of the authors.")
+    ] = None,
+    ground: Chosen = None,
+) -> list[str]:
+    """List the packaged entries, the lanes and the splits; compare a folder of lanes with them.
+
+    Returns
+    -------
+    list of str
+        Lines of text.
+    """
+    from flgpr import proving_ground
+
+    return proving_ground.listing(quick, lanes, ground)

@@ -1,0 +1,207 @@
+"""``flgpr benchmark`` for what is made elsewhere: lanes, a description of them, submissions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
+from flgpr.commands.run_options import run_options
+from flgpr.commands.shell import Arguments, command
+from flgpr_ground.commands.benchmark import Chosen, Quick, Tier, Workers
+
+if TYPE_CHECKING:
+    from flgpr.proving_ground import Submission
+
+Submissions = Annotated[
+    Paths, Argument(help="Folders of submissions: submission.toml, and SPLIT/LANE/alarms.csv.")
+]
+OwnGround = Annotated[
+    PathLike | None,
+    Option(help="TOML of a ground of one's own; by default the card names a packaged one."),
+]
+_BROKEN = 2  # exit status, as of other input that breaks a rule
+
+
+def _folder_lines(folder: Path, _: Arguments) -> Iterator[Any]:
+    """Yield where the lanes are."""
+    yield f"lanes: {(folder / 'lanes').resolve()}"
+
+
+@command(lines=_folder_lines, resumes=True)
+def make_benchmark(
+    output: Annotated[PathLike, output_option("folder of the ground")] = Path("proving-ground"),
+    quick: Quick = False,
+    ground: Chosen = None,
+    tier: Tier = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    *,
+    track: Progress = None,
+) -> Path:
+    """Make the lanes and seal the truth of those that are tested on; no detector runs.
+
+    Returns
+    -------
+    Path
+        The folder. ``lanes`` has runs, borders, open truth, sealed truth and fingerprints.
+    """
+    from flgpr import proving_ground
+
+    options = run_options(workers, scheduler, track=track)
+    return proving_ground.make_ground(output, quick, options, ground, tier)
+
+
+def _croissant_lines(written: tuple[Path, list[str]], _: Arguments) -> Iterator[Any]:
+    """Yield the file, and what it lacks."""
+    path, missing = written
+    yield path
+    if missing:
+        yield f"left out, though Croissant requires it: {', '.join(missing)}"
+
+
+@command(lines=_croissant_lines)
+def describe_benchmark(
+    folder: Annotated[
+        PathLike | None,
+        Argument(help="Folder of `flgpr benchmark make` or `run`, whose files are hashed."),
+    ] = None,
+    output: Annotated[
+        PathLike | None, output_option("JSON-LD file, by default croissant.json in the folder")
+    ] = None,
+    quick: Quick = False,
+    ground: Chosen = None,
+    url: Annotated[str, Option(help="Address at which you publish the files.")] = "",
+    licence: Annotated[str, Option(help="Address of the licence of your own ground.")] = "",
+) -> tuple[Path, list[str]]:
+    """Describe a proving ground in MLCommons' Croissant format.
+
+    Returns
+    -------
+    path : Path
+        The file.
+    missing : list of str
+        Properties that Croissant requires and that are left out, such as the address of files that
+        are hosted nowhere.
+    """
+    from flgpr import proving_ground
+
+    return proving_ground.write_croissant(output, folder, quick, ground, url, licence)
+
+
+def _fault_lines(checked: list[Submission], _: Arguments) -> Iterator[str]:
+    """Yield every fault and note of every submission, and what it holds."""
+    for submission in checked:
+        for fault in submission.faults:
+            yield f"{submission.folder}/{fault}"
+        for note in submission.notes:
+            yield f"note: {submission.folder}/{note}"
+        count = len(submission.faults)
+        if count:
+            yield f"{submission.folder}: {count} {'fault' if count == 1 else 'faults'}"
+            continue
+        alarms = sum(len(table) for table in submission.alarms.values())
+        lanes = sum(len(names) for names in submission.lanes.values())
+        splits = ", ".join(submission.alarms)
+        yield (
+            f"{submission.folder}: {submission.name} is valid: {alarms} alarms in {lanes} lists "
+            f"of lanes; splits {splits}"
+        )
+
+
+def _fault_object(checked: list[Submission], _: Arguments) -> dict[str, Any]:
+    """Return one object of JSON with every submission."""
+    objects = []
+    for submission in checked:
+        objects.append(
+            {
+                "folder": str(submission.folder),
+                "name": submission.name,
+                "valid": not submission.faults,
+                "faults": list(submission.faults),
+                "notes": list(submission.notes),
+                "alarms": {split: len(table) for split, table in submission.alarms.items()},
+            }
+        )
+    return {"submissions": objects}
+
+
+def _fault_status(checked: list[Submission]) -> int:
+    """Return the exit status: 2 if a submission breaks a rule."""
+    return _BROKEN if any(submission.faults for submission in checked) else 0
+
+
+@command(
+    lines=_fault_lines,
+    as_json=_fault_object,
+    status=_fault_status,
+    quiet=False,
+)
+def validate_submissions(submissions: Submissions, ground: OwnGround = None) -> list[Submission]:
+    """Check submissions: all faults at once, and nothing is scored.
+
+    Returns
+    -------
+    list of Submission
+        Every submission with its card, alarms, faults and notes.
+    """
+    from flgpr import proving_ground
+
+    return [proving_ground.check_submission(folder, ground) for folder in submissions]
+
+
+def _entered_lines(text: str, call: Arguments) -> Iterator[Any]:
+    """Yield the table of the scores and the address of the page."""
+    yield text
+    yield f"page: {(Path(call.output) / 'leaderboard.html').resolve()}"
+
+
+@command(lines=_entered_lines)
+def enter_benchmark(
+    submissions: Submissions,
+    output: Annotated[
+        PathLike, output_option("folder of the ground, of `run`, `make` or a new one")
+    ] = Path("proving-ground"),
+    ground: OwnGround = None,
+) -> str:
+    """Score submissions on the sealed truth, once, and write the leaderboard. The look is logged.
+
+    Returns
+    -------
+    str
+        The table of the scores.
+    """
+    from flgpr import proving_ground
+
+    return proving_ground.enter_submissions(submissions, output, ground)
+
+
+def _page_lines(path: Path, _: Arguments) -> Iterator[Path]:
+    """Yield the page."""
+    yield path
+
+
+@command(lines=_page_lines)
+def benchmark_leaderboard(
+    folders: Annotated[
+        Sequence[str | Path],
+        Argument(help="Folders of `flgpr benchmark enter` or `run`, of one ground."),
+    ],
+    output: Annotated[
+        PathLike | None, output_option("HTML file, by default leaderboard.html in the first")
+    ] = None,
+) -> Path:
+    """Write the leaderboard from files: submissions beside the packaged entries.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    from flgpr import proving_ground
+
+    target = output or Path(folders[0]) / "leaderboard.html"
+    return proving_ground.write_leaderboard(folders, target)

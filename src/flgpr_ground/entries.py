@@ -1,0 +1,133 @@
+"""Detectors that enter a proving ground: packaged recipes, recipes of one's own and alarm lists."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from flgpr.model import vehicle_to_scan
+from flgpr.recipe.choice import figures_of
+from flgpr.recipe.like import like_text, load_model_recipe
+from flgpr.recipe.radar_setup import RadarSetup, radar_setup
+from flgpr.recipe.schema import parse_recipe, recipe_text
+from flgpr.simulate.scene.world import draw_track
+from flgpr.store import open_run
+from flgpr_ground.ground import Ground
+
+ORACLES = {
+    "oracle": (
+        "far",
+        "knows every mine's echo but for a phase in each look, and the clutter's covariance",
+    ),
+    "oracle-phase": ("far_phase", "knows the phases, too"),
+}
+"""Rows of the table by :func:`flgpr_ground.oracle.run_oracle`: its column, and a title."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A detector that enters: a recipe, or alarm lists made elsewhere."""
+
+    name: str
+    title: str
+    text: str = ""  #: TOML text of the recipe
+    alarms: Path | None = None  #: folder of the alarm lists; None for a recipe
+
+
+def packaged_entries(ground: Ground) -> dict[str, Entry]:
+    """Return the packaged entries of a ground by name.
+
+    They are packaged recipes in which some text is replaced, for the array of the ground or by the
+    entry. More is replaced for the quick form, whose few mines would teach them nothing. On a
+    ground with a recipe for its own array some are fitted to the array.
+
+    Raises
+    ------
+    ValueError
+        If what is to be replaced does not stand exactly once in a recipe, or the ground names
+        entries that are not packaged.
+    """
+    packaged = resources.files("flgpr_ground") / "entries.toml"
+    rows = tomllib.loads(packaged.read_text("utf-8"))
+    entries = {}
+    own_recipe = ground.table.recipe
+    chosen = ground.table.entries or tuple(rows)
+    unknown = sorted(set(chosen) - set(rows))
+    if unknown:
+        raise ValueError(
+            f"entries of a ground must be packaged ones, {', '.join(rows)}, got {', '.join(unknown)}"
+        )
+    for name, row in rows.items():
+        if name not in chosen:
+            continue
+        source = row["recipe"]
+        if own_recipe and row.get("fitted"):
+            model = load_model_recipe(row["recipe"])
+            figures = figures_of(_array_of(ground), model.recipe)
+            text = like_text(figures, model, ground.table.sensor)
+        elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
+            continue  # made for another array
+        else:
+            source = own_recipe or row["recipe"]
+            text = recipe_text(source)
+        replacements = list(row.get("replace", []))
+        if own_recipe and not row.get("fitted"):
+            replacements += ground.table.replace
+        if ground.quick:
+            replacements += row.get("quick", [])
+        for old, new in replacements:
+            if text.count(old) != 1:
+                raise ValueError(
+                    f"entry {name} must replace what stands once in {source}, got {old!r}"
+                )
+            text = text.replace(old, new)
+        top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
+        entries[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
+    return entries
+
+
+def _array_of(ground: Ground) -> RadarSetup:
+    """Return what a recipe that is fitted to the array of a ground depends on."""
+    for lane in ground.lanes.values():
+        if lane.stored is None:
+            poses, _ = draw_track(lane.scene, lane.sensor.height, lane.seed)
+            pose = np.median(poses, axis=0)
+            tx, rx = (vehicle_to_scan(places, pose) for places in lane.sensor.pairs())
+            labels = list(lane.sensor.polarization)
+            return RadarSetup(labels, lane.sensor.tones.axis(), tx, rx, poses)
+        return radar_setup(open_run(lane.stored[0]))
+    raise ValueError(f"ground must have a lane, got none in {ground.title}")
+
+
+def find_entry(what: str | Path, ground: Ground) -> Entry:
+    """Return an entry.
+
+    Parameters
+    ----------
+    what : str or path
+        Name of a packaged entry or recipe, a recipe's file, or a folder with alarm lists.
+    ground : Ground
+        The ground.
+
+    Raises
+    ------
+    ValueError
+        If there is no such entry.
+    """
+    entries = packaged_entries(ground)
+    if str(what) in entries:
+        return entries[str(what)]
+    path = Path(what)
+    if path.is_dir():
+        if not list(path.glob("*.csv")):
+            raise ValueError(
+                f"a folder that enters must hold alarm lists, SPLIT.csv, got none in {path}"
+            )
+        return Entry(path.name, f"alarms of {path.name}", alarms=path)
+    text = recipe_text(what)
+    return Entry(path.stem, parse_recipe(text, str(what)).description, text)

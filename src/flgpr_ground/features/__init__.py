@@ -1,0 +1,1 @@
+"""Features of alarms that rival stages compute."""

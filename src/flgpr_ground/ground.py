@@ -1,0 +1,475 @@
+"""What the proving ground is: lanes and splits, from a description of a few kilobytes."""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pandas as pd
+from pydantic import Field, ValidationError, model_validator
+
+from flgpr.door import read_named
+from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.model import Lane, Sensor, load_sensor
+from flgpr.model.faults import describe_fault, faults_of
+from flgpr.simulate import Scene, draw_world
+from flgpr.stages import Positive, Table
+from flgpr.store import (
+    SAMPLE_LANES,
+    lane_text,
+    merge_tables,
+    open_run,
+    read_table,
+    sample_lane,
+    write_whole,
+)
+from flgpr.store.files import existing
+from flgpr.store.tables import lane_file_of
+from flgpr.toml_text import parse_toml
+
+GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
+"""The packaged descriptions, the first by default."""
+ALL_TIERS = "all"
+"""The name that chooses every tier."""
+MINES = "mines"
+"""Name of the group of all mines in the scores."""
+BODY = "body "
+"""Prefix of the groups of targets with one packaged body."""
+SAMPLE = "sample"
+"""What stands in place of paths for a packaged full-wave lane, alone or before "/" and its name."""
+
+
+class LaneRow(Table):
+    """Lanes of one design: what they are for, how many at which sites, and what lies in them.
+
+    ``targets`` are sort, depth of the top (m) and number. ``soil``, ``surface``, ``errors`` and
+    ``sensor`` change entries of the scene's soil and surface, of the sensor's errors and of the
+    sensor. A lane that is there already has a ``run`` store, its ``truth`` and its borders x_min,
+    x_max, y_min, y_max (m) instead; "sample/NAME" is a packaged full-wave lane, "sample" the first.
+    """
+
+    part: Literal["train", "validate", "test"]
+    sites: tuple[str, ...] = ()
+    copies: Annotated[int, Field(ge=1)] = 1
+    length: Positive = 1.0
+    targets: tuple[tuple[str, float, int], ...] = ()
+    run: str = ""
+    truth: str = ""
+    borders: tuple[float, float, float, float] | None = None
+    soil: dict[str, float] = Field(default_factory=dict)
+    surface: dict[str, float] = Field(default_factory=dict)
+    sensor: dict[str, float] = Field(default_factory=dict)
+    errors: dict[str, float] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _complete(self) -> LaneRow:
+        """Refuse a stored lane that lacks one of its entries."""
+        if bool(self.run) != (self.borders is not None) or bool(self.run) != bool(self.truth):
+            raise ValueError("run, truth and borders must be given together")
+        name = self.packaged_lane
+        if (name is not None) != (self.truth == SAMPLE):
+            raise ValueError(
+                'truth must be "sample" for a packaged lane, whose run is "sample" or '
+                f'"sample/NAME", and for no other, got {self.truth} for {self.run}'
+            )
+        if name is not None and name not in SAMPLE_LANES:
+            known = ", ".join(SAMPLE_LANES)
+            raise ValueError(f"run must be sample/ and one of {known}, got {self.run}")
+        return self
+
+    @property
+    def packaged_lane(self) -> str | None:
+        """Name of the packaged full-wave lane that it takes; None for any other lane."""
+        if self.run == SAMPLE:
+            return SAMPLE_LANES[0]
+        prefix = f"{SAMPLE}/"
+        return self.run.removeprefix(prefix) if self.run.startswith(prefix) else None
+
+
+class Fold(Table):
+    """Patterns of the names of lanes to train on and to test on.
+
+    Lanes that match a pattern of ``without`` are not trained on.
+    """
+
+    train: tuple[str, ...]
+    without: tuple[str, ...] = ()
+    test: tuple[str, ...]
+
+
+class SplitRow(Table):
+    """Folds whose alarms are scored as one list, on targets of some kinds or of all."""
+
+    title: str
+    folds: tuple[Fold, ...]
+    kinds: tuple[str, ...] = ()
+
+
+class TierRow(Table):
+    """Sites at which all lanes of the ground are laid out, under names that every tier has.
+
+    ``surface`` changes entries of the scene's surface, by design of the lanes, after those of the
+    design itself.
+    """
+
+    title: str
+    sites: dict[str, str]
+    surface: dict[str, dict[str, float]] = Field(default_factory=dict)
+
+
+class Description(Table):
+    """The description, as its file has it; the comments of the file say what its entries mean."""
+
+    name: str
+    version: int
+    sensor: str
+    #: those of the sensor's polarizations that are recorded; all of them if none is named
+    polarization: tuple[str, ...] = ()
+    #: recipe in place of wang2007 of the packaged entries, of which no others enter then
+    recipe: str = ""
+    #: texts that stand once in that recipe, and what replaces each
+    replace: tuple[tuple[str, str], ...] = ()
+    #: the packaged entries that enter; all that fit if none is named
+    entries: tuple[str, ...] = ()
+    halo: float
+    fars: tuple[float, ...]
+    far: float
+    reference: str
+    scene: dict[str, Any]
+    sites: dict[str, str] = Field(default_factory=dict)  #: of a ground without tiers
+    #: grounds of the same design at other sites, scored apart
+    tiers: dict[str, TierRow] = Field(default_factory=dict)
+    sorts: dict[str, dict[str, str]]
+    lanes: dict[str, LaneRow]
+    splits: dict[str, SplitRow]
+
+    @model_validator(mode="after")
+    def _check_tiers(self) -> Description:
+        """Refuse tiers that are not of one design."""
+        if bool(self.sites) == bool(self.tiers):
+            raise ValueError("sites must be given, or tiers that have their own, and not both")
+        names = {tuple(row.sites) for row in self.tiers.values()}
+        if len(names) > 1:
+            raise ValueError(
+                "tiers must name the same sites in the same order, so that they are of one design"
+            )
+        for name, row in self.tiers.items():
+            strange = sorted(set(row.surface) - set(self.lanes))
+            if strange:
+                raise ValueError(
+                    f"surface of the tier {name} must name designs of lanes, got "
+                    f"{', '.join(strange)}"
+                )
+        if ALL_TIERS in self.tiers:
+            raise ValueError(
+                f"tiers must not be called {ALL_TIERS!r}, which stands for every one of them"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class GroundLane:
+    """A lane of the ground: a scene that is simulated, or a run store with its truth."""
+
+    name: str  #: tier if the ground has tiers, site, design and number
+    site: str  #: the site's name on the ground
+    part: str  #: "train", "validate" or "test"; the truth of the last is sealed
+    lane: Lane  #: its borders
+    seed: int  #: of everything random in it
+    scene: Scene = field(repr=False)  #: what is there; empty for a stored lane
+    sensor: Sensor = field(repr=False)  #: what sees it
+    stored: tuple[Path, Path] | None = None  #: run store and truth of a lane that is there
+    tier: str = ""  #: the tier it belongs to, if the ground has tiers
+
+    @property
+    def name_in_tier(self) -> str:
+        """Site, design and number, the same in every tier.
+
+        The patterns of splits match this name.
+        """
+        return self.name.removeprefix(f"{self.tier}-") if self.tier else self.name
+
+    @property
+    def empty(self) -> bool:
+        """Whether it has no targets."""
+        return self.stored is None and not self.scene.draws
+
+    @property
+    def length(self) -> float:
+        """Its length, m."""
+        return self.lane.y_max - self.lane.y_min
+
+    def truth(self) -> pd.DataFrame:
+        """Return the table of its targets."""
+        if self.stored is None:
+            return draw_world(self.scene, self.seed).truth()
+        return read_table(self.stored[1], "truth")
+
+    def truth_with_bodies(self) -> pd.DataFrame:
+        """Return the table of its targets with the ``body`` of each.
+
+        It is that of the scene or of the file, and empty for a generic mine of its kind.
+        """
+        truth = self.truth()
+        if self.stored is not None:
+            return truth if "body" in truth else truth.assign(body="")
+        # Targets are named by their number in the world, from T001 on; those outside the lane are
+        # not in the table.
+        numbers = truth["target_id"].str.removeprefix("T").astype(int) - 1
+        targets = draw_world(self.scene, self.seed).targets
+        return truth.assign(body=[targets[number].body or "" for number in numbers])
+
+    def make(self, store: Path) -> None:
+        """Simulate it into a run store, or link the store that is there."""
+        if self.stored is None:
+            simulate_to_store(self.scene, self.sensor, self.seed, store, blind=True)
+        else:
+            open_run(self.stored[0])  # refuses what is no run store
+            write_whole(lane_file_of(store), lane_text(self.lane))
+            store.symlink_to(self.stored[0].resolve(), target_is_directory=True)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A proving ground, or one tier of it."""
+
+    table: Description  #: its description
+    quick: bool  #: whether it is the quick form
+    text: str = field(repr=False)  #: the TOML text that it was read from
+    tier: str = ""  #: the tier whose lanes alone it has; empty for all lanes
+
+    @property
+    def title(self) -> str:
+        """Name and version."""
+        return f"{self.table.name}-{self.table.version}" + ("-quick" if self.quick else "")
+
+    @property
+    def sites(self) -> tuple[str, ...]:
+        """Names of the sites, which are the same in every tier."""
+        if not self.table.tiers:
+            return tuple(self.table.sites)
+        first_tier = next(iter(self.table.tiers.values()))
+        return tuple(first_tier.sites)
+
+    @property
+    def tier_title(self) -> str:
+        """What the tier is, empty for a ground without tiers."""
+        return self.table.tiers[self.tier].title if self.tier else ""
+
+    def chosen_tiers(self, chosen: str | None = None) -> list[Ground]:
+        """Return the tiers, or the chosen one, as grounds; without tiers, the ground itself.
+
+        Parameters
+        ----------
+        chosen : str, optional
+            Name of a tier; None or "all" takes every tier.
+
+        Raises
+        ------
+        ValueError
+            If the ground has no tier of that name.
+        """
+        names = tuple(self.table.tiers) or ("",)
+        if chosen in (None, ALL_TIERS):
+            return [replace(self, tier=name) for name in names]
+        if chosen not in self.table.tiers:
+            known = ", ".join((*self.table.tiers, ALL_TIERS))
+            raise ValueError(f"tier must be one of those of {self.title}, {known}, got {chosen!r}")
+        return [replace(self, tier=chosen)]
+
+    @cached_property
+    def lanes(self) -> dict[str, GroundLane]:
+        """All lanes by name."""
+        return {lane.name: lane for lane in self._make_lanes()}
+
+    @property
+    def stored_lane_count(self) -> int:
+        """How many of its lanes are run stores that were there already."""
+        return sum(lane.stored is not None for lane in self.lanes.values())
+
+    def matching(
+        self, patterns: tuple[str, ...], without: tuple[str, ...] = ()
+    ) -> list[GroundLane]:
+        """Return the lanes whose names match patterns, in the ground's order.
+
+        Parameters
+        ----------
+        patterns : tuple of str
+            Patterns of names without that of the tier.
+        without : tuple of str
+            Patterns of lanes to leave out.
+        """
+
+        def matches(lane: GroundLane, of_patterns: tuple[str, ...]) -> bool:
+            return any(fnmatchcase(lane.name_in_tier, pattern) for pattern in of_patterns)
+
+        lanes = []
+        for lane in self.lanes.values():
+            if matches(lane, patterns) and not matches(lane, without):
+                lanes.append(lane)
+        return lanes
+
+    def tested(self, split: str) -> list[GroundLane]:
+        """Return the lanes that a split is scored on."""
+        lanes = []
+        for fold in self.table.splits[split].folds:
+            lanes += self.matching(fold.test)
+        return lanes
+
+    def _make_lanes(self) -> Iterator[GroundLane]:
+        """Yield all lanes: tier by tier, site by site, design by design."""
+        preset = load_sensor(self.table.sensor)
+        if self.table.polarization:
+            recorded = {"polarization": self.table.polarization}
+            preset = Sensor.model_validate({**preset.model_dump(), **recorded})
+        for tier, sites in self._sites_by_tier().items():
+            for site, (design, row) in itertools.product(sites, self.table.lanes.items()):
+                if row.sites and site not in row.sites:
+                    continue
+                prefix = f"{tier}-{site}-{design}" if tier else f"{site}-{design}"
+                if row.borders is not None:
+                    yield _stored_lane(f"{prefix}-1", site, tier, row, preset)
+                    continue
+                scene = self._scene(sites[site], row, self._tier_surface(tier, design))
+                sensor = _changed_sensor(preset, row)
+                for number in range(1, row.copies + 1):
+                    name = f"{prefix}-{number}"
+                    seed = zlib.crc32(f"{self.title} {name}".encode())
+                    own_scene = scene.model_copy(update={"name": name})
+                    yield GroundLane(
+                        name, site, row.part, scene.lane, seed, own_scene, sensor, tier=tier
+                    )
+
+    def _sites_by_tier(self) -> dict[str, dict[str, str]]:
+        """Return the packaged sites by their names on the ground, for its tiers."""
+        if not self.table.tiers:
+            return {"": self.table.sites}
+        sites = {}
+        for name, row in self.table.tiers.items():
+            if self.tier in ("", name):
+                sites[name] = row.sites
+        return sites
+
+    def _tier_surface(self, tier: str, design: str) -> dict[str, float]:
+        """Return the entries of the surface that a tier changes in lanes of a design."""
+        return self.table.tiers[tier].surface.get(design, {}) if tier else {}
+
+    def _scene(self, site: str, row: LaneRow, tier_surface: dict[str, float]) -> Scene:
+        """Return the scene of a design at a packaged site."""
+        table = self.table
+        unknown = {sort for sort, _, _ in row.targets} - set(table.sorts)
+        if unknown:
+            raise ValueError(
+                f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}"
+            )
+        draws = []
+        for sort, depth, count in row.targets:
+            draws.append({**table.sorts[sort], "depth": depth, "count": count})
+        surface = {**table.scene.get("surface", {}), **row.surface, **tier_surface}
+        entries = {"site": site, "length": row.length, "draws": draws, "surface": surface}
+        if row.soil:
+            entries["soil"] = {**table.scene.get("soil", {}), **row.soil}
+        return Scene.model_validate({**table.scene, **entries})
+
+
+def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) -> GroundLane:
+    """Return a lane of a run store and a truth that are there."""
+    if row.borders is None:
+        raise ValueError(f"lane {name} must have borders, for it is one that is there already")
+    files = (Path(row.run), Path(row.truth))
+    if row.packaged_lane is not None:
+        files = sample_files(row.packaged_lane)
+    return GroundLane(name, site, row.part, Lane(*row.borders), 0, Scene(), preset, files, tier)
+
+
+def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
+    """Return the sensor with the entries that a design changes."""
+    entries = preset.model_dump()
+    return Sensor.model_validate(
+        {**entries, **row.sensor, "errors": entries["errors"] | row.errors}
+    )
+
+
+def sample_files(name: str = SAMPLE_LANES[0]) -> tuple[Path, Path]:
+    """Return the run store and the truth of a packaged full-wave lane, by default the first."""
+    folder = sample_lane(name)
+    return folder / "run.zarr", folder / "truth.csv"
+
+
+def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
+    """Read a description of a proving ground.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to return the quick form. It has the sites of the table ``quick``, of each tier if
+        there are tiers, and the lanes and splits that it names, some of them its own, with its
+        entries laid over theirs.
+    source : str or path, optional
+        Name of a packaged description, by default the first; a file; or the text itself.
+
+    Returns
+    -------
+    Ground
+        The ground with all of its tiers.
+
+    Raises
+    ------
+    ValueError
+        If the description is not valid, or has no quick form.
+    """
+    name = GROUNDS[0] if source is None else str(source)
+    text = _description_text(name, source)
+    with faults_of(name if isinstance(source, Path) else "ground"):
+        data = parse_toml(text)
+    over = data.pop("quick", {})
+    if quick and not over:
+        raise ValueError(
+            f"quick must be asked of a ground that has such a form, got {data.get('name')}"
+        )
+    if quick:
+        data = _quick_form(data, over)
+    try:
+        return Ground(Description.model_validate(data), quick, text)
+    except ValidationError as error:
+        faults = [describe_fault(fault, Description, "ground") for fault in error.errors()]
+        raise ValueError("; ".join(faults)) from None
+
+
+def _description_text(name: str, source: str | Path | None) -> str:
+    """Return the TOML text of a description: a packaged one, a file, or the text itself."""
+    if name in GROUNDS:
+        packaged = resources.files("flgpr_ground") / f"{name}.toml"
+        with faults_of(name):
+            return packaged.read_text("utf-8")
+    if isinstance(source, str):
+        return source
+    with faults_of(name):
+        return read_named(existing(name, "proving ground")).decode("utf-8")
+
+
+def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Lay the table ``quick`` over a description, of which only what the table names stays."""
+    for table in ("lanes", "splits"):
+        quick_rows = {}
+        for name, entries in over.pop(table, {}).items():
+            quick_rows[name] = data[table].get(name, {}) | entries
+        data[table] = quick_rows
+    if "sites" in over:
+        data["sites"] = over.pop("sites")
+    for tier, entries in over.pop("tiers", {}).items():
+        data["tiers"][tier] = data["tiers"].get(tier, {}) | entries
+    for row in data.get("tiers", {}).values():
+        surface = {}
+        for design, entries in row.get("surface", {}).items():
+            if design in data["lanes"]:
+                surface[design] = entries
+        row["surface"] = surface
+    return merge_tables(data, over)

@@ -1,0 +1,578 @@
+"""What is left to gain: a detector that knows every mine's echo and the clutter's covariance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter
+from scipy.special import ive
+
+from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.method import engine_of
+from flgpr.model import Grid, Lane, ground_points, lane_to_scan
+from flgpr.recipe.schema import load_recipe
+from flgpr.simulate import Simulator
+from flgpr.store import open_run, write_whole
+from flgpr.trials import open_truth
+from flgpr_ground.ground import Ground, GroundLane, load_ground
+from flgpr_ground.running import SEALED, passphrase, read_ground
+
+ORACLE = "oracle.csv"
+"""File of what the oracle finds on a ground without tiers."""
+STEP = 0.2  # m between places, and between the nine pixels of a chip
+RADIUS = 0.75  # m; of false alarms nearer than this the largest counts
+_LOAD = 1e-3  # of the mean power, on the diagonal: the inverse exists with few looks, too
+_OFFSETS = np.arange(-1, 2)
+"""Numbers of the pixels of a chip along an axis, from its middle."""
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex64]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Looks at places."""
+
+    place: NDArray[np.int64]  #: (look,) number of the place
+    ahead: FloatArray  #: (look,) distance ahead, m
+    chip: ComplexArray  #: (look, value)
+
+
+def oracle_file(ground: Ground) -> str:
+    """Return the name of the file of what the oracle finds on a ground, or on one tier of it."""
+    return f"oracle-{ground.tier}.csv" if ground.tier else ORACLE
+
+
+def run_oracle(
+    folder: str | Path,
+    recipe: str = "wang2007",
+    options: RunOptions = DEFAULTS,
+    tier: str | None = None,
+) -> pd.DataFrame:
+    r"""Compute at how many false alarms each mine is found by a detector that knows its echo.
+
+    Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and
+    sub-bands, 3 x 3 pixels 0.2 m apart. Known are the mine's own s_k, what its body returns through
+    the ground and the hole it lies in, and R_k, the covariance of target-free ground of the site at
+    that distance ahead. As the ground's texture changes from place to place, x_k is divided by its
+    own rms, sqrt(x^H R^-1 x) over all values. In Gaussian clutter that differs from look to look,
+    the logarithm of the likelihood ratio is, but for a constant,
+
+    - with the phase known, :math:`\sum_k 2\,\mathrm{Re}\, s_k^H R_k^{-1} x_k`,
+    - with a phase of its own in every look, :math:`\sum_k \ln I_0(2 |s_k^H R_k^{-1} x_k|)`
+
+    (Van Trees, "Detection, Estimation, and Modulation Theory", part I, 1968, Sec. 4.2 and 4.4).
+    Each mine's statistic is tried on the site's target-free lane, too, at every place, with the
+    looks nearest in distance: local maxima that reach the mine's own value are the false alarms at
+    which it is found. So dependent looks count as they are; a detector that knew their dependence,
+    too, could still do a little better.
+
+    Parameters
+    ----------
+    folder : str or path
+        Folder of ``flgpr benchmark run``; its truth is opened, which is logged. ``oracle.csv`` is
+        written there, of a ground with tiers ``oracle-TIER.csv`` for each.
+    recipe : str
+        Recipe whose images it looks at, with their self-signature and gain.
+    options : RunOptions, optional
+        Who does the work.
+    tier : str, optional
+        The tier to look at; by default, and with "all", every tier of the ground.
+
+    Returns
+    -------
+    DataFrame
+        A row per mine in the test lanes of sites that have target-free lanes: lane, target_id,
+        kind, ``looks``, ``far`` and ``far_phase`` (false alarms per m² without and with the phase),
+        ``area`` of the target-free ground (m²). On a ground with tiers also ``body``, if it is a
+        packaged one, and ``tier``.
+
+    Raises
+    ------
+    ValueError
+        If the folder is no benchmark's, its lanes are not there, no site has a target-free test
+        lane, or the ground has no such tier.
+    """
+    benchmark = Path(folder)
+    tiers = read_ground(benchmark).chosen_tiers(tier)
+    for ground in tiers:
+        _check_lanes(ground, benchmark)
+    # Opening the truth is logged: it comes after all that can be wrong.
+    truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
+    tables = [_look_at_tier(ground, benchmark, recipe, options, truth) for ground in tiers]
+    return pd.concat(tables, ignore_index=True)
+
+
+def _check_lanes(ground: Ground, benchmark: Path) -> None:
+    """Refuse a ground without target-free test lanes, and lanes that are not there yet."""
+    needed = _needed(ground)
+    if not needed:
+        raise ValueError(
+            "sites must have test lanes without targets, whose false alarms count, got none "
+            f"in {benchmark}"
+        )
+    missing = []
+    for name in needed:
+        run = benchmark / "lanes" / f"{name}.zarr"
+        if not run.is_dir():
+            missing.append(name)
+    if missing:
+        names = ", ".join(missing)
+        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {names}")
+
+
+def _needed(ground: Ground) -> list[str]:
+    """Return the names of the lanes that the oracle looks at."""
+    names = []
+    for site in ground.sites:
+        bare, tested = lanes_of_site(ground, site)
+        if bare is not None and tested:
+            names += [lane.name for lane in (bare, *tested)]
+    return names
+
+
+def _look_at_tier(
+    ground: Ground, folder: Path, recipe: str, options: RunOptions, truth: pd.DataFrame
+) -> pd.DataFrame:
+    """Look at a ground or at one of its tiers, and write what was found."""
+    jobs: list[tuple[Any, ...]] = []
+    sites = []
+    for site in ground.sites:
+        bare, tested = lanes_of_site(ground, site)
+        if bare is None or not tested:
+            continue
+        names = [lane.name for lane in (bare, *tested)]
+        targets = truth[truth["lane"].isin(names)].to_dict("list")
+        description = (ground.quick, ground.text)
+        sites.append(site)
+        jobs.append((description, str(folder.resolve()), recipe, site, names, targets))
+    label = f"oracle, {ground.tier}" if ground.tier else "oracle"
+    rows_of_site = {}
+    with options.executor() as executor:
+        for report in options.track(executor.run(_look_at_site, jobs), label, len(jobs)):
+            rows_of_site[report["lane"]] = report["found"]
+    rows = []
+    for site in sites:
+        rows += rows_of_site[site]
+    table = pd.DataFrame(rows)
+    if ground.tier:
+        table = table.assign(tier=ground.tier)
+    write_whole(folder / oracle_file(ground), table.to_csv(index=False, float_format="%.6g"))
+    return table
+
+
+def lanes_of_site(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
+    """Return a site's test lane without targets, and those with some that are like it.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one of its tiers.
+    site : str
+        Name of the site.
+
+    Returns
+    -------
+    bare : GroundLane or None
+        The lane without targets; None if the site has none.
+    with_targets : list of GroundLane
+        Lanes of the same ground, seen by the same array.
+    """
+    simulated = []
+    for lane in ground.lanes.values():
+        if lane.site == site and lane.part == "test" and lane.stored is None:
+            simulated.append(lane)
+    bare = next((lane for lane in simulated if lane.empty), None)
+    if bare is None:
+        return None, []
+    with_targets = []
+    for lane in simulated:
+        is_like = lane.sensor == bare.sensor and lane.scene.surface == bare.scene.surface
+        if is_like and not lane.empty:
+            with_targets.append(lane)
+    return bare, with_targets
+
+
+def _look_at_site(
+    description: tuple[bool, str],
+    folder: str,
+    recipe: str,
+    site: str,
+    names: Sequence[str],
+    truth: dict[str, list[Any]],
+) -> Report:
+    """Find the false alarms per m² of every mine of a site.
+
+    The first of the lanes is the one without targets.
+    """
+    ground = load_ground(*description)
+    bare, *tested = (ground.lanes[name] for name in names)
+    targets = pd.DataFrame(truth)
+    bare_setup = cleaned_lane(folder, bare, recipe)
+    clutter = BareGround(bare_setup, bare.lane)
+    rows = []
+    for lane in tested:
+        mines = targets[targets["lane"] == lane.name]
+        setup = cleaned_lane(folder, lane, recipe)
+        looks, echoes = looks_at_mines(setup, lane, mines)
+        for number, target in enumerate(mines.to_dict("records")):
+            at_mine = looks.place == number
+            row: dict[str, Any] = {
+                "site": site,
+                "lane": lane.name,
+                "target_id": target["target_id"],
+                "kind": target["kind"],
+                "looks": int(at_mine.sum()),
+            }
+            if "body" in target:
+                row["body"] = target["body"]
+            ahead = looks.ahead[at_mine]
+            row |= clutter.rates(ahead, looks.chip[at_mine], echoes[at_mine])
+            rows.append(row)
+    return {"lane": site, "found": rows}
+
+
+class BareGround:
+    """Target-free ground of a site, by all looks at its places.
+
+    Covariances are those of a metre of distance ahead.
+
+    Parameters
+    ----------
+    setup : ImagedRun
+        The lane with its background.
+    lane : Lane
+        Its borders.
+    """
+
+    def __init__(self, setup: ImagedRun, lane: Lane) -> None:
+        self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
+        self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
+        self.area = lane.area
+        # Clutter weakens and resolution falls with distance: a covariance for every metre.
+        metre = self.looks.ahead.astype(int)
+        self._inverse = {}
+        for number in np.unique(metre).tolist():
+            is_at_metre = metre == number
+            chips = self.looks.chip[is_at_metre]
+            inverse = inverse_covariance(chips)
+            self._inverse[number] = inverse
+            self.looks.chip[is_at_metre] = divided_by_rms(chips, inverse)
+
+    def inverse(self, ahead: float) -> NDArray[np.complex128]:
+        """Return the inverse covariance (value, value) at a distance (m).
+
+        At a distance that was not seen it is that of the nearest one.
+        """
+
+        def distance_to(metre: int) -> float:
+            return abs(metre + 0.5 - ahead)  # of a metre's middle
+
+        nearest = min(self._inverse, key=distance_to)
+        return self._inverse[nearest]
+
+    def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
+        """Compute the false alarms per m² that reach a mine's statistics.
+
+        Parameters
+        ----------
+        ahead : (look,) ndarray
+            Distances ahead of the looks at the mine, m.
+        chip : (look, value) ndarray of complex
+            The looks.
+        echo : (look, value) ndarray of complex
+            The mine's own echo in them.
+
+        Returns
+        -------
+        dict
+            ``far`` and ``far_phase`` (per m²) without and with the phase, and ``area`` (m²).
+        """
+        filters = []
+        normalized = []
+        for y, look, look_echo in zip(ahead, chip, echo, strict=True):
+            inverse = self.inverse(y)
+            filters.append(inverse @ look_echo)
+            normalized.append(divided_by_rms(look[None], inverse)[0])
+        filter_array = np.array(filters)
+        at_mine = np.einsum("kc,kc->k", filter_array.conj(), np.array(normalized))
+        levels = log_likelihoods(at_mine[None])
+
+        columns = []
+        for y, look_filter in zip(ahead, filter_array, strict=True):
+            columns.append(self._nearest(y) @ look_filter.conj())
+        maps = log_likelihoods(np.stack(columns, axis=1))
+        counts = []
+        for level, statistic in zip(levels, maps, strict=True):
+            over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
+            counts.append(count_maxima(over_ground, float(level[0])))
+        without_phase, with_phase = counts
+        return {
+            "far": without_phase / self.area,
+            "far_phase": with_phase / self.area,
+            "area": self.area,
+        }
+
+    def _nearest(self, ahead: float) -> ComplexArray:
+        """Return the chips (place, value) of every place's look that is nearest to a distance.
+
+        They are zero for places never seen.
+        """
+        # Of the looks at one place the nearest comes last, and so is the one that stays.
+        distance = np.abs(self.looks.ahead - ahead)
+        order = np.lexsort((-distance, self.looks.place))
+        places = self.grid.nx * self.grid.ny
+        values = self.looks.chip.shape[1]
+        chips = np.zeros((places, values), np.complex64)
+        chips[self.looks.place[order]] = self.looks.chip[order]
+        return chips
+
+
+def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
+    """Invert the covariance of chips.
+
+    A thousandth of its mean power is added to its diagonal.
+
+    Parameters
+    ----------
+    chip : (look, value) ndarray of complex
+        The looks.
+
+    Returns
+    -------
+    (value, value) ndarray of complex
+        The inverse.
+    """
+    covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
+    size = len(covariance)
+    load = _LOAD * np.trace(covariance).real / size
+    return np.asarray(np.linalg.inv(covariance + load * np.eye(size)))
+
+
+def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
+    """Divide chips by their own rms in whitened clutter.
+
+    Parameters
+    ----------
+    chip : (look, value) ndarray of complex
+        The looks.
+    inverse : (value, value) ndarray of complex
+        Inverse covariance of the clutter.
+
+    Returns
+    -------
+    (look, value) ndarray of complex
+        The divided looks.
+    """
+    whitened = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True)
+    power = whitened.real / len(inverse)
+    rms = np.sqrt(np.maximum(power, 1e-12))
+    return np.asarray(chip / rms[:, None], dtype=np.complex64)
+
+
+def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> ImagedRun:
+    """Return a lane with its background.
+
+    Parameters
+    ----------
+    folder : str
+        Folder of ``flgpr benchmark run``.
+    lane : GroundLane
+        The lane.
+    recipe : str
+        Recipe of the images and of the background.
+
+    Returns
+    -------
+    ImagedRun
+        The lane, whose images are cleaned when they are asked for.
+    """
+    run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
+    setup = ImagedRun(run, load_recipe(recipe), lane.lane, explains=False)
+    engine_of(setup).run(names=("signature", "gain"))
+    return setup
+
+
+def looks_at(setup: ImagedRun, points: FloatArray) -> Looks:
+    """Cut the chips about places out of all scans that see them.
+
+    Parameters
+    ----------
+    setup : ImagedRun
+        A lane with its background.
+    points : (place, 3) ndarray
+        Places in the lane frame, m.
+
+    Returns
+    -------
+    Looks
+        Scan after scan.
+    """
+    looks = []
+    for index in range(len(setup)):
+        image = setup.coherent(index)
+        numbers, places = places_in_sight(setup, points, image.attrs["pose"])
+        chips = chips_at(image.values, setup.near, places)
+        looks.append(Looks(numbers, places[:, 1], chips))
+    return join_looks(looks)
+
+
+def looks_at_mines(
+    setup: ImagedRun, lane: GroundLane, mines: pd.DataFrame
+) -> tuple[Looks, ComplexArray]:
+    """Cut the chips about the mines of a lane, and what the mines' bodies add to them.
+
+    Parameters
+    ----------
+    setup : ImagedRun
+        The lane with its background.
+    lane : GroundLane
+        The same lane, with its scene.
+    mines : pandas.DataFrame
+        Truth of the mines: ``x`` and ``y``, m.
+
+    Returns
+    -------
+    looks : Looks
+        Scan after scan; places are numbers of mines.
+    echoes : (look, value) ndarray of complex
+        What the bodies add to each look.
+    """
+    simulator = Simulator(lane.scene, lane.sensor, lane.seed)
+    points = ground_points(mines)
+    looks = []
+    echoes = []
+    for index, scan in enumerate(setup.near_imager.scans.tolist()):
+        image = setup.coherent(index)
+        numbers, places = places_in_sight(setup, points, image.attrs["pose"])
+        if not len(numbers):
+            continue
+        echo = setup.near_imager.image(scan, simulator.bodies(scan)).values
+        echo = echo / (setup.gains[index][..., None, None] * setup.background.gain)
+        chips = chips_at(image.values, setup.near, places)
+        looks.append(Looks(numbers, places[:, 1], chips))
+        echoes.append(chips_at(echo.astype(np.complex64), setup.near, places))
+    return join_looks(looks), np.concatenate(echoes)
+
+
+def join_looks(looks: Sequence[Looks]) -> Looks:
+    """Join the looks of scans."""
+    return Looks(
+        place=np.concatenate([of_scan.place for of_scan in looks]),
+        ahead=np.concatenate([of_scan.ahead for of_scan in looks]),
+        chip=np.concatenate([of_scan.chip for of_scan in looks]),
+    )
+
+
+def places_in_sight(
+    setup: ImagedRun, points: FloatArray, pose: ArrayLike
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the numbers of the places whose chips the image of a pose shows, and their x and y.
+
+    They count as far ahead as the run-view takes looks; x and y are in the scan frame, m.
+
+    Parameters
+    ----------
+    setup : ImagedRun
+        A lane with its background.
+    points : (place, 3) ndarray of float
+        Places in the lane frame, m.
+    pose : (6,) array_like
+        The pose, m and rad.
+
+    Returns
+    -------
+    numbers : (seen,) ndarray of int
+        Numbers of the places.
+    places : (seen, 2) ndarray of float
+        Their x and y, m.
+    """
+    places = lane_to_scan(points, np.asarray(pose))[:, :2]
+    x_min, x_max, y_min, _ = setup.near.extent()
+    edge = 2 * STEP
+    y_max = setup.recipe.run_view.y_max
+    inside_x = (places[:, 0] > x_min + edge) & (places[:, 0] < x_max - edge)
+    inside_y = (places[:, 1] > y_min + edge) & (places[:, 1] <= y_max)
+    numbers = np.flatnonzero(inside_x & inside_y)
+    return numbers, places[numbers]
+
+
+def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArray:
+    """Cut chips out of an image: the pixels nearest to places and those about them.
+
+    Parameters
+    ----------
+    image : (polarization, subband, y, x) ndarray of complex
+        The image.
+    grid : Grid
+        Its pixels, in the scan frame.
+    places : (place, 2) ndarray of float
+        x and y of the places in the scan frame, m.
+
+    Returns
+    -------
+    (place, value) ndarray of complex
+        Values go through polarization, sub-band and nine pixels.
+    """
+    row = np.round((places[:, 1] - grid.y_min) / grid.dy)
+    column = np.round((places[:, 0] - grid.x_min) / grid.dx)
+    down = np.round(STEP * _OFFSETS / grid.dy)
+    across = np.round(STEP * _OFFSETS / grid.dx)
+    rows = (row[:, None, None] + down[:, None]).astype(int)
+    columns = (column[:, None, None] + across).astype(int)
+    # (polarization, sub-band, place, 3, 3) becomes (place, value).
+    cut = np.moveaxis(image[:, :, rows, columns], 2, 0)
+    values = math.prod(image.shape[:2]) * _OFFSETS.size**2
+    return np.ascontiguousarray(cut.reshape(len(places), values))
+
+
+def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
+    """Sum log-likelihood ratios of filtered looks (Van Trees 1968, Sec. 4.2 and 4.4).
+
+    Parameters
+    ----------
+    values : (place, look) ndarray of complex
+        Looks, each filtered by the mine's own echo.
+
+    Returns
+    -------
+    unknown : (place,) ndarray of float
+        Sums with a phase of its own in every look.
+    known : (place,) ndarray of float
+        Sums with the phases known.
+    """
+    z = 2 * np.abs(values)
+    # I_0 itself overflows beyond z of 700; ive is I_0 exp(-z).
+    unknown = (np.log(ive(0, z)) + z).sum(axis=1)
+    known = 2 * values.real.sum(axis=1)
+    return unknown, known
+
+
+def count_maxima(values: FloatArray, level: float) -> int:
+    """Count the local maxima of a map that reach a level.
+
+    Parameters
+    ----------
+    values : (y, x) ndarray of float
+        The map, in steps of ``STEP``.
+    level : float
+        The level.
+
+    Returns
+    -------
+    int
+        Maxima that none within ``RADIUS`` exceeds.
+    """
+    reach = round(RADIUS / STEP)
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
+    largest_about = maximum_filter(values, footprint=disc, mode="nearest")
+    is_maximum = values == largest_about
+    return int(np.count_nonzero(is_maximum & (values >= level)))

@@ -1,0 +1,529 @@
+"""Running detectors on the proving ground.
+
+Lanes are made once. Every detector is trained on some, frozen, and tried on others.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.door import Folder, refuse_links
+from flgpr.jobs.job import code_versions, make_job
+from flgpr.jobs.survey import detect_survey
+from flgpr.jobs.training import train_on_lanes
+from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
+from flgpr.recipe.schema import parse_recipe, recipe_text
+from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
+from flgpr.store.outputs import log_finished
+from flgpr.store.run_writer import is_finished
+from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.trials import seal_truth
+from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
+from flgpr_ground.ground import Ground, GroundLane, load_ground
+
+SEALED = "truth.sealed.json"
+PRINTS = "fingerprints.csv"
+ALARMS = "alarms.csv"
+COSTS = "costs.json"
+MARK = "ground.json"
+ABOUT = "entry.json"
+Costs = dict[str, dict[str, float]]
+"""Processor seconds and peak bytes by lane, and of every training."""
+
+
+def read_ground(folder: Path) -> Ground:
+    """Read the ground of a benchmark's folder; a ValueError if it is none."""
+    if not Folder(folder).has(MARK):
+        raise ValueError(f"folders must be those of `flgpr benchmark run`, got {folder}")
+    quick = bool(Folder(folder).json(MARK)["quick"])
+    return load_ground(quick, folder / "ground.toml")
+
+
+def passphrase(ground: Ground) -> str:
+    """Return the passphrase of the sealed truth.
+
+    It is public: the seal guards against accidents, not against who means to look.
+    """
+    return f"the truth of {ground.title}"
+
+
+def make_lanes(
+    ground: Ground, folder: Path, options: RunOptions, tiers: Sequence[Ground] | None = None
+) -> None:
+    """Simulate the lanes that are not there yet.
+
+    The truth of all test lanes is sealed, that of the others lies beside them. Fingerprints are
+    taken of all lanes that are there.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    folder : Path
+        Takes the lanes.
+    options : RunOptions
+        Who does the work.
+    tiers : sequence of Ground, optional
+        The tiers whose lanes are made; by default all.
+    """
+    seal_tested(ground, folder)
+    chosen = ground.chosen_tiers() if tiers is None else tiers
+    missing = []
+    for tier in chosen:
+        missing += [name for name in tier.lanes if not _is_made(folder, name)]
+    with options.executor() as executor:
+        jobs = [(ground.quick, ground.text, name, str(folder.resolve())) for name in missing]
+        for _ in options.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
+            pass
+    _write_fingerprints(ground, folder)
+
+
+def _write_fingerprints(ground: Ground, folder: Path) -> None:
+    """Write the fingerprints of all lanes that are there; known ones are not taken anew."""
+    present = Folder(folder).read_if_listed(PRINTS)
+    known: dict[Any, Any] = {}
+    if present is not None:
+        known = parse_columns(present).set_index("sha256", drop=False).to_dict("index")
+    rows = []
+    for name in ground.lanes:
+        if _is_made(folder, name):
+            digest = read_manifest(folder / f"{name}.zarr")["sha256"]
+            rows.append(known.get(digest) or fingerprint(folder, name))
+    write_whole(folder / PRINTS, pd.DataFrame(rows).to_csv(index=False, float_format="%.7g"))
+
+
+def _is_made(folder: Path, name: str) -> bool:
+    """Return whether a lane is there, and its writer was not killed before it tidied up."""
+    return is_finished(folder / f"{name}.zarr")
+
+
+def seal_tested(ground: Ground, folder: Path) -> None:
+    """Seal the truth of all test lanes, if that was not done yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / SEALED).is_file():
+        return
+    tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
+    tables = [_truth(lane, with_bodies=bool(ground.table.tiers)) for lane in tested]
+    borders = {lane.name: lane.lane for lane in tested}
+    seal_truth(
+        pd.concat(tables, ignore_index=True),
+        borders,
+        folder / SEALED,
+        passphrase(ground),
+        halo=ground.table.halo,
+    )
+
+
+def make_lane(quick: bool, ground: str, name: str, folder: str) -> Report:
+    """Simulate one lane, with its truth beside it unless that is sealed.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether the ground is the quick form.
+    ground : str
+        TOML text of the ground.
+    name : str
+        Name of the lane.
+    folder : str
+        Takes the lane.
+
+    Returns
+    -------
+    Report
+        The name of the ``lane``.
+    """
+    lane = load_ground(quick, ground).lanes[name]
+    if lane.part != "test":
+        write_table(lane.truth(), Path(folder) / f"{name}-truth.csv")
+    lane.make(Path(folder) / f"{name}.zarr")
+    return {"lane": name}
+
+
+def _truth(lane: GroundLane, with_bodies: bool) -> pd.DataFrame:
+    """Return the targets of a lane, named so that those of all lanes are different."""
+    truth = lane.truth_with_bodies() if with_bodies else lane.truth()
+    return truth.assign(lane=lane.name, target_id=lane.name + "-" + truth["target_id"])
+
+
+def fingerprint(folder: Path, name: str) -> dict[str, Any]:
+    """Return a lane's digest, and the rms of its echoes by polarization.
+
+    By the rms lanes of machines are compared that compute other bits.
+    """
+    store = folder / f"{name}.zarr"
+    run = open_run(store)
+    power = np.abs(run["signal"].values) ** 2
+    level = np.sqrt(np.nanmean(power, axis=(0, 2, 3), dtype=float))
+    labels = [str(label) for label in run["polarization"].values]
+    return {
+        "lane": name,
+        "sha256": read_manifest(store)["sha256"],
+        **dict(zip(labels, level, strict=True)),
+    }
+
+
+def read_costs(folder: Path) -> Costs:
+    """Read what an entry cost; empty if it has not begun."""
+    return dict(Folder(folder).json(COSTS)) if Folder(folder).has(COSTS) else {}
+
+
+class _EntryRun:
+    """The run of an entry over a ground.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    entry : Entry
+        An entry that is a recipe.
+    lanes : Path
+        The folder that has the lanes.
+    folder : Path
+        Takes what the entry makes.
+    options : RunOptions
+        Who does the work.
+    """
+
+    def __init__(
+        self, ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions
+    ) -> None:
+        self.ground = ground
+        self.lanes = lanes
+        self.folder = folder
+        self.options = options
+        self.recipe = parse_recipe(entry.text, entry.name)
+        self.file = folder / "recipe.toml"
+        write_whole(self.file, entry.text)
+        self.costs = read_costs(folder)
+
+    def run(self) -> None:
+        """Write the alarms of every split, fold by fold; folds that are there are left alone."""
+        for split, row in self.ground.table.splits.items():
+            (self.folder / split).mkdir(exist_ok=True)
+            tables = []
+            for number, fold in enumerate(row.folds, 1):
+                name = f"{split}/fold-{number}.csv"
+                if not (self.folder / name).is_file():
+                    trained_on = self.ground.matching(fold.train, fold.without)
+                    tested = self.ground.matching(fold.test)
+                    write_table(self._alarms(trained_on, tested), self.folder / name)
+                tables.append(read_table_in(self.folder, name, "alarms"))
+            write_table(pd.concat(tables, ignore_index=True), self.folder / split / ALARMS)
+            write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
+
+    def _alarms(
+        self, trained_on: Sequence[GroundLane], tested: Sequence[GroundLane]
+    ) -> pd.DataFrame:
+        """Train on lanes, detect on others, and return the alarms of these with their lane."""
+        model = None
+        if self.recipe.learning() or self.recipe.detector is not None:
+            model = self._trained(trained_on)
+        results = self.folder / "results"
+        refuse_links(results)
+        runs, borders = self._files(tested)
+        with self._counting_costs(results) as (options, costs):
+            text = recipe_text(self.file)
+            jobs = []
+            for run, lane in zip(runs, borders, strict=True):
+                output = results / run.stem
+                jobs.append(make_job(run, text, lane, output, False, model, options=options))
+            detect_survey(jobs, results, options=options)
+        self.costs |= costs
+        tables = []
+        for lane in tested:
+            table = read_table_in(results, f"{lane.name}/alarms.csv", "alarms")
+            tables.append(table.assign(lane=lane.name))
+        shutil.rmtree(results)
+        return pd.concat(tables, ignore_index=True)
+
+    def _trained(self, trained_on: Sequence[GroundLane]) -> Path:
+        """Train on lanes, unless that was done, and return the model."""
+        lane_names = [lane.name for lane in trained_on]
+        name = sha256(json.dumps(lane_names).encode())[:12]
+        model = self.folder / "models" / name
+        if model.is_dir():
+            return model
+        with self._counting_costs(model.with_name(f"{name}-costs")) as (options, costs):
+            runs, borders, truths = self._files(trained_on, "-truth.csv")
+            text = recipe_text(self.file)
+            jobs = []
+            for run, lane, truth in zip(runs, borders, truths, strict=True):
+                jobs.append(make_job(run, text, lane, model, False, truth=truth, options=options))
+            train_on_lanes(jobs, model, (), self.ground.table.halo, options, overwrite=True)
+        self.costs[f"training {name}"] = {
+            "processor_seconds": sum(cost["processor_seconds"] for cost in costs.values()),
+            "peak_bytes": max(cost["peak_bytes"] for cost in costs.values()),
+        }
+        return model
+
+    def _files(self, lanes: Sequence[GroundLane], *endings: str) -> list[list[Path]]:
+        """Return the runs and the borders of lanes, and their files of other endings."""
+        files = []
+        for ending in (".zarr", "-lane.toml", *endings):
+            files.append([self.lanes / f"{lane.name}{ending}" for lane in lanes])
+        return files
+
+    @contextmanager
+    def _counting_costs(self, folder: Path) -> Iterator[tuple[RunOptions, Costs]]:
+        """Yield options that count processor time and memory by lane, and the counts.
+
+        The counts are written to a folder, so that a stop does not lose them.
+        """
+        costs = read_costs(folder)
+
+        def note(report: Report) -> None:
+            cost = costs.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
+            cost["processor_seconds"] += report["processor_seconds"]
+            cost["peak_bytes"] = max(cost["peak_bytes"], report["peak_bytes"])
+
+        try:
+            yield replace(self.options, note=note), costs
+        finally:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_whole(folder / COSTS, json.dumps(costs, indent=1) + "\n")
+
+
+def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions) -> None:
+    """Train an entry, freeze it and write its alarms, or copy alarm lists made elsewhere.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    entry : Entry
+        The entry.
+    lanes : Path
+        The folder that has the lanes.
+    folder : Path
+        Takes what the entry makes. What another recipe or program made there is deleted.
+    options : RunOptions
+        Who does the work.
+    """
+    refuse_links(folder)
+    if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
+        shutil.rmtree(folder)
+    write_about(ground, entry, folder)
+    if entry.alarms is None:
+        _EntryRun(ground, entry, lanes, folder, options).run()
+        return
+    for split, table in submitted(ground, entry.alarms).items():
+        (folder / split).mkdir(exist_ok=True)
+        write_table(table, folder / split / ALARMS)
+
+
+def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
+    """Read the alarm lists of a folder.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground, or one tier of it.
+    folder : Path
+        Holds a list SPLIT.csv for some splits, with alarms in lanes of every tier.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        The alarms by split. For one tier of a ground there are those in its lanes alone, and no
+        list without any.
+
+    Raises
+    ------
+    ValueError
+        If a list is named after no split, or does not name the lanes of its split in the column
+        ``lane``.
+    """
+    tables = {}
+    for path in sorted(folder.glob("*.csv")):
+        tables[path.stem] = read_table_in(folder, path.name, "alarms")
+    for split, table in tables.items():
+        if split not in ground.table.splits:
+            raise ValueError(
+                f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, "
+                f"got {split}.csv"
+            )
+        lanes_of_split = {lane.name for lane in replace(ground, tier="").tested(split)}
+        if "lane" not in table.columns or not set(table["lane"]) <= lanes_of_split:
+            raise ValueError(
+                f"{split}.csv must name the lanes of {split} in the column lane: "
+                f"{', '.join(sorted(lanes_of_split))}"
+            )
+    if not ground.tier:
+        return tables
+    of_tier = {}
+    for split, table in tables.items():
+        in_tier = table[table["lane"].isin(ground.lanes)]
+        if len(in_tier):
+            of_tier[split] = in_tier.reset_index(drop=True)
+    return of_tier
+
+
+def made_of(entry: Entry) -> str:
+    """Return a digest of an entry's recipe and of the program."""
+    return sha256(json.dumps([entry.text, code_versions()]).encode())
+
+
+def write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
+    """Write what an entry is, and why it did not finish if so."""
+    folder.mkdir(parents=True, exist_ok=True)
+    about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
+    if ground.tier:
+        about["tier"] = ground.tier
+    about["made_of"] = made_of(entry)
+    write_whole(folder / ABOUT, json.dumps(about, indent=1) + "\n")
+
+
+def run_benchmark(
+    entries: Sequence[str | Path],
+    output: str | Path,
+    quick: bool = False,
+    how: RunOptions = DEFAULTS,
+    ground: str | Path | None = None,
+    tier: str | None = None,
+) -> Path:
+    """Run detectors on the proving ground: make its lanes, train, freeze, detect.
+
+    An interrupted run resumes.
+
+    The lanes of all chosen tiers are made first. Then all entries run on one tier before the first
+    runs on the next, so that a run that is interrupted leaves whole tiers behind.
+
+    Parameters
+    ----------
+    entries : sequence of str or path
+        Names of packaged entries, recipes, or folders of alarm lists ``SPLIT.csv``; none takes all
+        packaged entries.
+    output : str or path
+        Folder that takes the lanes, ``lanes``, and a folder per entry, with one per tier in it
+        where there are tiers.
+    quick : bool
+        The quick form, which shows that everything runs.
+    how : RunOptions, optional
+        Who does the work.
+    ground : str or path, optional
+        Name of a packaged proving ground, by default the newest, or TOML file of one's own, as
+        those are described.
+    tier : str, optional
+        The tier to run on; by default, and with "all", every tier of the ground.
+
+    Returns
+    -------
+    Path
+        The folder. What it has in ``kept``, images that entries share, may be deleted.
+
+    Raises
+    ------
+    ValueError
+        If an entry is not there, not valid or does not fit the lanes, the folder is of another form
+        of the ground, or the ground has no such tier.
+    """
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    folder = Path(output)
+    tiers = chosen.chosen_tiers(tier)
+    to_run = _checked_entries(entries, chosen)
+    begin_folder(chosen, folder)
+    make_lanes(chosen, folder / "lanes", how, tiers)
+    how = replace(how, pass_cache=folder / "kept")
+    jobs = list(itertools.product(tiers, to_run))
+    for on_tier, entry in how.track(jobs, "entries", len(jobs)):
+        own_folder = entry_folder(folder, entry.name, on_tier)
+        try:
+            run_entry(on_tier, entry, folder / "lanes", own_folder, how)
+        except (ValueError, ModuleNotFoundError) as error:
+            # The others shall not wait for an entry that cannot be trained.
+            where = f" on the tier {on_tier.tier}" if on_tier.tier else ""
+            warnings.warn(f"{entry.name} did not finish{where}: {error}", stacklevel=2)
+            write_about(on_tier, entry, own_folder, str(error))
+    return folder
+
+
+def begin_folder(ground: Ground, folder: Path) -> None:
+    """Make the folder of a ground, with its description; one of another ground is a ValueError."""
+    if Folder(folder).has(MARK) and read_ground(folder) != ground:
+        raise ValueError(
+            f"output must be a folder of {ground.title} as it is now, got one of another ground: "
+            f"{folder}"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "ground.toml", ground.text)
+    write_whole(folder / MARK, json.dumps({"ground": ground.title, "quick": ground.quick}) + "\n")
+
+
+def make_ground(
+    output: str | Path,
+    quick: bool = False,
+    how: RunOptions = DEFAULTS,
+    ground: str | Path | None = None,
+    tier: str | None = None,
+) -> Path:
+    """Make the lanes of a proving ground, and run no detector.
+
+    Parameters
+    ----------
+    output : str or path
+        Folder of the ground, as for :func:`run_benchmark`, which goes on from there.
+    quick : bool
+        The quick form.
+    how : RunOptions, optional
+        Who does the work.
+    ground : str or path, optional
+        Name of a packaged proving ground, by default the newest, or a TOML file.
+    tier : str, optional
+        The tier whose lanes are made; by default, and with "all", every tier.
+
+    Returns
+    -------
+    Path
+        The folder, with run stores, borders, truth of the lanes that are not sealed, the sealed
+        truth and fingerprints in ``lanes``.
+
+    Raises
+    ------
+    ValueError
+        If the folder is of another form of the ground, or the ground has no such tier.
+    """
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    tiers = chosen.chosen_tiers(tier)
+    folder = Path(output)
+    begin_folder(chosen, folder)
+    lanes = folder / "lanes"
+    before = Folder(lanes).read(PRINTS) if Folder(lanes).has(PRINTS) else None
+    make_lanes(chosen, lanes, how, tiers)
+    if Folder(lanes).read(PRINTS) == before:
+        log_finished(lanes)
+    return folder
+
+
+def _checked_entries(names: Sequence[str | Path], ground: Ground) -> list[Entry]:
+    """Return the entries of these names, by default all packaged ones; refuse what is not valid."""
+    entries = [find_entry(name, ground) for name in names]
+    if not entries:
+        entries = list(packaged_entries(ground).values())
+    if {entry.name for entry in entries} & set(ORACLES):
+        raise ValueError(
+            f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives"
+        )
+    for entry in entries:
+        if entry.alarms is None:
+            parse_recipe(entry.text, entry.name)
+        else:
+            submitted(ground, entry.alarms)
+    return entries
+
+
+def entry_folder(folder: Path, entry: str, ground: Ground) -> Path:
+    """Return the folder of what an entry makes on a ground, or on one tier of it."""
+    of_entry = folder / "entries" / entry
+    return of_entry / ground.tier if ground.tier else of_entry

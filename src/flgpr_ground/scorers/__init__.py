@@ -1,0 +1,1 @@
+"""Scores of rival estimators, as :mod:`flgpr.detect.scorers` has those of the package."""

@@ -1,0 +1,296 @@
+"""Scores of trees: random forests, boosted trees and isolation forests, as one table of nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.detect.scorers.checks import Checked, FloatArray, IntArray, StoredScorer, refuse_unless
+
+_LEAF = -1
+_LARGEST_DEPTH = 4096  # nodes on the way to a leaf, more than any forest of alarms has
+
+
+@dataclass(frozen=True)
+class Trees:
+    """Binary trees, one after the other in one table of nodes.
+
+    A sample goes from a tree's first node to the left child where its feature is at most the
+    threshold, else to the right one, until it is in a leaf. Children have larger numbers than their
+    parents, so that every path ends.
+    """
+
+    first: IntArray  #: (n_trees,) first node of every tree
+    left: IntArray  #: (n_nodes,) left child, -1 in a leaf
+    right: IntArray  #: (n_nodes,) right child, -1 in a leaf
+    feature: IntArray  #: (n_nodes,) feature that is compared, 0 in a leaf
+    split: FloatArray  #: (n_nodes,) threshold, 0 in a leaf
+    value: FloatArray  #: (n_nodes,) what a leaf adds
+
+    def total(self, X: NDArray[Any]) -> FloatArray:
+        """Return the sums of the leaves that samples reach, over all trees.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) ndarray
+            Samples.
+
+        Returns
+        -------
+        (n_samples,) ndarray
+            Sums.
+        """
+        total = np.zeros(len(X))
+        for root in self.first:
+            node = np.full(len(X), root)
+            sample = np.flatnonzero(self.left[node] != _LEAF)  # samples that are not in a leaf yet
+            while sample.size:
+                parent = node[sample]
+                goes_left = X[sample, self.feature[parent]] <= self.split[parent]
+                node[sample] = np.where(goes_left, self.left[parent], self.right[parent])
+                sample = sample[self.left[node[sample]] != _LEAF]
+            total += self.value[node]
+        return total
+
+    @classmethod
+    def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
+        """Join trees, each with ``left``, ``right``, ``feature``, ``split`` and ``value``.
+
+        The children of a tree count from its own first node.
+        """
+        names = ("left", "right", "feature", "split", "value")
+        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+        first = []
+        count = 0
+        for tree in trees:
+            left = np.asarray(tree["left"])
+            right = np.asarray(tree["right"])
+            leaf = left < 0
+            first.append(count)
+            columns["left"].append(np.where(leaf, _LEAF, left + count))
+            columns["right"].append(np.where(leaf, _LEAF, right + count))
+            columns["feature"].append(np.where(leaf, 0, tree["feature"]))
+            columns["split"].append(np.where(leaf, 0.0, tree["split"]))
+            columns["value"].append(np.asarray(tree["value"], dtype=np.float64))
+            count += len(leaf)
+        return cls(
+            np.array(first, dtype=np.int64),
+            np.concatenate(columns["left"]).astype(np.int64),
+            np.concatenate(columns["right"]).astype(np.int64),
+            np.concatenate(columns["feature"]).astype(np.int64),
+            np.concatenate(columns["split"]).astype(np.float64),
+            np.concatenate(columns["value"]).astype(np.float64),
+        )
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Return the table of a file's arrays.
+
+        A path that could leave its tree, or not end, is a ValueError.
+        """
+        value = checked.array("value", (None,))
+        count = len(value)
+        trees = cls(
+            checked.array("first", (None,), np.int64),
+            checked.array("left", (count,), np.int64),
+            checked.array("right", (count,), np.int64),
+            checked.array("feature", (count,), np.int64),
+            checked.array("split", (count,)),
+            value,
+        )
+        _check_paths(trees, features)
+        return trees
+
+
+def _check_paths(trees: Trees, features: int) -> None:
+    """Refuse children that are no later nodes of their tree, unknown features, and deep trees."""
+    count = len(trees.value)
+    first = trees.first
+    in_range = first.size > 0 and first[0] == 0 and first[-1] < count
+    rising = in_range and bool((np.diff(first) > 0).all())
+    refuse_unless(rising, "array 'first' must rise from 0 within the nodes", first[:5].tolist())
+
+    node = np.arange(count)
+    tree = np.searchsorted(first, node, side="right") - 1
+    end = np.append(first[1:], count)[tree]  # of the node's own tree
+    leaf = trees.left == _LEAF
+    no_single_child = bool((leaf == (trees.right == _LEAF)).all())
+    refuse_unless(no_single_child, "a node must have two children or none", "one")
+    for name, child in (("left", trees.left), ("right", trees.right)):
+        later = leaf | ((child > node) & (child < end))
+        rule = f"array {name!r} must lead to later nodes of the tree"
+        refuse_unless(bool(later.all()), rule, child[~later][:1])
+
+    known = (trees.feature >= 0) & (trees.feature < features)
+    rule = f"array 'feature' must be from 0 to {features - 1}"
+    refuse_unless(bool(known.all()), rule, trees.feature[~known][:1])
+
+    # Level by level: a file may hold a path as long as its nodes, and every sample would walk it.
+    level = first
+    for _ in range(_LARGEST_DEPTH):
+        parents = level[~leaf[level]]
+        if not parents.size:
+            return
+        level = np.unique(np.concatenate([trees.left[parents], trees.right[parents]]))
+    raise ValueError(f"trees must be at most {_LARGEST_DEPTH} nodes deep, got one that is deeper")
+
+
+def _table_of(tree: Any) -> dict[str, Any]:
+    """Return the nodes of one of scikit-learn's trees."""
+    return {
+        "left": tree.children_left,
+        "right": tree.children_right,
+        "feature": tree.feature,
+        "split": tree.threshold,
+    }
+
+
+@dataclass(frozen=True)
+class ForestScorer(StoredScorer):
+    """Compute the log odds of the mean over a random forest's trees.
+
+    A tree gives the share of mines in a sample's leaf.
+    """
+
+    trees: Trees
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features), which the trees take in single precision."""
+        p = self.trees.total(X.astype(np.float32)) / len(self.trees.first)
+        log_mine = np.log(np.maximum(p, 1e-12))
+        log_clutter = np.log(np.maximum(1 - p, 1e-12))
+        return np.asarray(log_mine - log_clutter)
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Return the scorer of a fitted forest of two classes."""
+        tables = []
+        for tree_estimator in estimator.estimators_:
+            tree = tree_estimator.tree_
+            share = tree.value[:, 0, :]
+            refuse_unless(share.shape[1] == 2, "estimator must part two classes", share.shape)
+            tables.append({**_table_of(tree), "value": share[:, 1] / share.sum(axis=1)})
+        return cls(Trees.joined(tables))
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Return the scorer of a file's arrays; shares must lie between 0 and 1."""
+        trees = Trees.taken(checked, features)
+        is_share = (trees.value >= 0) & (trees.value <= 1)
+        rule = "array 'value' must lie between 0 and 1"
+        refuse_unless(bool(is_share.all()), rule, trees.value[~is_share][:1])
+        return cls(trees)
+
+
+@dataclass(frozen=True)
+class BoostedScorer(StoredScorer):
+    """Compute the log odds of boosted trees: a constant and the sum of a sample's leaves."""
+
+    trees: Trees
+    baseline: float
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        return np.asarray(self.baseline + self.trees.total(X))
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Return the scorer of a fitted estimator of two classes; categories are refused."""
+        two_classes = estimator.n_trees_per_iteration_ == 1
+        refuse_unless(two_classes, "estimator must part two classes", len(estimator.classes_))
+        tables = []
+        for (predictor,) in estimator._predictors:
+            nodes = predictor.nodes
+            categories = int(nodes["is_categorical"].sum())
+            rule = "features must be numbers without categories for a detector"
+            refuse_unless(categories == 0, rule, categories)
+            leaf = nodes["is_leaf"].astype(bool)
+            tables.append(
+                {
+                    "left": np.where(leaf, _LEAF, nodes["left"].astype(np.int64)),
+                    "right": np.where(leaf, _LEAF, nodes["right"].astype(np.int64)),
+                    "feature": nodes["feature_idx"],
+                    "split": nodes["num_threshold"],
+                    "value": nodes["value"],
+                }
+            )
+        return cls(Trees.joined(tables), float(np.ravel(estimator._baseline_prediction)[0]))
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Return the scorer of a file's settings and arrays."""
+        return cls(Trees.taken(checked, features), checked.number("baseline"))
+
+
+@dataclass(frozen=True)
+class IsolationScorer(StoredScorer):
+    """Compute the decision function of an isolation forest (Liu, Ting & Zhou 2008).
+
+    It is ``-2^(-d / (n c)) - offset`` of the summed path lengths d in n trees, c being the mean
+    length of one tree: samples that few splits isolate score low.
+    """
+
+    trees: Trees
+    mean_length: float  #: c
+    offset: float
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features), which the trees take in single precision."""
+        lengths = self.trees.total(X.astype(np.float32))
+        scale = len(self.trees.first) * self.mean_length
+        relative = lengths / scale if scale > 0 else np.ones_like(lengths)
+        return np.asarray(-(2.0**-relative) - self.offset)
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Return the scorer of a fitted forest."""
+        tables = []
+        trees = zip(estimator.estimators_, estimator.estimators_features_, strict=True)
+        for tree_estimator, features in trees:
+            tree = tree_estimator.tree_
+            table = _table_of(tree)
+            table["feature"] = np.asarray(features)[np.maximum(tree.feature, 0)]
+            table["value"] = _path_lengths(tree)
+            tables.append(table)
+        lengths = _mean_path_length(np.array([estimator._max_samples]))
+        return cls(Trees.joined(tables), float(lengths[0]), float(estimator.offset_))
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Return the scorer of a file's settings and arrays."""
+        return cls(
+            Trees.taken(checked, features),
+            checked.number("mean_length", 0.0),
+            checked.number("offset"),
+        )
+
+
+def _path_lengths(tree: Any) -> FloatArray:
+    """Return each node's depth plus the mean length of a tree grown from its examples."""
+    depth = np.zeros(tree.node_count)
+    for node in range(tree.node_count):  # children have larger numbers than their parents
+        if tree.children_left[node] >= 0:
+            depth[tree.children_left[node]] = depth[node] + 1
+            depth[tree.children_right[node]] = depth[node] + 1
+    return np.asarray(depth + _mean_path_length(tree.n_node_samples))
+
+
+def _mean_path_length(count: NDArray[Any]) -> FloatArray:
+    """Return the mean depth of an unsuccessful search among ``count`` examples.
+
+    This is c(n) = 2H(n - 1) - 2(n - 1)/n, Eq. 1 of Liu, Ting & Zhou 2008, with the harmonic number
+    H(i) ≈ ln i + γ; of two examples it is 1, as in scikit-learn.
+    """
+    n = np.asarray(count, dtype=np.float64)
+    several = np.maximum(n, 3.0)
+    harmonic = np.log(several - 1) + np.euler_gamma
+    length = 2 * harmonic - 2 * (several - 1) / several
+    of_two_or_more = np.where(n == 2, 1.0, length)
+    return np.asarray(np.where(n <= 1, 0.0, of_two_or_more))

@@ -1,0 +1,1 @@
+"""Rival stages: what recipes may name beside the stages of the package."""

@@ -1,0 +1,633 @@
+"""Scoring the entries side by side: every Pd with its interval, counts and what chance gives."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from flgpr.door import Folder, read_named
+from flgpr.report import render
+from flgpr.scoring import (
+    chance,
+    clopper_pearson,
+    compare,
+    match,
+    operating_row,
+    pd_mean,
+    random_pd,
+    roc_of,
+)
+from flgpr.scoring.matching import Match
+from flgpr.store import sha256, write_whole
+from flgpr.store.outputs import log_finished
+from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.trials import alarm_hash
+from flgpr.trials.blind import match_blind
+from flgpr_ground.card import entered_card, parse_card
+from flgpr_ground.entries import ORACLES, packaged_entries
+from flgpr_ground.figures import opening_split, split_figure, tiers_figure
+from flgpr_ground.fingerprints import same_lanes
+from flgpr_ground.ground import BODY, MINES, Ground, load_ground
+from flgpr_ground.oracle import oracle_file
+from flgpr_ground.running import (
+    ABOUT,
+    ALARMS,
+    SEALED,
+    entry_folder,
+    passphrase,
+    read_costs,
+    read_ground,
+)
+
+_COUNTS = ("n_detected", "n_targets", "n_false")
+_KEY_DIGITS = 12  # of the digest in the name of a stored score
+_BOOTSTRAP_DRAWS = 200  # of a paired comparison
+
+
+def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Score all entries of benchmark folders.
+
+    Those that were not scored yet look at the truth, which is logged.
+
+    Parameters
+    ----------
+    folders : sequence of str or path
+        What :func:`flgpr_ground.running.run_benchmark` wrote, of one form of the ground.
+
+    Returns
+    -------
+    scores : DataFrame
+        A row per entry, split, group of targets (``mines``, a site, a kind) and allowed FAR per m²:
+        ``pd`` with ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the
+        FAR of comparison also mines that the entry alone finds (``only``), the reference alone
+        (``reference_only``), and ``p`` of the paired test. Where targets lie too close to be moved
+        clear of all halos, ``chance`` is that of alarms strewn at random at the same FAR. On a
+        ground with tiers there is also a ``tier``; where the truth names bodies, there are groups
+        of the targets with one body, ``body BODY``.
+    costs : DataFrame
+        A row per entry, and per ``tier`` where there are tiers: processor seconds per km in
+        detection and of all trainings, the largest process in bytes.
+
+    Raises
+    ------
+    ValueError
+        If a folder is no benchmark's, or they are of different grounds.
+    """
+    benchmarks = [Path(folder) for folder in folders]
+    ground = _ground_of(benchmarks)
+    rows: list[dict[str, Any]] = []
+    costs: list[dict[str, Any]] = []
+    for tier in ground.chosen_tiers():
+        tier_rows, tier_costs = _score_tier(tier, benchmarks)
+        tier_column = {"tier": tier.tier} if tier.tier else {}
+        rows += [tier_column | row for row in tier_rows]
+        costs += [tier_column | row for row in tier_costs]
+    scores = pd.DataFrame(rows)
+    if scores.empty:
+        names = ", ".join(map(str, folders))
+        raise ValueError(f"folders must hold entries that were run, got none in {names}")
+    return scores, pd.DataFrame(costs)
+
+
+def _score_tier(
+    ground: Ground, folders: Sequence[Path]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the rows of scores and of costs of a ground, or of one of its tiers."""
+    reference = {}
+    for split in ground.table.splits:
+        reference[split] = _reference_alarms(folders, ground, split)
+    rows: list[dict[str, Any]] = []
+    costs = []
+    for folder, name in _entries(folders, ground):
+        entry = entry_folder(folder, name, ground)
+        for split in ground.table.splits:
+            if (entry / split / ALARMS).is_file():
+                rows += _stored_score(ground, folder, name, split, reference[split])
+        cost = _declared_cost(folder, name)
+        if cost is None:
+            cost = _measured_cost(ground, name, entry)
+        costs.append(cost)
+
+    oracle_name = oracle_file(ground)
+    for folder in folders:
+        if (folder / oracle_name).is_file():
+            table = parse_columns(Folder(folder).read(oracle_name))
+            rows += _oracle_rows(ground, table)
+    return rows, costs
+
+
+def _ground_of(folders: Sequence[Path]) -> Ground:
+    """Return the ground that all folders are of."""
+    grounds = [read_ground(folder) for folder in folders]
+    if any(ground != grounds[0] for ground in grounds):
+        titles = ", ".join(ground.title for ground in grounds)
+        raise ValueError(f"folders must all be of one ground, got {titles}")
+    return grounds[0]
+
+
+def _entries(folders: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str]]:
+    """Yield folder and name of the entries that began on a ground, or on one of its tiers."""
+    for folder in folders:
+        for path in sorted((folder / "entries").glob("*")):
+            if (entry_folder(folder, path.name, ground) / ABOUT).is_file():
+                yield folder, path.name
+
+
+def _reference_alarms(folders: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
+    """Return the alarms of the reference in a split, from the first folder that has them."""
+    for folder in folders:
+        file = entry_folder(folder, ground.table.reference, ground) / split / ALARMS
+        name = file.relative_to(folder).as_posix()
+        if Folder(folder).has(name):
+            return read_table_in(folder, name, "alarms")
+    return None
+
+
+def _stored_score(
+    ground: Ground, folder: Path, name: str, split: str, reference: pd.DataFrame | None
+) -> list[dict[str, Any]]:
+    """Return the score of an entry's alarms of a split.
+
+    A score of the same alarms beside the same reference is read where it was stored.
+    """
+    entry = entry_folder(folder, name, ground)
+    alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
+    is_reference = name == ground.table.reference
+    other = None if is_reference else reference
+    sealed = folder / "lanes" / SEALED
+    score_key = _score_key(ground, alarms, other, sealed)
+    score_name = f"{split}/score-{score_key}.json"
+    if not Folder(entry).has(score_name):
+        lanes = [lane.name for lane in ground.tested(split)]
+        look = match_blind(alarms, sealed, passphrase(ground), only_lanes=lanes)
+        matched = look.matched
+        paired = None
+        if other is not None:
+            # The reference's own score was logged when it was scored; here it is only paired.
+            paired = match(other, matched.truth, matched.lanes, matched.halo)
+        rows = list(_rows(ground, split, matched, paired))
+        write_whole(entry / score_name, json.dumps(rows) + "\n")
+    entry_columns = {"entry": name, "split": split}
+    return [entry_columns | row for row in Folder(entry).json(score_name)]
+
+
+def _score_key(
+    ground: Ground, alarms: pd.DataFrame, other: pd.DataFrame | None, sealed: Path
+) -> str:
+    """Return a digest of all that a score depends on."""
+    # Without tiers nothing is said of them, so that scores from before there were tiers are found.
+    excluded = None if ground.table.tiers else {"tiers"}
+    rules = ground.table.model_dump(mode="json", exclude=excluded)
+    # Without a reference it is false, not null, as in the keys of scores stored so far.
+    other_hash = False if other is None else alarm_hash(other)
+    alarms_and_rules = [rules, alarm_hash(alarms), other_hash]
+    truth_hash = sha256(Folder(sealed.parent).read(sealed.name))
+    text = json.dumps([alarms_and_rules, truth_hash])
+    return sha256(text.encode())[:_KEY_DIGITS]
+
+
+def _rows(
+    ground: Ground, split: str, matched: Match, reference: Match | None
+) -> Iterator[dict[str, Any]]:
+    """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
+    kind = matched.truth["kind"].astype(str)
+    mines = _mines(ground, split, kind).to_numpy()
+    level = chance(matched)
+    groups = {MINES: mines}
+    for name in sorted(kind.unique()):
+        groups[str(name)] = (kind == name).to_numpy()
+    for group, rows in _body_groups(matched.truth).items():
+        groups[group] = rows.to_numpy()
+    for group, rows in groups.items():
+        paired = reference if group == MINES else None
+        yield from _points(ground, group, matched, level, rows, paired)
+
+    site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
+    site_of_target = matched.truth["lane"].map(site_of_lane).to_numpy()
+    for site in ground.sites:
+        lanes = [name for name, site_of in site_of_lane.items() if site_of == site]
+        has_mines = (mines & (site_of_target == site)).any()
+        if not lanes or not has_mines:
+            continue
+        # Matched again: false alarms and area are those of the site's lanes alone.
+        at_site = _match_of_lanes(matched, lanes)
+        kind_at_site = at_site.truth["kind"].astype(str)
+        rows = _mines(ground, split, kind_at_site).to_numpy()
+        yield from _points(ground, site, at_site, chance(at_site), rows, None)
+
+
+def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return which targets have each packaged body; empty where the truth does not name bodies."""
+    if "body" not in targets.columns:
+        return {}
+    body = targets["body"].fillna("").astype(str)
+    groups = {}
+    for name in sorted(body.unique()):
+        if name:
+            groups[f"{BODY}{name}"] = body == name
+    return groups
+
+
+def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yield the score of both oracles in the splits whose targets they know.
+
+    Chance is that of strewn alarms.
+    """
+    halo = ground.table.halo
+    for name, split in itertools.product(ORACLES, ground.table.splits):
+        tested = {lane.name for lane in ground.tested(split) if not lane.empty}
+        targets = false_alarms[false_alarms["lane"].isin(tested)]
+        if set(targets["lane"]) != tested:
+            continue
+        column, _ = ORACLES[name]
+        area = float(targets.drop_duplicates("site")["area"].sum())
+        groups = _oracle_groups(ground, split, targets)
+        for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
+            detected = int((targets.loc[rows, column] <= allowed).sum())
+            total = int(rows.sum())
+            low, high = clopper_pearson(detected, total)
+            yield {
+                "entry": name,
+                "split": split,
+                "group": group,
+                "far_allowed": allowed,
+                "pd": detected / total,
+                "pd_low": low,
+                "pd_high": high,
+                "n_detected": detected,
+                "n_targets": total,
+                # Alarms strewn by a Poisson process: one at least in the halo.
+                "chance": float(random_pd(allowed, halo)),
+                "far": allowed,
+                "n_false": int(allowed * area),
+                "area": area,
+            }
+
+
+def _oracle_groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, Any]:
+    """Return which targets of an oracle are in each group: mines, kinds, bodies and sites."""
+    mines = _mines(ground, split, targets["kind"])
+    groups = {MINES: mines}
+    for kind in sorted(targets["kind"].unique()):
+        groups[str(kind)] = targets["kind"] == kind
+    groups |= _body_groups(targets)
+    for site in ground.sites:
+        groups[site] = mines & (targets["site"] == site)
+    return groups
+
+
+def _mines(ground: Ground, split: str, kind: Any) -> Any:
+    """Return which targets, by their kinds, are the mines that a split is scored on."""
+    kinds = ground.table.splits[split].kinds
+    return kind.isin(kinds) if kinds else kind != "simulant"
+
+
+def _match_of_lanes(matched: Match, lanes: Sequence[str]) -> Match:
+    """Return the match of some of the lanes alone."""
+
+    def of_lanes(table: pd.DataFrame) -> pd.DataFrame:
+        return table[table["lane"].isin(lanes)].reset_index(drop=True)
+
+    borders = {name: matched.lanes[name] for name in lanes}
+    return match(of_lanes(matched.alarms), of_lanes(matched.truth), borders, matched.halo)
+
+
+def _points(
+    ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
+) -> Iterator[dict[str, Any]]:
+    """Yield the score of a group of targets at every allowed FAR."""
+    curve = level.add_chance_column(roc_of(matched, rows), rows)
+    fars = ground.table.fars
+    points = curve.iloc[operating_row(curve, np.array(fars))]
+    for allowed, (_, point) in zip(fars, points.iterrows(), strict=True):
+        row: dict[str, Any] = {"group": group, "far_allowed": allowed}
+        for name in ("pd", "pd_low", "pd_high", "chance", "far"):
+            row[name] = float(point[name])
+        if math.isnan(row["chance"]):
+            # The targets lie too close to be moved clear of all halos.
+            row["chance"] = float(random_pd(row["far"], matched.halo))
+        for name in _COUNTS:
+            row[name] = int(point[name])
+        row["area"] = float(curve.attrs["area"])
+        if allowed == ground.table.far:
+            row["pd_mean"] = float(pd_mean(curve, max(fars)))
+            if reference is not None:
+                paired = compare(
+                    matched,
+                    reference,
+                    rows,
+                    far=allowed,
+                    far_max=max(fars),
+                    draws=_BOOTSTRAP_DRAWS,
+                )
+                row["only"] = paired.only_a
+                row["reference_only"] = paired.only_b
+                row["p"] = paired.p_detections
+        yield row
+
+
+def _measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
+    """Return what an entry cost where it was run."""
+    metres = 0.0
+    lane_seconds = 0.0
+    training_seconds = 0.0
+    peaks = []
+    for work, cost in read_costs(entry).items():
+        if work in ground.lanes and cost:
+            metres += ground.lanes[work].length
+            lane_seconds += cost["processor_seconds"]
+            peaks.append(cost["peak_bytes"])
+        if work.startswith("training"):
+            training_seconds += cost["processor_seconds"]
+    kilometres = metres / 1000
+    return {
+        "entry": name,
+        "seconds_per_km": lane_seconds / kilometres if kilometres else math.nan,
+        "training_seconds": training_seconds,
+        "peak_bytes": max(peaks, default=math.nan),
+    }
+
+
+def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
+    """Return what a submission cost by its card; None for an entry without one."""
+    card_text = entered_card(Folder(folder), name)
+    if card_text is None:
+        return None
+    card, _ = parse_card(card_text)
+    if card is None:
+        return None
+    seconds = card.cost.training_seconds
+    peak_mib = card.cost.peak_mib
+    return {
+        "entry": name,
+        "seconds_per_km": card.cost.seconds_per_km,
+        "training_seconds": math.nan if seconds is None else seconds,
+        "peak_bytes": math.nan if peak_mib is None else peak_mib * 2**20,
+    }
+
+
+def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
+    """Return the rows of scores or of costs that are of a tier.
+
+    On a ground without tiers these are all rows.
+    """
+    return table[table["tier"] == ground.tier] if ground.tier else table
+
+
+def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
+    """Return the table of all mines at the FAR of comparison, as text.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    scores, costs : DataFrame
+        What :func:`score_entries` returns.
+
+    Returns
+    -------
+    str
+        Lines for every tier and split, the largest Pd first, and lines of costs.
+    """
+    lines = [
+        f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
+        "chance"
+    ]
+    for tier in ground.chosen_tiers():
+        tier_scores = of_tier(scores, tier)
+        if len(tier_scores):
+            lines += _tier_lines(tier, tier_scores)
+
+    tier_width = max((len(name) for name in ground.table.tiers), default=0)
+    head = f"{'cost':22} {'':{tier_width}}"
+    lines += ["", f"{head} processor s/km  training s  largest process MiB"]
+    for cost in costs.to_dict("records"):
+        name = f"  {cost['entry']:20} {cost.get('tier', ''):{tier_width}}"
+        times = f"{cost['seconds_per_km']:14.0f} {cost['training_seconds']:11.0f}"
+        peak_mib = cost["peak_bytes"] / 2**20
+        lines.append(f"{name} {times} {peak_mib:20.0f}")
+    return "\n".join(lines)
+
+
+def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
+    """Return the lines of every split of a ground, or of one of its tiers."""
+    lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
+    is_compared = scores["group"] == MINES
+    is_compared &= scores["far_allowed"] == ground.table.far
+    compared = scores[is_compared]
+    against = f"; against {ground.table.reference} "
+    for split, row in ground.table.splits.items():
+        lines += ["", f"{split}: {row.title}"]
+        of_split = compared[compared["split"] == split]
+        ranked = of_split.sort_values("pd", ascending=False, kind="stable")
+        for score in ranked.to_dict("records"):
+            entry = f"  {score['entry']:20} {pd_in_words(score)}"
+            lines.append(entry + paired_in_words(score, against))
+    return lines
+
+
+def pd_in_words(score: Mapping[Any, Any]) -> str:
+    """Return a Pd with its interval, counts and chance, as text."""
+    interval = f"({score['pd_low']:.2f} to {score['pd_high']:.2f})"
+    counts = f"{score['n_detected']:.0f} of {score['n_targets']:.0f}, {score['n_false']:.0f} false"
+    return f"{score['pd']:.2f} {interval}, {counts}, chance {score['chance']:.2f}"
+
+
+def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
+    """Return the paired comparison with the reference as text; "" for the reference itself."""
+    p = score.get("p")
+    if p is None or not np.isfinite(p):
+        return ""
+    return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {p:.2g}"
+
+
+def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str:
+    """Score what is not scored yet, and write the tables and the page.
+
+    Parameters
+    ----------
+    folders : sequence of str or path
+        Folders of ``flgpr benchmark run``.
+    output : str or path
+        Folder that takes ``scores.csv``, the same, to the digit, for the same alarms, ``costs.csv``
+        of what this machine took, and ``index.html``.
+
+    Returns
+    -------
+    str
+        The table as text.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`score_entries`.
+    """
+    benchmarks = [Path(folder) for folder in folders]
+    target = Path(output)
+    scores, costs = score_entries(benchmarks)
+    ground = _ground_of(benchmarks)
+    target.mkdir(parents=True, exist_ok=True)
+    write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
+    write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
+    titles, faults = _titles_and_faults(ground, benchmarks)
+    for name, (_, title) in ORACLES.items():
+        if name in set(scores["entry"]):
+            titles[name] = title
+    _write_page(target / "index.html", _page(ground, scores, costs, titles))
+    return "\n".join([table_text(ground, scores, costs), *faults])
+
+
+def _write_page(path: Path, page: str) -> None:
+    """Write the page, and report if it was there."""
+    if path.is_file() and read_named(path).decode("utf-8", "replace") == page:
+        log_finished(path)
+    write_whole(path, page)  # leaves a file of the same bytes as it is
+
+
+def _titles_and_faults(ground: Ground, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
+    """Return the title of every entry by name, and the reasons of those that did not finish."""
+    titles: dict[str, str] = {}
+    faults = []
+    for tier in ground.chosen_tiers():
+        on_tier = f" on the tier {tier.tier}" if tier.tier else ""
+        for folder, name in _entries(folders, tier):
+            entry = entry_folder(folder, name, tier)
+            about = Folder(entry).json(ABOUT)
+            titles.setdefault(name, about["title"])
+            if about["fault"]:
+                reason = f"did not finish{on_tier}: {about['fault']}"
+                titles[name] += f"; {reason}"
+                faults.append(f"{name} {reason}")
+    return titles, faults
+
+
+def _page(
+    ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
+) -> str:
+    """Return the page of all tiers."""
+    tiers = []
+    for tier in ground.chosen_tiers():
+        tier_scores = of_tier(scores, tier)
+        if len(tier_scores):
+            tiers.append((tier, list(_page_splits(tier, tier_scores))))
+    heads = ["entry"]
+    heads += [f"Pd at {far:g} per m²" for far in ground.table.fars]
+    heads.append(f"against {ground.table.reference}")
+    cost_heads = ["entry"]
+    if ground.table.tiers:
+        cost_heads.append("tier")
+    cost_heads += [">processor seconds per km", ">training, s", ">largest process, MiB"]
+    return render(
+        "benchmark.html",
+        package="flgpr_ground",
+        ground=ground,
+        opening=_opening(ground, scores),
+        opening_split=opening_split(ground),
+        tiers=tiers,
+        heads=heads,
+        titles=titles,
+        cost_heads=cost_heads,
+        costs=[_cost_cells(cost) for cost in costs.to_dict("records")],
+    )
+
+
+def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
+    """Return the figure that opens the page of a ground with tiers, for wide and narrow screens."""
+    if not ground.table.tiers:
+        return {}
+    return {
+        "wide": tiers_figure(ground, scores),
+        "narrow": tiers_figure(ground, scores, narrow=True),
+    }
+
+
+def _cost_cells(cost: Mapping[Any, Any]) -> list[str]:
+    """Return a row of the table of costs."""
+    cells = [cost["entry"]]
+    if "tier" in cost:
+        cells.append(cost["tier"])
+    for name in ("seconds_per_km", "training_seconds"):
+        cells.append(f"{cost[name]:.0f}")
+    cells.append(f"{cost['peak_bytes'] / 2**20:.0f}")
+    return cells
+
+
+def _page_splits(
+    ground: Ground, scores: pd.DataFrame
+) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
+    """Yield name, title, figure and rows of the table of every split that was run."""
+    for split, row in ground.table.splits.items():
+        if (scores["split"] == split).any():
+            figure = split_figure(ground, scores, split)
+            yield split, row.title, figure, list(_page_rows(ground, scores, split))
+
+
+def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the table of a split, the largest Pd at the FAR of comparison first."""
+    mines = scores[(scores["split"] == split) & (scores["group"] == MINES)]
+    compared = mines[mines["far_allowed"] == ground.table.far]
+    ranked = compared.sort_values("pd", ascending=False, kind="stable")
+    order = list(ranked["entry"])
+    mines = mines.set_index("entry", drop=False).loc[order].rename_axis(None)
+    for entry, rows in mines.groupby("entry", sort=False):
+        by_far = {row["far_allowed"]: row for row in rows.to_dict("records")}
+        cells = [str(entry)]
+        for far in ground.table.fars:
+            cells.append(pd_in_words(by_far[far]))
+        if entry == ground.table.reference:
+            cells.append("reference")
+        else:
+            cells.append(paired_in_words(by_far[ground.table.far]))
+        yield tuple(cells)
+
+
+def listing(
+    quick: bool = False, lanes: str | Path | None = None, ground: str | Path | None = None
+) -> list[str]:
+    """Return lines that list the entries, the lanes and the splits.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to list the quick form.
+    lanes : str or path, optional
+        Folder of lanes to compare with those whose fingerprints come with the package. They are the
+        same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes.
+    ground : str or path, optional
+        Name of a packaged ground, by default the newest, or a file.
+
+    Returns
+    -------
+    list of str
+        The lines.
+    """
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]
+    for name, entry in packaged_entries(chosen).items():
+        lines.append(f"  {name:20} {entry.title}")
+    if chosen.table.tiers:
+        lines += ["", "tiers, each with all splits:"]
+        for name, tier in chosen.table.tiers.items():
+            sites = ", ".join(tier.sites.values())
+            lines.append(f"  {name:20} {tier.title}, at {sites}")
+    lines += ["", "splits:"]
+    for name, split in chosen.table.splits.items():
+        lines.append(f"  {name:20} {split.title}")
+    lines += ["", "lanes:"]
+    likeness = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
+    width = max(20, *(len(name) for name in chosen.lanes))
+    for name, lane in chosen.lanes.items():
+        targets = len(lane.truth())
+        line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {targets:3} targets"
+        if likeness:
+            line += f"  {likeness[name]}"
+        lines.append(line)
+    return lines
