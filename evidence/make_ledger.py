@@ -149,7 +149,7 @@ def fill_in_own(rows: list[Feature], uses: dict[str, set[str]], shared: set[str]
 def test_seconds(results: Path) -> dict[str, float]:
     """Return the seconds of the tests by the stem of their file, such as "test_info"."""
     seconds: dict[str, float] = {}
-    for case in ET.parse(results).getroot().iter("testcase"):  # noqa: S314 - our own file
+    for case in ET.parse(results).getroot().iter("testcase"):
         stem = next((part for part in case.get("classname", "").split(".") if "test_" in part), "")
         seconds[stem] = seconds.get(stem, 0.0) + float(case.get("time", 0))
     return seconds
@@ -169,7 +169,10 @@ def kept_seconds() -> dict[tuple[str, str], str]:
 def table(rows: list[Feature], tokens: dict[str, int], times: dict[str, float] | None) -> list[str]:
     """Return the rows of the page."""
     kept = kept_seconds()
-    lines = ["| kind | feature | user | own code tokens | test seconds |", "|---|---|---|---:|---:|"]
+    lines = [
+        "| kind | feature | user | own code tokens | test seconds |",
+        "|---|---|---|---:|---:|",
+    ]
     for row in rows:
         own = sum(tokens[name] for name in row.own)
         seconds = kept.get((row.kind, row.name), "")
