@@ -108,8 +108,8 @@ def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, worl
 
 def _run_parts(executor: Executor, jobs: Sequence[Job], track: Track) -> None:
     """Run the parts of several studies, so that their pages find the results on disk."""
-    whole = []
-    parts = []
+    whole: list[Any] = []
+    parts: list[Any] = []
     for paper, folder, quick, world in jobs:
         for part in parts_of(paper, quick):
             job = (paper, folder, quick, world, part)

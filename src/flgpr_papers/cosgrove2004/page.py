@@ -71,7 +71,7 @@ def page_tables(
         The findings, with the surroundings for a group.
     """
     detectors = {}
-    contrast = {}
+    contrast: dict[str, list[Any]] = {}
     for surroundings, lanes in cases.items():
         titles = {site: recipe.sites[site].title for site in lanes}
         table = tables[surroundings]

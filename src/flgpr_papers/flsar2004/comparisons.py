@@ -12,7 +12,6 @@ import numpy as np
 from flgpr_papers.flsar2004.examples import (
     MAIN,
     VARIANTS,
-    Examples,
     Site,
     make_templates,
     open_examples,
@@ -27,6 +26,8 @@ from flgpr_papers.flsar2004.findings import (
 )
 from flgpr_papers.flsar2004.machines import (
     NOVELTY_RIVALS,
+    Classifier,
+    Examples,
     HeldOut,
     across,
     evidence_rvm,
@@ -65,7 +66,7 @@ def sparsity(material: Material) -> Results:
     results = Results()
     chosen = pick_examples(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
     measure = material.measure(chosen)
-    machines = {
+    machines: dict[str, Classifier] = {
         "RVM": rvm(options),
         "SVM": svm(options),
         "RVM polynomial": rvm(options, "poly"),

@@ -17,7 +17,6 @@ from flgpr.stages.clusters import ClusterScreen
 from flgpr_papers.flsar2004.comparisons import KINDS, between_sites, sparsity, unscreened, variants
 from flgpr_papers.flsar2004.examples import (
     POLARIZATIONS,
-    Examples,
     Site,
     clutter_past_prescreeners,
     learn_screen,
@@ -33,7 +32,7 @@ from flgpr_papers.flsar2004.findings import (
     proportion,
     stronger_interval,
 )
-from flgpr_papers.flsar2004.machines import HeldOut, leave_one_out, rvm, with_lost
+from flgpr_papers.flsar2004.machines import Examples, HeldOut, leave_one_out, rvm, with_lost
 from flgpr_papers.flsar2004.material import SHALLOW, SURFACE, Material, Results, pick_examples
 from flgpr_papers.kit.findings import difference_of_shares
 

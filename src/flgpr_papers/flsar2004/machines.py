@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -235,7 +235,7 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
             gamma=median_width(mines),
             prior="laplacian-map",
             p0=settings.p0,
-            formulation=kind.removeprefix("rvm, "),
+            formulation=cast("Any", kind.removeprefix("rvm, ")),
             random_state=0,
         ).fit(mines)
         return machine.score_samples, len(machine.relevance_) / len(mines)

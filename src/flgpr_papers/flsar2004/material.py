@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr_papers.flsar2004.examples import Examples, Site, make_templates, open_examples
+from flgpr_papers.flsar2004.examples import Site, make_templates, open_examples
 from flgpr_papers.flsar2004.findings import Measure, auc_interval, roc
 from flgpr_papers.flsar2004.lanes import Settings
-from flgpr_papers.flsar2004.machines import HeldOut
+from flgpr_papers.flsar2004.machines import Examples, HeldOut
 from flgpr_papers.kit.findings import Finding, Interval, finding_of
 from flgpr_papers.kit.statements import Statements
 

@@ -7,8 +7,11 @@ drives and cut examples, run the parts of the experiment.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import flgpr
 from flgpr.progress import Track
@@ -16,7 +19,7 @@ from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import PARTS
 from flgpr_papers.flsar2004.lanes import drive, load_settings
-from flgpr_papers.flsar2004.material import Results, prepare
+from flgpr_papers.flsar2004.material import Material, Results, prepare
 from flgpr_papers.flsar2004.page import page_tables
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.study import Outcome, Study
@@ -38,7 +41,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     results = Results()
     for name, part in track(PARTS.items(), "experiments", len(PARTS)):
         path = folder / "parts" / f"{name.replace(' ', '-')}-{key}.json"
-        results.add(read_or_make(path, lambda part=part: asdict(part(material))))
+        results.add(read_or_make(path, partial(_record, part, material)))
     summary = asdict(results)
     del summary["curves"]
     return Outcome(
@@ -48,6 +51,11 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         tables=page_tables(settings, results),
         files={"results.json": json.dumps(summary, indent=1) + "\n"},
     )
+
+
+def _record(part: Callable[[Material], Results], material: Material) -> dict[str, Any]:
+    """Run a part and return its results as JSON can hold them."""
+    return asdict(part(material))
 
 
 STUDY = Study("flsar2004", "flsar2004.html", run, style=_STYLE)

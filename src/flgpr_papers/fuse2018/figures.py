@@ -22,6 +22,7 @@ from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS
+from flgpr_papers.kit.figures import show, subplots
 from flgpr_papers.kit.findings import clustered
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -55,7 +56,7 @@ CLEANED = {f"variant {name}": name for name in VARIANTS}
 
 def mask_figure(example: Arrays, band: str, title: str) -> Figure:
     """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
-    figure, (left, right) = _panels(8.6, 3.1, 1, 2, sharey=True)
+    figure, (left, right) = subplots(8.6, 3.1, 1, 2, sharey=True)
     shown = _image(left, example, example[band])
     figure.colorbar(shown, ax=left, label="dB")
     left.set_title(f"{title}: (a) SAR image", fontsize=10)
@@ -63,14 +64,6 @@ def mask_figure(example: Arrays, band: str, title: str) -> Figure:
     for axes in (left, right):
         _dress(axes, example, band == "vv")
     return figure
-
-
-def _panels(
-    width: float, height: float, rows: int, columns: int, **share: Any
-) -> tuple[Figure, Any]:
-    """Return a figure of so many inches, and its panels."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, **share)
 
 
 def geometry_figure(recipe: FuseRecipe) -> Figure:
@@ -121,7 +114,7 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
 
 def procedure_figure(example: Arrays) -> Figure:
     """Draw how the fundamental and the extended mask are made, as Fig. 2."""
-    figure, panels = _panels(9.0, 4.4, 3, 4, sharex=True, sharey=True)
+    figure, panels = subplots(9.0, 4.4, 3, 4, sharex=True, sharey=True)
     vv = example["mask vv"]
     vh = example["mask vh"]
     x = example.get("mask x")
@@ -156,7 +149,7 @@ def procedure_figure(example: Arrays) -> Figure:
 
 def masks_figure(example: Arrays, titles: Mapping[str, str]) -> Figure:
     """Draw two masks of the example frame side by side, as Fig. 6."""
-    figure, panels = _panels(8.6, 3.1, 1, 2, sharey=True)
+    figure, panels = subplots(8.6, 3.1, 1, 2, sharey=True)
     for axes, (name, title) in zip(panels, titles.items(), strict=True):
         _mask(axes, example, example[name], title)
         _dress(axes, example)
@@ -169,7 +162,7 @@ def images_figure(
     """Draw those images of the example frame that there are in columns, on one scale."""
     chosen = {name: title for name, title in titles.items() if name in example}
     rows = -(-len(chosen) // columns)
-    figure, grid = _panels(*size, rows, columns, sharex=True, sharey=True, squeeze=False)
+    figure, grid = subplots(*size, rows, columns, sharex=True, sharey=True, squeeze=False)
     panels = grid.ravel()
     top = float(example["vv"].max())
     for axes, (name, title) in zip(panels, chosen.items(), strict=False):
@@ -184,7 +177,7 @@ def images_figure(
 
 def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecipe) -> Figure:
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
-    figure, all_axes = _panels(8.6, 3.5, 1, 2, sharey=True)
+    figure, all_axes = subplots(8.6, 3.5, 1, 2, sharey=True)
     boxes = strongest_boxes(lanes)
     named_boxes = strongest_boxes(lanes[:1])
     named_boxes = named_boxes[named_boxes["frame"] == int(example["frame"])]
@@ -221,7 +214,7 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 
     Every frame counts its area.
     """
-    figure, panels = _panels(8.6, 3.5, 1, len(lanes), sharey=True)
+    figure, panels = subplots(8.6, 3.5, 1, len(lanes), sharey=True)
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
     for axes, letter, lane in zip(panels, "ab", lanes, strict=True):
         for name, (dash, label) in styles.items():
@@ -237,7 +230,7 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """Draw the ROC curves of all variants on both lanes by both conventions."""
     shared = {"sharex": True, "sharey": True, "squeeze": False}
-    figure, panels = _panels(8.6, 6.4, len(CONVENTIONS), len(lanes), **shared)
+    figure, panels = subplots(8.6, 6.4, len(CONVENTIONS), len(lanes), **shared)
     for row, (convention, title) in zip(panels, CONVENTIONS.items(), strict=True):
         for axes, lane in zip(row, lanes, strict=True):
             for name, (colour, dash) in COMPARED.items():
@@ -273,7 +266,7 @@ def _chance(axes: Axes, recipe: FuseRecipe) -> None:
 
 def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult) -> Figure:
     """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
-    figure, (left, right) = _panels(8.6, 3.1, 1, 2)
+    figure, (left, right) = subplots(8.6, 3.1, 1, 2)
     errors = 1000 * np.asarray(study.errors)
     for band, dash in (("l", "-"), ("x", "--")):
         left.plot(
@@ -316,27 +309,17 @@ def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult
 def fullwave_figure(study: FullwaveStudy) -> Figure:
     """Draw the full-wave lane before and after, with its masks."""
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
-    figure, panels = _panels(9.5, 5.8, len(rules), 4, sharex=True, sharey=True)
+    figure, panels = subplots(9.5, 5.8, len(rules), 4, sharex=True, sharey=True)
     top = study.images["VV"].max()
     x = study.images["x"]
     y = study.images["y"]
     extent = (x[0], x[-1], y[0], y[-1])
     for row, rule in zip(panels, rules, strict=True):
-        row[0].imshow(
-            study.images[f"{rule}/mask"], origin="lower", extent=extent, cmap="gray", aspect="equal"
-        )
+        show(row[0], study.images[f"{rule}/mask"], extent, 0, 1, cmap="gray")
         row[0].set_title(f"mask, roadside {rule}", fontsize=9)
         for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
             level = 20 * np.log10(np.maximum(study.images[f"{rule}/{method}"] / top, 1e-6))
-            shown = axes.imshow(
-                level,
-                origin="lower",
-                extent=extent,
-                vmin=-_RANGE,
-                vmax=0,
-                cmap="viridis",
-                aspect="equal",
-            )
+            shown = show(axes, level, extent, -_RANGE, 0, cmap="viridis")
             axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
         for axes in row:
             for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
@@ -352,22 +335,12 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
     """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
-    return axes.imshow(
-        level,
-        origin="lower",
-        extent=_extent(example),
-        vmin=-_DEEP,
-        vmax=0,
-        cmap="viridis",
-        aspect="auto",
-    )
+    return show(axes, level, _extent(example), -_DEEP, 0, cmap="viridis", aspect="auto")
 
 
 def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
     """Draw a mask."""
-    axes.imshow(
-        mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1
-    )
+    show(axes, mask, _extent(example), 0, 1, cmap="gray", aspect="auto")
     axes.set_title(title, fontsize=10)
 
 

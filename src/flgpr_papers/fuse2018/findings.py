@@ -6,6 +6,7 @@ The statements and their rules are declared in ``statements.toml``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -141,7 +142,7 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
         )
         findings.append(finding)
     less = power_db(boxes, "iteration 1") - seventh
-    counts = {"count": len(boxes), "objects": boxes["cluster"].nunique()}
+    counts: dict[str, Any] = {"count": len(boxes), "objects": boxes["cluster"].nunique()}
     others = [f"#{number}" for number in TABLE_II if number != 6]
     gaps = {}
     for name in others:
@@ -171,8 +172,10 @@ def _band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
                 mean_over_boxes(clutter, 20 * np.log10(clutter[band]), recipe),
                 mean_over_boxes(mines, 20 * np.log10(mines[band]), recipe),
             )
-            counts = {"clutter": len(clutter), "mines": len(mines)}
-            findings.append(STATEMENTS.number("weak", gap, title=title, **counts))
+            finding = STATEMENTS.number(
+                "weak", gap, title=title, clutter=len(clutter), mines=len(mines)
+            )
+            findings.append(finding)
     covered = mean_over_boxes(clutter, clutter["held"], recipe)
     return [*findings, STATEMENTS.number("covers-clutter", covered)]
 
@@ -213,7 +216,7 @@ def _power_findings(
     it did.
     """
     courses = pd.concat([lane.courses[lane.courses["variant"] == "iteration"] for lane in lanes])
-    counts = {name: (courses[name] > 0).sum() for name in ("rises", "diverged", "fallen")}
+    counts: dict[str, Any] = dict((courses[["rises", "diverged", "fallen"]] > 0).sum())
     findings = []
     for name, question in STATEMENTS.declared.items():
         if "better" in question:
@@ -249,8 +252,9 @@ def _rival_finding(variant: str, lanes: Sequence[LaneResult], recipe: FuseRecipe
             f"lane {lane.name} {comparison.pd_mean_a:.2f} against {comparison.pd_mean_b:.2f}"
         )
     lowest = min(gaps, key=lambda gap: gap[1])
-    words = {"gaps": "; ".join(texts), "means": "; ".join(means)}
-    return STATEMENTS.number("rival", lowest, variant=variant, **words)
+    return STATEMENTS.number(
+        "rival", lowest, variant=variant, gaps="; ".join(texts), means="; ".join(means)
+    )
 
 
 def _track_finding(lane: LaneResult, recipe: FuseRecipe) -> Finding:

@@ -232,7 +232,7 @@ def band_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
     return rows
 
 
-def _fundamental(cleaned: Cleaned, intersect: str = "pixel") -> BoolArray:
+def _fundamental(cleaned: Cleaned, intersect: Any = "pixel") -> BoolArray:
     """Return the fundamental mask of an aperture by a way to intersect."""
     aperture = cleaned.aperture
     limits = cleaned.stage.limits_for(aperture)

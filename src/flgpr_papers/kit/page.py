@@ -71,8 +71,8 @@ def twins(
     rows : mapping of str to Rows
         More numbers by the name of the figure.
     """
-    papers_twins = []
-    own_twins = []
+    papers_twins: list[Twin] = []
+    own_twins: list[Twin] = []
     for name, caption in captions(paper).items():
         if name not in pictures:
             continue

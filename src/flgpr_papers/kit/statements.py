@@ -168,7 +168,7 @@ class Statements:
         )
 
 
-def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, str]:
+def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:
     """Return the texts of a statement with their fields filled in."""
     return {name: declared.get(name, "").format(**fields) for name in _TEXTS}
 

@@ -47,7 +47,7 @@ class Study:
     parts: Callable[[bool], list[str]] | None = None  #: names of the parts, quick or not
     part: Callable[[Path, str, bool, str], Any] | None = None  #: makes a part: folder, name, ...
     dpi: float = 110  #: of the figures
-    style: Mapping[str, Any] = field(default_factory=dict)  #: Matplotlib's settings for them
+    style: Any = None  #: Matplotlib's settings for them, by name
 
     @one_blas_thread
     def reproduce(
@@ -80,7 +80,7 @@ class Study:
         for name, text in outcome.files.items():
             write_whole(folder / name, text)
         pictures = {}
-        with mpl.rc_context(dict(self.style)):
+        with mpl.rc_context(self.style):
             for name in track(outcome.figures, "drawing the page", len(outcome.figures)):
                 pictures[name] = draw(outcome.figures[name](), quick, self.dpi)
                 write_whole(folder / f"{name}.png", pictures[name])

@@ -357,9 +357,9 @@ def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
         ("simulants", SIMULANTS, _PAPER_SIMULANTS, 0.02, 7 / 16),
         ("simulants", SIMULANTS, _PAPER_SIMULANTS, 0.07, 9 / 16),
     ):
-        words = {"targets": targets, "share": share, "far": far}
-        less = less_papers_pd(contrast, subset, far, share, count)
-        findings.append(_STATEMENTS.number("pd-calibration", **less, **words))
+        words = less_papers_pd(contrast, subset, far, share, count)
+        words |= {"targets": targets, "share": share, "far": far}
+        findings.append(_STATEMENTS.number("pd-calibration", **words))
     plastic, simulants = [
         detections_at(contrast, subset, 0.07, area=AREA)[:2]
         for subset in (BURIED_PLASTIC, SIMULANTS)

@@ -294,7 +294,7 @@ def _lane_row(result: LaneResult) -> Row:
     return result.name, f"{result.length:.0f} m", *counts, surface, alarms, density
 
 
-def _digits(values: Iterable[float]) -> list[str]:
+def _digits(values: Any) -> list[str]:
     """Return values with two decimals."""
     return [f"{value:.2f}" for value in values]
 
