@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from flgpr_papers.kit.findings import (
@@ -20,6 +21,7 @@ from flgpr_papers.kit.findings import (
     in_words,
     judge,
     larger,
+    measured,
     parts_larger,
 )
 from flgpr_papers.kit.settings import packaged_text
@@ -78,38 +80,37 @@ class Statements:
             What stands for the fields of the texts.
         """
         declared = self.declared[name]
-        bounds = _BOUNDS.get(declared.get("is", ""))
-        if bounds is not None:
-            interval = clip(interval, bounds)
-        value, low, high = interval
         if rule is None and "rule" in declared:
             rule = tuple(declared["rule"])
         if above is None:
             above = declared.get("above")
         verdict = OPEN
         asks = None
-        if rule is not None:
-            verdict = judge(low, high, rule)
-        elif above is not None:
+        _, low, high = interval
+        if above is not None:
             verdict = larger(low, high, above)
             asks = ("larger", above, 0.0)
         elif "alike" in declared:
             verdict = alike(low, high, declared["alike"])
             asks = ("alike", declared["alike"], error)
+        texts = _filled(declared, {"rule": rule, "above": above, **fields})
+        note = texts.pop("note")
+        bounds = _BOUNDS.get(declared.get("is", ""))
         unit = declared.get("unit", "")
-        ours = in_words(value, low, high, unit)
-        if "ours" in declared:
-            ours = declared["ours"].format(value=value, low=low, high=high, **fields)
-        return Finding(
-            **_filled(declared, {"rule": rule, "above": above, **fields}),
-            ours=ours,
-            verdict=verdict,
+        finding = measured(
+            **texts,
             interval=interval,
             rule=rule,
+            verdict=verdict,
             asks=asks,
             unit=unit,
             bounds=bounds,
         )
+        ours = finding.ours
+        if "ours" in declared and finding.interval is not None:
+            numbers = dict(zip(("value", "low", "high"), finding.interval, strict=True))
+            ours = declared["ours"].format(**numbers, **fields)
+        return replace(finding, note=note, ours=ours)
 
     def larger(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
         """Judge that several numbers lie ``above`` a limit, 0 by default.
