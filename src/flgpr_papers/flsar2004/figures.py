@@ -204,8 +204,8 @@ def _rocs(
 ) -> Figure:
     """Draw ROC curves by name, a panel each."""
     rows, columns = shape
-    size = (11, 10) if rows > 1 else (5.2 * columns, 3.8)
-    figure, panels = subplots(*size, rows, columns, squeeze=False)
+    width, height = (11, 10) if rows > 1 else (5.2 * columns, 3.8)
+    figure, panels = subplots(width, height, rows, columns, squeeze=False)
     for axes, name in zip(panels.ravel(), names, strict=True):
         for label, curve in curves.get(name, {}).items():
             # Not in the paper's figure.
