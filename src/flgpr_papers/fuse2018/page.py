@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -26,18 +27,22 @@ Row = tuple[Any, ...]
 _THRESHOLDS = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
 
 
-def page_facts(recipe: FuseRecipe, example: Arrays, found: Sequence[Finding]) -> dict[str, Any]:
-    """Return what the captions and their numbers take.
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures and its page."""
 
-    Parameters
-    ----------
-    recipe : FuseRecipe
-        The study.
-    example : dict
-        What the figures show of one aperture.
-    found : sequence of Finding
-        The findings.
-    """
+    recipe: FuseRecipe  #: the study
+    lanes: Sequence[LaneResult]  #: results of lanes A and B
+    loose: LaneResult  #: result of lane A with the presets' looser navigation
+    calibration: Calibration  #: what the calibration lane teaches
+    example: Arrays  #: what the figures show of one aperture
+    poses: PoseStudy  #: loss of the coherent sum by wrong poses
+    fullwave: FullwaveStudy  #: the packaged full-wave lane
+
+
+def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
+    """Return what the captions and their numbers take."""
+    recipe = measured.recipe
     by_claim = {finding.claim: finding.ours for finding in found}
     ours = {}
     for name, statement in STATEMENTS.declared.items():
@@ -48,17 +53,18 @@ def page_facts(recipe: FuseRecipe, example: Arrays, found: Sequence[Finding]) ->
         "borders": ", ".join(f"{edge:g}" for edge in recipe.image.edges),
         "pixels": {
             name: f"{100 * np.mean(mask):.1f} %"
-            for name, mask in example.items()
+            for name, mask in measured.example.items()
             if mask.dtype == bool
         },
         "ours": ours,
     }
 
 
-def roc_rows(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Rows:
+def roc_rows(measured: Measured) -> Rows:
     """Return Pd without and with suppression, for Fig. 9."""
+    recipe = measured.recipe
     rows = []
-    for lane in lanes:
+    for lane in measured.lanes:
         curves = [scored(lane, name, recipe, "frames")[1] for name in ("original", "iteration")]
         for far in (0.05, 0.1):
             text = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
@@ -67,34 +73,19 @@ def roc_rows(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Rows:
     return rows
 
 
-def page_tables(
-    recipe: FuseRecipe,
-    lanes: Sequence[LaneResult],
-    calibration: Calibration,
-    poses: PoseStudy,
-    fullwave: FullwaveStudy,
-) -> dict[str, Any]:
-    """Return what the template of the page takes.
-
-    Parameters
-    ----------
-    recipe : FuseRecipe
-        The study.
-    lanes : sequence of LaneResult
-        Results of lanes A and B.
-    calibration : Calibration
-        What the calibration lane teaches.
-    poses : PoseStudy
-        Loss of the coherent sum by wrong poses.
-    fullwave : FullwaveStudy
-        The packaged full-wave lane.
-    """
+def page_tables(measured: Measured) -> dict[str, Any]:
+    """Return what the template of the page takes."""
+    recipe = measured.recipe
+    lanes = measured.lanes
+    learnt = measured.calibration.learnt
+    poses = measured.poses
+    fullwave = measured.fullwave
     losses = {f"formula, {band.upper()} band, dB": poses.predicted[band] for band in BANDS}
     losses["reflectors, L band, median, dB"] = np.median(poses.measured, axis=1)
     thresholds: list[Row] = []
     for title, name in _THRESHOLDS.items():
-        if name in calibration.learnt:
-            levels = 20 * np.log10(calibration.learnt[name])
+        if name in learnt:
+            levels = 20 * np.log10(learnt[name])
             thresholds.append((title, *[f"{level:.1f}" for level in levels]))
     return {
         "recipe": recipe,
@@ -102,7 +93,7 @@ def page_tables(
         "header": HEADER,
         "points": _points(recipe, lanes),
         "regions": [f"{a:g} to {b:g} m" for a, b in pairwise(recipe.image.edges)],
-        "thresholds": [*thresholds, ("looks at mines", *calibration.learnt["looks"])],
+        "thresholds": [*thresholds, ("looks at mines", *learnt["looks"])],
         "courses": _course_rows(lanes),
         "poses": poses,
         "errors": [f"{1000 * error:g}" for error in poses.errors],

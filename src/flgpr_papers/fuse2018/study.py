@@ -7,7 +7,7 @@ statements.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from flgpr.progress import Track
 from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.findings import all_findings
-from flgpr_papers.fuse2018.fullwave import FullwaveStudy, fullwave_study
+from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
-from flgpr_papers.fuse2018.page import page_facts, page_tables, roc_rows
-from flgpr_papers.fuse2018.poses import PoseStudy, pose_study
+from flgpr_papers.fuse2018.page import Measured, page_facts, page_tables, roc_rows
+from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import (
     LaneResult,
     process_lane,
@@ -32,7 +32,7 @@ from flgpr_papers.fuse2018.process import (
 )
 from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
-from flgpr_papers.kit.cache import Arrays, read_arrays, write_arrays
+from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.study import Outcome, Study
 
 LANES = ("A", "B")
@@ -44,31 +44,32 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     calibration = stored_calibration(folder, recipe, quick, track)
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     loose = lane_result(folder, recipe, LANES[0], quick, calibration, track, loose=True)
-    poses = pose_study(recipe, draws=8 if quick else 60)
     key = result_key(recipe, quick, calibration)
-    example = read_arrays(folder / "results" / f"example-{key}.bundle")
-    fullwave = fullwave_study(quick)
+    measured = Measured(
+        recipe=recipe,
+        lanes=lanes,
+        loose=loose,
+        calibration=calibration,
+        example=read_arrays(folder / "results" / f"example-{key}.bundle"),
+        poses=pose_study(recipe, draws=8 if quick else 60),
+        fullwave=fullwave_study(quick),
+    )
     findings = all_findings(lanes, loose, recipe)
     return Outcome(
         findings=findings,
-        figures=_figures(recipe, lanes, loose, example, poses, fullwave),
-        facts=page_facts(recipe, example, findings),
-        rows={"figure-9": roc_rows(recipe, lanes)},
-        tables=page_tables(recipe, lanes, calibration, poses, fullwave),
-        files={"fullwave.csv": fullwave.table.to_csv(index=False)},
+        figures=_figures(measured),
+        facts=page_facts(measured, findings),
+        rows={"figure-9": roc_rows(measured)},
+        tables=page_tables(measured),
+        files={"fullwave.csv": measured.fullwave.table.to_csv(index=False)},
     )
 
 
-def _figures(
-    recipe: FuseRecipe,
-    lanes: Sequence[LaneResult],
-    loose: LaneResult,
-    example: Arrays,
-    poses: PoseStudy,
-    fullwave: FullwaveStudy,
-) -> dict[str, Callable[[], Figure]]:
+def _figures(measured: Measured) -> dict[str, Callable[[], Figure]]:
     """Return what draws each figure of the page, by name."""
-    shown = {**example, "box side": np.asarray(recipe.boxes.side)}
+    recipe = measured.recipe
+    lanes = measured.lanes
+    shown = {**measured.example, "box side": np.asarray(recipe.boxes.side)}
     drawn: dict[str, Callable[[], Figure]] = {
         "figure-1": partial(figures.geometry_figure, recipe),
         "figure-2": partial(figures.procedure_figure, shown),
@@ -84,8 +85,8 @@ def _figures(
         "variants": partial(figures.images_figure, shown, figures.CLEANED, (9.5, 8.6), 3),
         "regions": partial(figures.masks_figure, shown, figures.READINGS),
         "variants-roc": partial(figures.variants_roc_figure, lanes, recipe),
-        "poses": partial(figures.pose_figure, poses, lanes, loose),
-        "fullwave": partial(figures.fullwave_figure, fullwave),
+        "poses": partial(figures.pose_figure, measured.poses, lanes, measured.loose),
+        "fullwave": partial(figures.fullwave_figure, measured.fullwave),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -44,28 +45,26 @@ Row = tuple[Any, ...]
 PAPER: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("wang2007", "paper"))
 
 
-def page_facts(
-    recipe: Recipe,
-    radar: Sensor,
-    calibration: Sequence[LaneResult],
-    tables: Tables,
-    examples: Arrays,
-) -> dict[str, Any]:
-    """Return what the captions and their numbers take.
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures and its page."""
 
-    Parameters
-    ----------
-    recipe : Recipe
-        Recipe of the study.
-    radar : Sensor
-        The array.
-    calibration : sequence of LaneResult
-        Results of the calibration lanes.
-    tables : Tables
-        What the statements are judged by.
-    examples : dict
-        Scan images and patches of Figs. 2-5, 8 and 10.
-    """
+    recipe: Recipe  #: recipe of the study
+    radar: Sensor  #: the array
+    calibration: Sequence[LaneResult]  #: results of the calibration lanes
+    blind: Sequence[LaneResult]  #: results of the blind lanes
+    tables: Tables  #: what the statements are judged by
+    examples: Arrays  #: scan images and patches of Figs. 2-5, 8 and 10
+    costs: pd.DataFrame  #: as :func:`~flgpr_papers.wang2007.costs.cost_table` returns it
+    draws: int  #: number of bootstrap draws
+
+
+def page_facts(measured: Measured) -> dict[str, Any]:
+    """Return what the captions and their numbers take."""
+    recipe = measured.recipe
+    radar = measured.radar
+    calibration = measured.calibration
+    examples = measured.examples
     image = recipe.image
     tones = radar.tones.axis()
     middle = float(np.mean(image.y))
@@ -76,7 +75,7 @@ def page_facts(
     steps = np.abs(np.diff(examples["series_place"][:, 1]))
     median, mean, step = recipe.smoothing
     known = make_training_set([result.training for result in calibration], columns=["M_HH_F1"])
-    false_alarms = int((tables.pool.labels["label"] == "false").sum())
+    false_alarms = int((measured.tables.pool.labels["label"] == "false").sum())
     mines = count_mines(result.truth for result in calibration)
     return {
         "recipe": recipe,
@@ -104,14 +103,15 @@ def page_facts(
         "false_per_mine": false_alarms / max(mines, 1),
         "training": known.weight.size,
         "duplicated": known.weight.sum(),
-        **_alarm_facts(recipe, calibration, tables),
+        **_alarm_facts(measured),
     }
 
 
-def _alarm_facts(
-    recipe: Recipe, calibration: Sequence[LaneResult], tables: Tables
-) -> dict[str, Any]:
+def _alarm_facts(measured: Measured) -> dict[str, Any]:
     """Return what the captions say of clutter, alarms and Pd."""
+    recipe = measured.recipe
+    calibration = measured.calibration
+    tables = measured.tables
     area = sum(np.ptp(recipe.run_view.x) * result.length for result in calibration)
     alarms = sum(len(result.alarms) for result in calibration)
     levels = clutter_levels(calibration)
@@ -159,29 +159,10 @@ def _pd(matched: Match, subset: Any, far: float) -> str:
     return f"{n_found} of {targets}, chance {by_chance:.0%}"
 
 
-def page_tables(
-    radar: Sensor,
-    calibration: Sequence[LaneResult],
-    blind: Sequence[LaneResult],
-    tables: Tables,
-    costs: pd.DataFrame,
-    draws: int,
-) -> dict[str, Any]:
-    """Return what the template of the page takes.
-
-    Parameters
-    ----------
-    radar : Sensor
-        The array.
-    calibration, blind : sequence of LaneResult
-        Results of the lanes.
-    tables : Tables
-        What the statements are judged by.
-    costs : DataFrame
-        As :func:`~flgpr_papers.wang2007.costs.cost_table` returns it.
-    draws : int
-        Number of bootstrap draws.
-    """
+def page_tables(measured: Measured) -> dict[str, Any]:
+    """Return what the template of the page takes."""
+    tables = measured.tables
+    draws = measured.draws
     pool = tables.pool
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
     low, high = pool.interval(confidence, draws)
@@ -202,14 +183,14 @@ def page_tables(
     shared = pool.singles([f"shared.{name}_F1" for name in FEATURES[6:]], "A")
     swapped = pool.singles([f"swapped.{name}_F1" for name in FEATURES], "A")
     return {
-        "radar": radar,
-        "lanes": [_lane_row(result) for result in (*calibration, *blind)],
+        "radar": measured.radar,
+        "lanes": [_lane_row(one) for one in (*measured.calibration, *measured.blind)],
         "header": HEADER,
         "points": _point_rows(tables),
         "retrained": _retrained_rows(pool, draws),
         "features": list(FEATURES),
         "numbered": [f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
-        "costs": _cost_rows(costs),
+        "costs": _cost_rows(measured.costs),
         "singles": singles,
         "variants": [
             ("as printed", *_digits(tables.by_band["F1"].loc["A"])),

@@ -6,7 +6,7 @@ paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -21,14 +21,14 @@ from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.model import Sensor, check_tones
 from flgpr.progress import Track, silent
-from flgpr.recipe.schema import Recipe, parse_recipe
+from flgpr.recipe.schema import parse_recipe
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
-from flgpr_papers.kit.cache import Arrays, read_arrays, store_lane, write_arrays
+from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study import Outcome, Study
 from flgpr_papers.kit.study_worlds import OWN
@@ -36,7 +36,7 @@ from flgpr_papers.wang2007 import figures
 from flgpr_papers.wang2007.analysis import BURIED_METAL, BURIED_PLASTIC, LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
-from flgpr_papers.wang2007.findings import SETS, Tables, all_findings
+from flgpr_papers.wang2007.findings import SETS, all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
@@ -46,7 +46,7 @@ from flgpr_papers.wang2007.lanes import (
     quick_scenes,
     sensor,
 )
-from flgpr_papers.wang2007.page import page_facts, page_tables
+from flgpr_papers.wang2007.page import Measured, page_facts, page_tables
 
 _BAND_DRAWS = 200
 
@@ -67,42 +67,32 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         )
         for part in (make_part, coarse_part)
     ]
-    costs = cost_table(printed, coarse, draws)
     recipe = parse_recipe(packaged_text("wang2007"))
-    radar = sensor()
     findings, tables = all_findings(*printed, recipe, draws)
-    examples = read_arrays(folder / "results" / "examples.bundle")
+    measured = Measured(
+        recipe=recipe,
+        radar=sensor(),
+        calibration=printed.calibration,
+        blind=printed.blind,
+        tables=tables,
+        examples=read_arrays(folder / "results" / "examples.bundle"),
+        costs=cost_table(printed, coarse, draws),
+        draws=draws,
+    )
     return Outcome(
         findings=findings,
-        figures=drawings(recipe, radar, printed.calibration, tables, examples),
-        facts=page_facts(recipe, radar, printed.calibration, tables, examples),
-        tables=page_tables(radar, *printed, tables, costs, draws),
-        files={"costs.csv": costs.round(4).to_csv(index=False)},
+        figures=drawings(measured),
+        facts=page_facts(measured),
+        tables=page_tables(measured),
+        files={"costs.csv": measured.costs.round(4).to_csv(index=False)},
     )
 
 
-def drawings(
-    recipe: Recipe,
-    radar: Sensor,
-    calibration: Sequence[LaneResult],
-    tables: Tables,
-    examples: Arrays,
-) -> dict[str, Callable[[], Figure]]:
-    """Return what draws Fig. 1 to 14, by name.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Recipe of the study.
-    radar : Sensor
-        The array.
-    calibration : sequence of LaneResult
-        Results of the calibration lanes.
-    tables : Tables
-        What the statements are judged by.
-    examples : dict
-        Scan images and patches of Figs. 2-5, 8 and 10.
-    """
+def drawings(measured: Measured) -> dict[str, Callable[[], Figure]]:
+    """Return what draws Fig. 1 to 14, by name."""
+    examples = measured.examples
+    first_lane = measured.calibration[0]
+    tables = measured.tables
     pool = tables.pool
     buried = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
     trained = {name: pool.match_of(pool.confidence(columns, "A")) for name, columns in SETS.items()}
@@ -116,18 +106,18 @@ def drawings(
         return figures.classifier_figure(final, buried, bands)
 
     drawn: list[Callable[[], Figure]] = [
-        partial(figures.geometry_figure, radar, recipe),
+        partial(figures.geometry_figure, measured.radar, measured.recipe),
         partial(figures.polarization_figure, examples),
         partial(figures.subband_figure, examples),
         partial(figures.series_figure, examples),
         partial(figures.background_figure, examples),
-        partial(figures.run_view_figure, calibration[0], False),
-        partial(figures.run_view_figure, calibration[0], True),
+        partial(figures.run_view_figure, first_lane, False),
+        partial(figures.run_view_figure, first_lane, True),
         partial(figures.clean_bands_figure, examples),
         partial(figures.prescreener_figure, tables.channels),
         partial(figures.patch_figure, examples),
-        partial(figures.region_figure, recipe),
-        partial(figures.normalisation_figure, calibration),
+        partial(figures.region_figure, measured.recipe),
+        partial(figures.normalisation_figure, measured.calibration),
         partial(figures.classifier_figure, {"calibration": best}, buried),
         final_curves,
     ]
