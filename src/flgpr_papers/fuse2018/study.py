@@ -165,4 +165,4 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     return replace(frames, stage=masks_stage(runs, recipe))
 
 
-STUDY = Study("fuse2018", "fuse2018.html", run)
+STUDY = Study("fuse2018", "fuse2018.html", run, dpi=(110, 60))

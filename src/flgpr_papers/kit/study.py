@@ -46,7 +46,7 @@ class Study:
     run: Callable[[Path, bool, Track, str], Outcome]
     parts: Callable[[bool], list[str]] | None = None  #: names of the parts, quick or not
     part: Callable[[Path, str, bool, str], Any] | None = None  #: makes a part: folder, name, ...
-    dpi: float = 110  #: of the figures
+    dpi: tuple[float, float] = (110, 110)  #: of the figures, of a full and of a quick run
     style: Any = None  #: Matplotlib's settings for them, by name
 
     @one_blas_thread
@@ -82,7 +82,7 @@ class Study:
         pictures = {}
         with mpl.rc_context(self.style):
             for name in track(outcome.figures, "drawing the page", len(outcome.figures)):
-                pictures[name] = draw(outcome.figures[name](), quick, self.dpi)
+                pictures[name] = draw(outcome.figures[name](), quick, self.dpi[quick])
                 write_whole(folder / f"{name}.png", pictures[name])
         papers_twins, own_twins = twins(
             self.name, pictures, outcome.findings, outcome.facts, outcome.rows

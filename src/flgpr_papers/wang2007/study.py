@@ -305,4 +305,4 @@ def _is_done(result_folder: Path, store: Path, text: str) -> bool:
     return bool(has_same_store and manifest["recipe_sha256"] == sha256(text.encode()))
 
 
-STUDY = Study("wang2007", "wang2007.html", run, _parts, make_part, dpi=100)
+STUDY = Study("wang2007", "wang2007.html", run, _parts, make_part, dpi=(100, 100))
