@@ -158,7 +158,7 @@ def test_findings_come_back_as_they_were_written(tmp_path):
 
 def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, monkeypatch):
     class Study:
-        PAGE = "wang2007.html"
+        page = "wang2007.html"
 
         @staticmethod
         def reproduce(folder, quick, _, world):
