@@ -92,7 +92,7 @@ def _make_studies_cheap(inputs, change):
 class MadeUpStudy:
     """A study that keeps and writes all kinds of files that those of the papers do, by the same functions."""
 
-    PAGE = "study.html"
+    page = "study.html"
 
     def __init__(self, inputs):
         self.scene = load_scene(inputs / "scene.toml")
@@ -110,9 +110,8 @@ class MadeUpStudy:
         figure = Figure(figsize=(1, 1))
         figure.subplots().plot([level])
         write_whole(folder / "level.png", draw(figure, quick, dpi=20))
-        page = folder / self.PAGE
-        write_whole(page, f"level {level}")
-        return page
+        write_whole(folder / self.page, f"level {level}")
+        return folder / self.page
 
 
 def _rms(store):
