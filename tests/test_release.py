@@ -118,7 +118,11 @@ def imported_modules():
                 modules |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 modules.add(node.module.partition(".")[0])
-    return modules - {"flgpr", "flgpr_papers", "flgpr_exchange"} - set(sys.stdlib_module_names)
+    return (
+        modules
+        - {"flgpr", "flgpr_papers", "flgpr_exchange", "flgpr_trials"}
+        - set(sys.stdlib_module_names)
+    )
 
 
 def plain(name):

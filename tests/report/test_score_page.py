@@ -9,7 +9,7 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.report import write_score_report
-from flgpr.scoring import clopper_pearson, pd_mean, peak_roc, roc
+from flgpr.scoring import clopper_pearson, example_roc, pd_mean, roc
 from flgpr.trials import figure_bytes, patch_figure, roc_figure
 
 LANE = Lane(-2.0, 2.0, 0.0, 120.0)
@@ -212,7 +212,9 @@ def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
 def test_figures_refuse_what_cannot_be_drawn_together():
     alarms, truth = made_lane()
     with pytest.raises(ValueError, match="share one convention"):
-        roc_figure({"a": roc(alarms, truth, LANE), "b": peak_roc([1.0], [0.5], 1.0)})
+        roc_figure(
+            {"a": roc(alarms, truth, LANE), "b": example_roc([1.0, 0.5], [True, False], 1.0)}
+        )
     with pytest.raises(ValueError, match="equally many"):
         patch_figure([], [])
     with pytest.raises(ValueError, match="two dimensions"):
