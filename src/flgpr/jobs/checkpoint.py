@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from flgpr import system
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own, refuse_links
-from flgpr.engine import Arrays, Engine, Gatherer, block_name
+from flgpr.engine import Accumulator, Arrays, Engine, block_name
 from flgpr.jobs.job import WORK_SUFFIX, LaneJob
 from flgpr.method.sections import Section
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
@@ -218,8 +218,8 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             # when there is twice as much of it, so that it is not written over and over.
             if not ready or size < max(MERGE_BYTES, 2 * self.size(so_far)):
                 return
-            gatherer = engine.merge_blocks(name, self.block_states(name, ready))
-            self[so_far] = {**gatherer.state(True), "next": np.array(begun + len(ready))}
+            accumulator = engine.merge_blocks(name, self.block_states(name, ready))
+            self[so_far] = {**accumulator.state(True), "next": np.array(begun + len(ready))}
             for number in ready:
                 del self[block_name(name, number)]
 
@@ -260,7 +260,7 @@ class BlockCheckpoint:
         self.name = f"{block}-kept"
         self.every = KEEP_EVERY if every is None else every
 
-    def __call__(self, block: range, gatherer: Gatherer) -> Iterator[int]:
+    def __call__(self, block: range, accumulator: Accumulator) -> Iterator[int]:
         """Yield the scans of a block that were not gathered before a stop.
 
         A scan counts as gathered when the next is asked for.
@@ -269,12 +269,12 @@ class BlockCheckpoint:
         if self.name in self.work:
             stored = dict(self.work[self.name])
             begun = int(stored.pop("next"))
-            gatherer.merge(stored)
+            accumulator.merge(stored)
         last = time.monotonic()
         for index in range(begun, block.stop):
             yield index
             if index + 1 < block.stop and time.monotonic() - last >= self.every:
-                self.work[self.name] = {**gatherer.state(True), "next": np.array(index + 1)}
+                self.work[self.name] = {**accumulator.state(True), "next": np.array(index + 1)}
                 last = time.monotonic()
 
     def drop(self) -> None:
