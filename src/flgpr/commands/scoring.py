@@ -27,7 +27,6 @@ from flgpr.report import comparison_html, score_files
 from flgpr.results.notebook_html import curve_html, outcomes_html
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
 from flgpr.results.score import (
-    VIEW_SCORE,
     comparison_json,
     score_by_frames,
     score_detections,
@@ -41,6 +40,7 @@ from flgpr.store import read_table
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing
 from flgpr.store.tables import read_columns
+from flgpr.store.view_format import VIEW_SCORE
 from flgpr.toml_text import parse_toml
 from flgpr.trials.ledger import RegisterLike
 

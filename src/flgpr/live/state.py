@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.json_text import check_format
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
@@ -159,11 +160,10 @@ def read_snapshot(path: Path) -> Snapshot | None:
         return None
     except BundleError as error:
         raise SnapshotError(f"{error}; --fresh begins anew") from None
-    is_known = header.get("format") == FORMAT and header.get("version") == VERSION
-    if not is_known:
-        raise SnapshotError(
-            f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew"
-        )
+    try:
+        check_format(header, FORMAT, VERSION)
+    except ValueError as error:
+        raise SnapshotError(f"{path}: {error}; --fresh begins anew") from None
     return header, arrays
 
 

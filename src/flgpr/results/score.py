@@ -34,7 +34,7 @@ from flgpr.scoring import (
     score,
     score_frames,
 )
-from flgpr.store import canonical_json, sha256
+from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
 from flgpr.trials import BlindScore
 
 ROC_FORMAT = "flgpr-score"
@@ -45,7 +45,6 @@ _SHARED_COLUMNS = ("far", "n_false", "far_low", "far_high")
 _SUBSET_COLUMNS = ("pd", "n_detected", "pd_low", "pd_high", "chance")
 _MOST_DEPTHS = 6
 _DEPTH_MARGIN = 5e-5  # m; depths are rounded to a tenth of a millimetre
-VIEW_SCORE = "view/score.json"
 
 
 def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
@@ -219,10 +218,6 @@ def _json_text(content: Mapping[str, Any]) -> str:
     return json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n"
 
 
-SCORE_FORMAT = "flgpr-view-score"
-SCORE_VERSION = 1
-
-
 def view_score(
     result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None
 ) -> bytes:
@@ -251,9 +246,7 @@ def view_score(
             "detections": {entry.name: _view_entry(entry, classes) for entry in scored},
         }
     )
-    body = canonical_json(content)
-    head = {"format": SCORE_FORMAT, "version": SCORE_VERSION, "sha256": sha256(body)}
-    return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
+    return sealed_view_score(content)
 
 
 def read_scored_truth(
@@ -273,28 +266,22 @@ def read_scored_truth(
     ValueError
         If the file is altered or belongs to another result.
     """
-    files = _files_of(result) if folder is None else Folder(folder)
-    path = files.root / VIEW_SCORE
+    if folder is None:
+        # As its manifest lists them now: the result may have been scored since it was read.
+        files = listed_files(result.folder, read_result_manifest(result.folder))
+    else:
+        files = Folder(folder)
     data = files.read_if_listed(VIEW_SCORE, MOST_JSON)
     if data is None:
         return None
     try:
-        stored = parse_json(data)
-        content = stored["content"]
-        if sha256(canonical_json(content)) != stored["sha256"]:
-            raise ValueError("it differs from what was written")
-        if content["result_sha256"] != result.manifest["identity"]:
-            raise ValueError("it belongs to another result")
+        content = parse_json(view_score_body(data, result.manifest["identity"]))
         truth = pd.DataFrame(content["truth"])
         objects = None if content["objects"] is None else pd.DataFrame(content["objects"])
         return truth, objects
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: {error}; run flgpr score again") from None
-
-
-def _files_of(result: Result) -> Folder:
-    """Return a result's files as its manifest lists them now."""
-    return listed_files(result.folder, read_result_manifest(result.folder))
+        path = files.root / VIEW_SCORE
+        raise ValueError(f"{path}: it {error}; run flgpr score again") from None
 
 
 def depth_class_bounds(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:

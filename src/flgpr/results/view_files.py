@@ -25,9 +25,8 @@ from flgpr.model import Lane
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
+from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION
 
-VIEW_FORMAT = "flgpr-view"
-VIEW_VERSION = 1
 TILE_ROWS = 512
 _ALARM_COLUMNS = ("alarm_id", "x", "y", "confidence")
 _PERCENTILES = ("1", "50", "99", "99.9", "100")

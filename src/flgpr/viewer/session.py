@@ -20,7 +20,6 @@ from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.json_text import parse_json
 from flgpr.store import (
     MOST_VERDICT_BYTES,
-    canonical_json,
     check_verdicts,
     open_run,
     parse_verdicts,
@@ -29,13 +28,11 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.files import read_with_digest
+from flgpr.store.view_format import VIEW_FORMAT, VIEW_SCORE, VIEW_VERSION, view_score_body
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
-VIEW_FORMAT = "flgpr-view"
-VIEW_VERSION = 1
 LIVE_FILE = "live.jsonl"
 _MANIFEST = "manifest.json"
-_SCORE = "view/score.json"
 _LIVE_BYTES = 2**22
 _MOST_LIVE = 2**40
 
@@ -98,23 +95,15 @@ class ResultFiles:
             If the score is altered or belongs to another result.
         """
         files = self._score_folder()
-        if not files.has(_SCORE):
+        if not files.has(VIEW_SCORE):
             return None
         with _as_view_error():
-            files.refuse_unlisted(_SCORE)
-            data = files.read(_SCORE, MOST_JSON)
+            files.refuse_unlisted(VIEW_SCORE)
+            data = files.read(VIEW_SCORE, MOST_JSON)
         try:
-            stored = parse_json(data)
-            body = canonical_json(stored["content"])
-            digest = stored.get("sha256")
-            identity = stored["content"]["result_sha256"]
-        except (ValueError, KeyError, TypeError, AttributeError):
-            raise ViewError(f"{_SCORE} cannot be read") from None
-        if sha256(body) != digest:
-            raise ViewError(f"{_SCORE} differs from what was written")
-        if identity != self.identity:
-            raise ViewError(f"{_SCORE} belongs to another result; run flgpr score again")
-        return body
+            return view_score_body(data, self.identity)
+        except ValueError as error:
+            raise ViewError(f"{VIEW_SCORE} {error}; run flgpr score again") from None
 
     def _score_folder(self) -> Folder:
         """Return the folder of the score.
