@@ -17,8 +17,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import Folder
-from flgpr.live.tcp import connected_tcp, parse_tcp
-from flgpr.live.unix_sockets import unix_socket
+from flgpr.live.sockets import connected_tcp, connected_unix, parse_tcp
 from flgpr.store import (
     RunDescription,
     describe_for_live,
@@ -153,7 +152,7 @@ def feed(
     elif address is not None:
         sink = _SocketSink(connected_tcp(address))
     else:
-        sink = _SocketSink(_connected_unix(Path(str(socket_path))))
+        sink = _SocketSink(connected_unix(Path(str(socket_path))))
     with sink:
         sink.begin(description)
         if lead > 0:
@@ -267,17 +266,3 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
     def end(self, scans: int) -> None:
         """Announce the end of the run."""
         self._socket.sendall(encode_frame("end", {"scans": scans}))
-
-
-def _connected_unix(path: Path) -> socket.socket:
-    """Return a socket that is connected to a Unix socket."""
-    connection = unix_socket(path)
-    try:
-        connection.connect(str(path))
-    except OSError as error:
-        connection.close()
-        reason = error.strerror or "its path is too long"
-        raise ValueError(
-            f"socket must be one that flgpr live listens on, got {path}: {reason}"
-        ) from None
-    return connection

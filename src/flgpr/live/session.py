@@ -51,6 +51,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
+from flgpr.live.sockets import TcpAddress, parse_tcp
 from flgpr.live.source import SOCKET, Arrival, Inbox, Source
 from flgpr.live.state import (
     SNAPSHOT_FILE,
@@ -61,7 +62,6 @@ from flgpr.live.state import (
     take_snapshot,
 )
 from flgpr.live.stream import largest_frame
-from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
