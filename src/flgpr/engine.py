@@ -338,7 +338,11 @@ def bundle_groups(groups: Mapping[str, Arrays]) -> Arrays:
 
 def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
     """Return one group of what :func:`bundle_groups` made."""
-    prefix = f"{group}|"
+    return arrays_under(arrays, f"{group}|")
+
+
+def arrays_under(arrays: Mapping[str, NDArray[Any]], prefix: str) -> Arrays:
+    """Return the arrays whose names begin with a prefix, without it."""
     members = {}
     for key in arrays:
         if key.startswith(prefix):

@@ -26,7 +26,7 @@ from flgpr.jobs.job import WORK_SUFFIX, LaneJob
 from flgpr.method.sections import Section
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE
-from flgpr.store.files import PARTIAL, naming_output, own_temporary
+from flgpr.store.files import PARTIAL, naming_output, own_partial
 
 SUFFIX = ".arrays"
 _JOB = "job.json"
@@ -139,12 +139,11 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         except (OSError, BundleError):
             return False
         refuse_links(self.path(as_name))
-        partial = own_temporary(self.path(as_name))
-        try:
-            partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
-        except OSError:
-            shutil.copyfile(other.path(name), partial)
-        partial.replace(self.path(as_name))
+        with own_partial(self.path(as_name)) as partial:
+            try:
+                partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
+            except OSError:
+                shutil.copyfile(other.path(name), partial)
         return True
 
     def bundle(self, name: str) -> Bundle:

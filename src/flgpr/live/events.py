@@ -10,8 +10,9 @@ import contextlib
 import json
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,6 @@ from flgpr.model.plausible import MotionStep
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
     from flgpr.live.detector import LiveDetector
-    from flgpr.model import Lane
     from flgpr.store import Scan
 
 AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
@@ -189,34 +189,18 @@ def start_event(
         The event.
     """
     screen = detector.recipe.prescreen
+    lane = detector.lane
+    stated_vehicle = asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance}
     return {
         "event": "start",
         "title": title,
         "recipe": detector.recipe.name,
-        "lane": _lane_borders(detector.lane),
+        "lane": None if lane is None else cast(LaneBorders, asdict(lane)),
         "grid": detector.view_grid(),
         "channel": [screen.polarization, screen.subband],
         "georeference": georeference,
         "threshold": threshold,
-        "vehicle": _vehicle_entries(vehicle),
-    }
-
-
-def _lane_borders(lane: Lane | None) -> LaneBorders | None:
-    """Return the borders of a lane as the event ``start`` states them."""
-    if lane is None:
-        return None
-    return {"x_min": lane.x_min, "x_max": lane.x_max, "y_min": lane.y_min, "y_max": lane.y_max}
-
-
-def _vehicle_entries(vehicle: Vehicle) -> VehicleEntries:
-    """Return a vehicle as the event ``start`` states it."""
-    return {
-        "speed": vehicle.speed,
-        "reaction": vehicle.reaction,
-        "deceleration": vehicle.deceleration,
-        "front": vehicle.front,
-        "stopping_distance": vehicle.stopping_distance,
+        "vehicle": cast(VehicleEntries, stated_vehicle),
     }
 
 

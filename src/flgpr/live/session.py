@@ -31,7 +31,6 @@ from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.event_types import (
     EndEvent,
     Event,
-    ReportEntries,
     ResumeEvent,
     StartEvent,
 )
@@ -487,13 +486,8 @@ class LiveRun:
         report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
-        entries: ReportEntries = {
-            "counts": report.counts,
-            "latency_ms": report.latency_ms,
-            "alarms": report.alarms,
-            "rate": report.rate if np.isfinite(report.rate) else None,
-            "recipe": detector.recipe.name,
-        }
+        rate = report.rate if np.isfinite(report.rate) else None
+        entries = asdict(report) | {"rate": rate, "recipe": detector.recipe.name}
         write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
 

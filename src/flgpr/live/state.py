@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.engine import arrays_under
 from flgpr.json_text import check_format
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
@@ -211,11 +212,11 @@ def _restore(
     header: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
 ) -> None:
     """Set the state of a detector and its intake."""
-    detector.background.restore(_group(arrays, "background."))
-    detector.view = _group(arrays, "view.")
+    detector.background.restore(arrays_under(arrays, "background."))
+    detector.view = arrays_under(arrays, "view.")
     detector.history = []
     for position, number in enumerate(header["history"]):
-        arrays_of_scan = _group(arrays, f"scan{position}.")
+        arrays_of_scan = arrays_under(arrays, f"scan{position}.")
         detector.history.append(CleanedImages(number, **arrays_of_scan))
     detector.alarms.open = {}
     for entries in header["alarms"]:
@@ -291,12 +292,3 @@ class SnapshotWriter:
             write_snapshot(self._path, snapshot)
         except OSError as error:
             self._error = error
-
-
-def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays whose names begin with a prefix, without it."""
-    group = {}
-    for name, values in arrays.items():
-        if name.startswith(prefix):
-            group[name.removeprefix(prefix)] = values
-    return group

@@ -59,15 +59,7 @@ class ResultFiles:
 
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
-        try:
-            manifest = read_with_digest(self.folder, _MANIFEST)
-            self.identity: str = manifest["identity"]
-            self._files = listed_files(self.folder, manifest)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            reason = f"cannot be read: {error}"
-            if isinstance(error, FileNotFoundError):
-                reason = "is missing"
-            raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {reason})") from None
+        self.identity, self._files = _listed_by_manifest(self.folder)
         with _as_view_error():
             self.index: dict[str, Any] = self._files.json("view/index.json")
         if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:
@@ -112,10 +104,7 @@ class ResultFiles:
         """
         if self._other_score is not None:
             return Folder(self._other_score)
-        try:
-            return listed_files(self.folder, read_with_digest(self.folder, _MANIFEST))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read: {error}") from None
+        return _listed_by_manifest(self.folder)[1]
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
         """Return a tile, ``tile_rows`` rows of a layer; None if there is no such tile.
@@ -153,6 +142,18 @@ class ResultFiles:
         """Return bytes of a file of the view, checked even if it changed since it was opened."""
         with _as_view_error():
             return self._files.read_part(f"view/{name}", offset, length)
+
+
+def _listed_by_manifest(folder: Path) -> tuple[str, Folder]:
+    """Return the identity of a result, and its files as its manifest lists them now."""
+    try:
+        manifest = read_with_digest(folder, _MANIFEST)
+        return manifest["identity"], listed_files(folder, manifest)
+    except FileNotFoundError:
+        reason = "is missing"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = f"cannot be read: {error}"
+    raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {reason})")
 
 
 @contextmanager
