@@ -159,7 +159,7 @@ def fill_in_own(rows: list[Feature], uses: dict[str, set[str]], shared: set[str]
 def test_seconds(results: Path) -> dict[str, float]:
     """Return the seconds of the tests by the stem of their file, such as "test_info"."""
     seconds: dict[str, float] = {}
-    for case in ET.parse(results).getroot().iter("testcase"):  # our own file
+    for case in ET.parse(results).getroot().iter("testcase"):
         stem = next((part for part in case.get("classname", "").split(".") if "test_" in part), "")
         seconds[stem] = seconds.get(stem, 0.0) + float(case.get("time", 0))
     return seconds
@@ -219,7 +219,7 @@ def main() -> None:
     head = text[: text.index("<!-- table -->")]
     head = re.sub(
         r"Of .*? code tokens .*?\.\n",
-        f"Of {sum(tokens.values()) / 1000:.0f}k code tokens ({by_package}) "
+        f"Of {sum(tokens.values()) / 1000:.0f}k code tokens\n({by_package})\n"
         f"{sum(tokens[name] for name in own) / 1000:.0f}k belong to one feature alone.\n",
         head,
         count=1,

@@ -164,7 +164,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
-    "simulate/bodies/signature/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
     "flgpr_exchange/commands/exporting.py _pack": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exports.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
     "flgpr_exchange/cphd/phase_history.py read_cphd": ({"open"}, RECORDING),
