@@ -53,6 +53,10 @@ _KINDS = {
 }
 
 
+# Digest and size of a file; None for no file, and a size of None where it is not known.
+Version = tuple[str | None, int | None]
+
+
 class DoorError(ValueError):
     """A file breaks a rule of its folder."""
 
@@ -273,36 +277,39 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     """
     try:
         sizes = manifest.get("sizes", {})
-        added_sizes = manifest.get("added_sizes", {})
         listed: dict[str, Listed] = {}
         for name, digest in manifest["files"].items():
-            listed[name] = _listed([digest], [sizes.get(name)])
-        for name, digests in manifest.get("added", {}).items():
-            unknown_sizes = [None] * len(digests)
-            listed[name] = _listed(digests, added_sizes.get(name, unknown_sizes))
+            listed[name] = _listed([(digest, sizes.get(name))])
+        for name, versions in added_versions(manifest).items():
+            listed[name] = _listed(versions)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
     return Folder(folder, listed)
 
 
-def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
+def added_versions(manifest: Mapping[str, Any]) -> dict[str, list[Version]]:
+    """Return the versions that each file which was added to a folder may have, by name.
+
+    There are several while a file is written. Manifests of an older version have no sizes.
+    """
+    sizes = manifest.get("added_sizes", {})
+    added = {}
+    for name, digests in manifest.get("added", {}).items():
+        unknown: list[int | None] = [None] * len(digests)
+        added[name] = list(zip(digests, sizes.get(name, unknown), strict=True))
+    return added
+
+
+def _listed(versions: Sequence[Version]) -> Listed:
     """Return what a manifest says of a file: digest and size of each version that it may have."""
-    version_digests = []
-    version_sizes = []
-    for digest, size in zip(digests, sizes, strict=True):
-        if digest is None:
-            continue
-        if not isinstance(digest, str):
-            raise ValueError(f"every file must have a digest, got {digests}")
-        version_digests.append(digest)
-        if size is not None:
-            version_sizes.append(size)
-    if not version_digests:
-        raise ValueError(f"every file must have a digest, got {digests}")
+    digests = [digest for digest, _ in versions if digest is not None]
+    if not digests or not all(isinstance(digest, str) for digest in digests):
+        raise ValueError(f"every file must have a digest, got {versions}")
+    sizes = [size for digest, size in versions if digest is not None and size is not None]
     # Where the size of one version is not known, that of another must not keep it out.
-    if len(version_sizes) < len(version_digests):
-        version_sizes = []
-    return Listed(tuple(version_digests), tuple(version_sizes), None in digests)
+    if len(sizes) < len(digests):
+        sizes = []
+    return Listed(tuple(digests), tuple(sizes), len(digests) < len(versions))
 
 
 def _check_size(label: str, size: int, most: int) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import mmap
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -46,7 +47,6 @@ AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
 """Event of an alarm, or an alarm of a result."""
 
 EVENT_FILE = "live.jsonl"
-_BLOCK = 65536  # bytes that are searched for a line's end at once
 _DEGREE_DIGITS = 8  # decimals of a degree: about a millimetre
 
 
@@ -343,15 +343,8 @@ def view_event(row: int, view: NDArray[np.float32]) -> ViewEvent:
 def _drop_unfinished(path: Path) -> None:
     """Cut a file off after the end of its last whole line."""
     with open(path, "r+b", opener=open_own) as file:
-        size = file.seek(0, os.SEEK_END)
-        end = size
-        while end > 0:
-            start = max(end - _BLOCK, 0)
-            file.seek(start)
-            last_newline = file.read(end - start).rfind(b"\n")
-            if last_newline >= 0:
-                end = start + last_newline + 1
-                break
-            end = start
-        if end < size:
-            file.truncate(end)
+        if not file.seek(0, os.SEEK_END):
+            return  # an empty file cannot be mapped
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            end = content.rfind(b"\n") + 1
+        file.truncate(end)

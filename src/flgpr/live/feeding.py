@@ -27,7 +27,7 @@ from flgpr.store import (
     write_description,
     write_whole,
 )
-from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name
+from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name, stored_scan
 
 PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")
@@ -184,14 +184,12 @@ def _check_faults(faults: Sequence[Fault], first: int, last: int) -> None:
 
 def _encoded(run: xr.Dataset, frame: _PlayedFrame, run_id: str) -> bytes:
     """Return the bytes of a scan, with its faults."""
-    row = run.isel(scan=frame.scan)
-    signal = np.array(row["signal"].values)
-    pose = np.array(row["pose"].values)
+    scan = stored_scan(run, frame.scan)
     if "nan" in frame.kinds:
-        signal[0, 0] = np.nan
-    if "jump" in frame.kinds:
-        pose[1] += _JUMP
-    return encode_scan(frame.scan, signal, pose, float(row["time"]), run_id)
+        scan.signal[0, 0] = np.nan
+    if "jump" in frame.kinds and scan.pose is not None:
+        scan.pose[1] += _JUMP
+    return encode_scan(scan.number, scan.signal, scan.pose, scan.time, run_id)
 
 
 def _playing_order(first: int, last: int, faults: Sequence[Fault]) -> list[_PlayedFrame]:

@@ -368,7 +368,12 @@ class LiveRun:
             self._names.add(arrival.name)
         counts_before = dict(intake.counts)
         lines: list[Event] = []
-        scan, problem = _admitted(arrival, intake)
+        scan = None
+        problem = ""
+        try:
+            scan = intake.admit(arrival.data, arrival.value)
+        except ScanFileError as error:
+            problem = str(error)
         if detector is None:
             if scan is None:
                 reasons = [problem] if problem else [intake.pose_report, _NO_POSE]
@@ -532,14 +537,6 @@ def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
         return
     if description.run_id != parse_description(snapshot[0]["run"]).run_id:
         raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
-
-
-def _admitted(arrival: Arrival, intake: Intake) -> tuple[Scan | None, str]:
-    """Return a frame's scan, or None where it cannot be used, and what is wrong with it."""
-    try:
-        return intake.admit(arrival.data, arrival.value), ""
-    except ScanFileError as error:
-        return None, str(error)
 
 
 def _check_output(folder: Path) -> None:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from flgpr.door import MOST_CHECKED, DoorError, Folder
+from flgpr.door import MOST_CHECKED, DoorError, Folder, Version
 from flgpr.json_text import check_format
 from flgpr.results.description import check_description, check_origin
 from flgpr.results.errors import ResultError
@@ -18,8 +18,6 @@ FORMAT = "flgpr-result"
 VERSION = 2
 MANIFEST = "manifest.json"
 
-# Digest and size of a file; None for no file, and a size of None where it is not known.
-Version = tuple[str | None, int | None]
 # Versions of the files that are added to a folder later; several of a file while it is written.
 Added = Mapping[str, list[Version]]
 
@@ -35,19 +33,6 @@ def sealed_manifest(content: dict[str, Any], added: Added) -> bytes:
     return json_with_digest(
         {**content, "identity": identity, "added": digests, "added_sizes": sizes}
     )
-
-
-def added_versions(manifest: Mapping[str, Any]) -> dict[str, list[Version]]:
-    """Return the versions of files that were added, as :func:`sealed_manifest` lists them.
-
-    Manifests of an older version have no sizes.
-    """
-    sizes = manifest.get("added_sizes", {})
-    added = {}
-    for name, digests in manifest["added"].items():
-        unknown: list[int | None] = [None] * len(digests)
-        added[name] = list(zip(digests, sizes.get(name, unknown), strict=True))
-    return added
 
 
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:

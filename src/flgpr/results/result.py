@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 import flgpr
-from flgpr.door import Folder, listed_files
+from flgpr.door import Folder, Version, added_versions, listed_files
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.model import Lane
@@ -27,8 +27,6 @@ from flgpr.results.manifest import (
     FORMAT,
     MANIFEST,
     VERSION,
-    Version,
-    added_versions,
     listing,
     read_result_manifest,
     reading,

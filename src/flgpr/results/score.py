@@ -159,7 +159,7 @@ def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
     An infinite threshold and all that is unknown are null.
     """
     detections = {entry.name: entry.summary() for entry in scored}
-    return _roc_json(scored[0].rules_summary(), notes, detections)
+    return _json_text(ROC_FORMAT, scored[0].rules_summary(), notes, {"detections": detections})
 
 
 def blind_roc_json(blind: BlindScore, notes: Mapping[str, Any]) -> str:
@@ -173,24 +173,19 @@ def blind_roc_json(blind: BlindScore, notes: Mapping[str, Any]) -> str:
     if blind.targets is not None:
         main["targets"] = blind.targets.to_dict("records")
     all_notes = {"looks": blind.looks, "lists": blind.lists, **notes}
-    return _roc_json(rules, all_notes, {"main": main})
+    return _json_text(ROC_FORMAT, rules, all_notes, {"detections": {"main": main}})
 
 
 def comparison_json(
     comparison: SideBySide, rules: Mapping[str, Any], notes: Mapping[str, Any]
 ) -> str:
     """Return ``comparison.json`` of detectors side by side."""
-    content = {
-        "format": COMPARISON_FORMAT,
-        "version": ROC_VERSION,
-        "flgpr": flgpr.__version__,
-        "rules": rules,
-        "notes": notes,
+    tables = {
         "points": _records(comparison.points),
         "pairs": _records(comparison.pairs),
         "means": _records(comparison.means),
     }
-    return _json_text(content)
+    return _json_text(COMPARISON_FORMAT, rules, notes, tables)
 
 
 def _records(table: pd.DataFrame | None) -> list[dict[Any, Any]] | None:
@@ -198,23 +193,18 @@ def _records(table: pd.DataFrame | None) -> list[dict[Any, Any]] | None:
     return None if table is None else table.to_dict("records")
 
 
-def _roc_json(
-    rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]
+def _json_text(
+    name: str, rules: Mapping[str, Any], notes: Mapping[str, Any], entries: Mapping[str, Any]
 ) -> str:
-    """Return the text of ``roc.json``."""
+    """Return the indented JSON of a score's file; what JSON cannot hold becomes null."""
     content = {
-        "format": ROC_FORMAT,
+        "format": name,
         "version": ROC_VERSION,
         "flgpr": flgpr.__version__,
         "rules": rules,
         "notes": notes,
-        "detections": detections,
+        **entries,
     }
-    return _json_text(content)
-
-
-def _json_text(content: Mapping[str, Any]) -> str:
-    """Return indented JSON with a line's end; what JSON cannot hold becomes null."""
     return json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n"
 
 

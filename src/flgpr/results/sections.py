@@ -70,7 +70,9 @@ def join_results(
     """
     tables = []
     for name in names:
-        table = _alarms_of(folder / name)
+        # Nothing else of a result is read, which holds its run-views.
+        files = listed_files(folder / name, read_result_manifest(folder / name))
+        table = parse_own_table(files.read("alarms.csv"), "alarms", folder / name / "alarms.csv")
         table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
         tables.append(table)
     # Columns of tables without rows would change the types of the others.
@@ -80,12 +82,6 @@ def join_results(
     write_table(alarms, folder / "alarms.csv")
     write_whole(folder / "lane.toml", lane_text(lane))
     write_sections(folder, names, identity)
-
-
-def _alarms_of(folder: Path) -> pd.DataFrame:
-    """Read the alarms of a result that is whole, and nothing else of it."""
-    files = listed_files(folder, read_result_manifest(folder))
-    return parse_own_table(files.read("alarms.csv"), "alarms", folder / "alarms.csv")
 
 
 def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, Any]) -> None:
@@ -131,19 +127,16 @@ def read_sections(folder: str | Path) -> Sections:
         for name in _JOINT_FILES:
             files.check(name)
         for name, home in zip(sections.names, sections.homes, strict=True):
-            if _readable_identity(home) != content["files"][f"{name}/{MANIFEST}"]:
-                raise ResultError(f"{folder}: {name}/{MANIFEST} differs from what was written")
+            differs = ResultError(f"{folder}: {name}/{MANIFEST} differs from what was written")
+            try:
+                identity = _identity(home)
+            except DoorError:
+                raise
+            except (KeyError, TypeError, ValueError):
+                raise differs from None
+            if identity != content["files"][f"{name}/{MANIFEST}"]:
+                raise differs
     return sections
-
-
-def _readable_identity(home: Path) -> str:
-    """Return the identity of a result; "" if its manifest cannot be read."""
-    try:
-        return _identity(home)
-    except DoorError:
-        raise
-    except (KeyError, TypeError, ValueError):
-        return ""
 
 
 def _identity(home: Path) -> str:

@@ -8,7 +8,6 @@ anchor takes places on the Earth to the lane. The notes list every such change.
 from __future__ import annotations
 
 import csv
-import io
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -195,7 +194,7 @@ def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
     header = body[0]
     width = _count_cells(header)
     names_of_rows = {_folded(name) for name in _synonyms_of_id(_IDS[kind])}
-    begins_with_names = _folded(_split(header)[0]) in names_of_rows
+    begins_with_names = _folded(cells_of(header)[0]) in names_of_rows
     rows = [header]
     for line in body[1:]:
         is_row = begins_with_names and _count_cells(line) == width
@@ -206,26 +205,23 @@ def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
 
 def _is_numbers(line: str) -> bool:
     """Return whether every cell of a line is a number or empty, and not all are empty."""
-    cells = [cell.strip() for cell in _split(line)]
+    cells = [cell.strip() for cell in cells_of(line)]
     return all(_NUMBER_OR_EMPTY.fullmatch(cell) for cell in cells) and any(cells)
 
 
 def separator_of(head: str) -> str:
     """Return the separator of a header's columns: semicolons, else tabs, else commas."""
-    for mark in _MARKS:
-        if mark in head:
-            return mark
-    return ","
+    return next((mark for mark in _MARKS if mark in head), ",")
 
 
-def _split(line: str) -> list[str]:
+def cells_of(line: str) -> list[str]:
     """Return the cells of a line."""
-    return next(csv.reader(io.StringIO(line), delimiter=separator_of(line)), [""])
+    return next(csv.reader([line], delimiter=separator_of(line)), [""])
 
 
 def _count_cells(line: str) -> int:
     """Return the number of cells of a line."""
-    return len(_split(line))
+    return len(cells_of(line))
 
 
 def column_targets(

@@ -29,7 +29,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import read_with_digest
 from flgpr.store.view_format import VIEW_FORMAT, VIEW_SCORE, VIEW_VERSION, view_score_body
-from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
+from flgpr.viewer.scores import NO_IMAGES, IndexOnly, ScoreFiles, score_file
 
 LIVE_FILE = "live.jsonl"
 _MANIFEST = "manifest.json"
@@ -191,11 +191,8 @@ class RunFiles(IndexOnly):
             "version": VIEW_VERSION,
             "title": str(run.attrs.get("title", self.folder.stem)),
             "lane": {"x_min": low[0], "x_max": high[0], "y_min": low[1], "y_max": high[1]},
-            "grid": None,
-            "tile_rows": 0,
+            **NO_IMAGES,
             "unit": "dB",
-            "channel": ["", ""],
-            "layers": [],
             "scans": scans,
             "georeference": run.attrs.get("georeference"),
             "detections": [],
