@@ -24,7 +24,7 @@ import numpy as np
 
 import flgpr
 from flgpr.door import Folder, refuse_links
-from flgpr.geo import Anchor, own_anchor, read_anchor
+from flgpr.geo import own_anchor, read_anchor
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
 from flgpr.live.detector import LiveDetector, LiveSettings
@@ -159,11 +159,6 @@ class LiveRun:
         self._identity["recipe"] = sha256(text.encode())
         return recipe
 
-    def _fitted_recipe(self) -> Recipe | None:
-        """Return the recipe that an earlier process made for this run, if there is one."""
-        kept = Folder(self.output).read_if_listed(RECIPE_FILE)
-        return None if kept is None else self._use_recipe(kept.decode("utf-8"), RECIPE_FILE)
-
     def _fit_recipe(self, scan: Scan, description: RunDescription, events: EventFile) -> Recipe:
         """Make a recipe for the run from its description and its first scan with a pose.
 
@@ -215,8 +210,11 @@ class LiveRun:
         known = set(snapshot[0]["names"]) if snapshot else None
         if options.played is not None:
             sources.append(RunPlayer(options.played, self.inbox, options.rate, known))
-        with EventFile(self.output / EVENT_FILE, snapshot is None) as events:
-            writer = SnapshotWriter(path)
+        new_events = snapshot is None
+        with (
+            EventFile(self.output / EVENT_FILE, new_events) as events,
+            SnapshotWriter(path) as writer,
+        ):
             if options.incoming is not None:
                 sources.append(FolderWatch(Path(options.incoming), self.inbox, known))
             if snapshot is not None:
@@ -313,7 +311,9 @@ class LiveRun:
         self._use_own_anchor(description, events)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
-            recipe = self._fitted_recipe()
+            made_before = Folder(self.output).read_if_listed(RECIPE_FILE)
+            if made_before is not None:
+                recipe = self._use_recipe(made_before.decode("utf-8"), RECIPE_FILE)
         if recipe is None and snapshot is not None:
             raise ValueError(
                 f"recipe must be given to go on with {self.output}, which holds no {RECIPE_FILE}; "
@@ -331,7 +331,10 @@ class LiveRun:
         if self._alarms.anchor is not None or reference is None:
             return
         try:
-            self._alarms.anchor = _anchor_on_earth(reference)
+            anchor = own_anchor(reference)
+            if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
+                raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
+            self._alarms.anchor = anchor
         except ValueError as error:
             words = f"alarms have places in the lane alone: {error}"
             events.append([problem_event(RUN_FILE, words)])
@@ -515,14 +518,6 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
         signal = (noise[0] + 1j * noise[1]).astype(np.complex64)
         detector.add(Scan(number, float("nan"), pose, signal))
-
-
-def _anchor_on_earth(reference: Any) -> Anchor:
-    """Return the anchor of a run's georeference; one that lies nowhere is a ValueError."""
-    anchor = own_anchor(reference)
-    if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
-        raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
-    return anchor
 
 
 def _faults(counts: dict[str, int]) -> dict[str, int]:
