@@ -374,10 +374,7 @@ def sum_accumulator(
         for name, value in sums.items():
             value += state[name]
 
-    def sums_as_result() -> Arrays:
-        return sums
-
-    return Accumulator(add, lambda _: dict(sums), merge, result or sums_as_result)
+    return Accumulator(add, lambda _: dict(sums), merge, result or (lambda: sums))
 
 
 def append_accumulator(pieces: list[Arrays], add: Callable[[int], Any]) -> Accumulator:

@@ -127,7 +127,8 @@ class _Sender(threading.Thread):
 class _SenderWatch(Source):
     """Listens for senders on a socket; several may connect.
 
-    With ``greets`` the first bytes of a sender must be those of a frame; else it is ended.
+    With ``greets`` the first bytes of a sender must be those of a frame; else it is ended. The file
+    at ``path``, if any, goes when the socket is closed.
     """
 
     def __init__(
@@ -137,8 +138,10 @@ class _SenderWatch(Source):
         inbox: Inbox,
         limits: SenderLimits | None,
         greets: bool,
+        path: Path | None = None,
     ) -> None:
         super().__init__(name, inbox)
+        self._path = path
         self._limits = limits or SenderLimits()
         self._greets = greets
         self._senders: list[_Sender] = []
@@ -157,12 +160,10 @@ class _SenderWatch(Source):
                     self.inbox.stop.wait(_CHECK)
                     continue
                 self._admit(connection)
-        self._clear_away()
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
         for sender in self._senders:
             sender.join(1.0)
-
-    def _clear_away(self) -> None:
-        """Remove what the socket leaves behind when it is closed."""
 
     def _admit(self, connection: socket.socket) -> None:
         """Listen to a new sender, or refuse it.
@@ -221,12 +222,8 @@ class SocketWatch(_SenderWatch):
     """
 
     def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
-        super().__init__(str(path), listening_unix(path, _BACKLOG), inbox, limits, greets=False)
-        self._path = path
-
-    def _clear_away(self) -> None:
-        """Remove the socket's file."""
-        self._path.unlink(missing_ok=True)
+        listener = listening_unix(path, _BACKLOG)
+        super().__init__(str(path), listener, inbox, limits, greets=False, path=path)
 
 
 class TcpWatch(_SenderWatch):

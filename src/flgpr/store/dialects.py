@@ -62,7 +62,7 @@ _NUMBER_OR_EMPTY = re.compile(r"[-+]?[\d.,]+([eE][-+]?\d+)?|")
 _SUFFIX = re.compile(r"(?P<name>.*\w)[_ ](?P<unit>m|cm|mm|km|ft|in|deg)", re.IGNORECASE)
 _LENGTHS = ("x", "y", "depth", "radius", "height", "easting", "northing")
 _ANGLES = ("longitude", "latitude")
-_DEGREES = (
+_DEGREES = [
     "deg",
     "°",
     "degree",
@@ -74,7 +74,7 @@ _DEGREES = (
     "gradi",
     "grados",
     "graus",
-)
+]
 _NO_UNIT = ("", "1", "-", "%")
 _MARKS = ";\t,"
 
@@ -162,8 +162,10 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     lines = text.splitlines()
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
         lines = lines[1:]
-    first = _first_row(lines)
-    if first is None:
+    first = 0
+    while first < len(lines) and (not lines[first].strip() or _is_comment(lines[first])):
+        first += 1
+    if first == len(lines):
         return "", []
     comments = [line for line in lines[:first] if line.strip()]
     body = lines[first:]
@@ -181,12 +183,9 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     return "\n".join(rows) + "\n", notes
 
 
-def _first_row(lines: Sequence[str]) -> int | None:
-    """Return the number of the first line that is neither blank nor a comment."""
-    for number, line in enumerate(lines):
-        if line.strip() and not line.lstrip().startswith("#"):
-            return number
-    return None
+def _is_comment(line: str) -> bool:
+    """Return whether a line begins with ``#``."""
+    return line.lstrip().startswith("#")
 
 
 def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
@@ -198,7 +197,7 @@ def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
     rows = [header]
     for line in body[1:]:
         is_row = begins_with_names and _count_cells(line) == width
-        if is_row or not line.lstrip().startswith("#"):
+        if is_row or not _is_comment(line):
             rows.append(line)
     return rows
 
