@@ -351,7 +351,7 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
 def _stored_scans(run: xr.Dataset) -> Iterator[Scan]:
     """Yield the complete scans of a stored run as if they arrived."""
     for number in np.flatnonzero(complete_scans(run)):
-        yield stored_scan(run, number)
+        yield stored_scan(run, int(number))
 
 
 def _probability(odds: float) -> float:
