@@ -83,11 +83,9 @@ def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far
             )
         )
     shift = expected_shift(scores[0].matched.truth, result.manifest["run"])
-    shifted = []
-    for unshifted in scores:
-        outcomes = unshifted.outcomes.assign(expected_shift=shift)
-        shifted.append(replace(unshifted, outcomes=outcomes))
-    return shifted
+    return [
+        replace(scored, outcomes=scored.outcomes.assign(expected_shift=shift)) for scored in scores
+    ]
 
 
 def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> Score:
