@@ -59,7 +59,7 @@ lint: $(VENV)/.test
 ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
     commands/test_implausible_poses.py ground/test_scorers.py \
     exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
-    live/test_live_positions.py live/test_senders.py live/test_session.py live/test_tcp.py \
+    live/test_live_positions.py live/test_senders.py live/test_session.py live/test_sockets.py \
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
     store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
 
@@ -71,7 +71,7 @@ robustness: $(VENV)/.test
 # imports, the demo, detection with its estimators, stores, formats, commands and live scans work with both.
 OLDEST_PYTHON ?= python3.11
 NEWEST_PYTHON ?= $(PYTHON)
-VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method recipe stages detect formats geo live/test_session.py live/test_tcp.py \
+VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method recipe stages detect formats geo live/test_session.py live/test_sockets.py \
     report/test_score_page.py results scoring store systems/test_systems.py viewer/test_server.py \
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.

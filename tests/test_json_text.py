@@ -7,6 +7,7 @@ import pytest
 from flgpr.json_text import (
     MOST_NESTING,
     canonical_json,
+    check_format,
     count_values,
     json_with_digest,
     parse_json,
@@ -40,3 +41,10 @@ def test_a_digest_is_that_of_the_rest_and_any_change_shows():
         parse_with_digest(data.replace(b'"x"', b'"y"'))
     with pytest.raises(ValueError, match="differs from what was written"):
         parse_with_digest(data + b"\n")
+
+
+def test_another_format_or_version_is_refused():
+    check_format({"format": "flgpr-x", "version": 1}, "flgpr-x", 1)
+    for content in ({}, {"format": "flgpr-x", "version": 2}, {"format": "flgpr-y", "version": 1}):
+        with pytest.raises(ValueError, match="format must be flgpr-x version 1"):
+            check_format(content, "flgpr-x", 1)

@@ -13,7 +13,7 @@ import flgpr
 from flgpr import system
 from flgpr.append_log import AppendLog, LogHeldError, read_log
 from flgpr.door import DoorError, Folder, open_own
-from flgpr.live import unix_sockets
+from flgpr.live import sockets
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SocketWatch
@@ -222,7 +222,7 @@ def test_the_files_that_may_be_open_are_counted_where_the_system_tells(monkeypat
 
 
 def test_a_socket_is_refused_in_words_where_the_system_has_none(tmp_path, monkeypatch):
-    monkeypatch.setattr(unix_sockets, "socket", Without(socket, {"AF_UNIX"}))
+    monkeypatch.setattr(sockets, "socket", Without(socket, {"AF_UNIX"}))
     path = tmp_path / "radar.sock"
     refusal = pytest.raises(
         ValueError, match=f"socket must be left out, .* got {path}: use tcp instead"

@@ -53,6 +53,10 @@ _KINDS = {
 }
 
 
+# Digest and size of a file; None for no file, and a size of None where it is not known.
+Version = tuple[str | None, int | None]
+
+
 class DoorError(ValueError):
     """A file breaks a rule of its folder."""
 
@@ -144,11 +148,12 @@ class Folder:
         folders, last = _split_name(self.root, name)
         if not system.OPENS_FOLDERS:
             path = _folder_by_path(self.root, name, folders) / last
-            self._check_state(name, _regular_by_path(path, self.root, name), MOST_CHECKED)
+            self._check_state(name, _regular_state(path, self.root, name), MOST_CHECKED)
             return
         folder = _open_folders(self.root, name, folders)
         try:
-            self._check_state(name, _regular_state(folder, last, self.root, name), MOST_CHECKED)
+            state = _regular_state(last, self.root, name, folder)
+            self._check_state(name, state, MOST_CHECKED)
         finally:
             os.close(folder)
 
@@ -272,36 +277,39 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     """
     try:
         sizes = manifest.get("sizes", {})
-        added_sizes = manifest.get("added_sizes", {})
         listed: dict[str, Listed] = {}
         for name, digest in manifest["files"].items():
-            listed[name] = _listed([digest], [sizes.get(name)])
-        for name, digests in manifest.get("added", {}).items():
-            unknown_sizes = [None] * len(digests)
-            listed[name] = _listed(digests, added_sizes.get(name, unknown_sizes))
+            listed[name] = _listed([(digest, sizes.get(name))])
+        for name, versions in added_versions(manifest).items():
+            listed[name] = _listed(versions)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
     return Folder(folder, listed)
 
 
-def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
+def added_versions(manifest: Mapping[str, Any]) -> dict[str, list[Version]]:
+    """Return the versions that each file which was added to a folder may have, by name.
+
+    There are several while a file is written. Manifests of an older version have no sizes.
+    """
+    sizes = manifest.get("added_sizes", {})
+    added = {}
+    for name, digests in manifest.get("added", {}).items():
+        unknown: list[int | None] = [None] * len(digests)
+        added[name] = list(zip(digests, sizes.get(name, unknown), strict=True))
+    return added
+
+
+def _listed(versions: Sequence[Version]) -> Listed:
     """Return what a manifest says of a file: digest and size of each version that it may have."""
-    version_digests = []
-    version_sizes = []
-    for digest, size in zip(digests, sizes, strict=True):
-        if digest is None:
-            continue
-        if not isinstance(digest, str):
-            raise ValueError(f"every file must have a digest, got {digests}")
-        version_digests.append(digest)
-        if size is not None:
-            version_sizes.append(size)
-    if not version_digests:
-        raise ValueError(f"every file must have a digest, got {digests}")
+    digests = [digest for digest, _ in versions if digest is not None]
+    if not digests or not all(isinstance(digest, str) for digest in digests):
+        raise ValueError(f"every file must have a digest, got {versions}")
+    sizes = [size for digest, size in versions if digest is not None and size is not None]
     # Where the size of one version is not known, that of another must not keep it out.
-    if len(version_sizes) < len(version_digests):
-        version_sizes = []
-    return Listed(tuple(version_digests), tuple(version_sizes), None in digests)
+    if len(sizes) < len(digests):
+        sizes = []
+    return Listed(tuple(digests), tuple(sizes), len(digests) < len(versions))
 
 
 def _check_size(label: str, size: int, most: int) -> None:
@@ -334,7 +342,13 @@ def open_at_once(path: str, flags: int) -> int:
 
     What is not regular is a DoorError, and never waited for.
     """
-    return _opened_regular(path, flags)
+    try:
+        handle = os.open(path, flags | system.AT_ONCE, 0o666)
+    except OSError as error:
+        if error.errno != errno.ENXIO:  # a socket, or a pipe that nobody reads
+            raise
+        raise DoorError(f"{path} must be a regular file, got {_kind(os.stat(path))}") from None
+    return _regular(handle, path)
 
 
 def open_own(path: str, flags: int) -> int:
@@ -345,22 +359,11 @@ def open_own(path: str, flags: int) -> int:
     try:
         if not system.NO_LINK and os.path.lexists(path) and _is_link(os.lstat(path)):
             raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
-        return _opened_regular(path, flags | system.NO_LINK)
+        return open_at_once(path, flags | system.NO_LINK)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
         raise DoorError(f"{path} must be a regular file, got a symbolic link") from None
-
-
-def _opened_regular(path: str, flags: int) -> int:
-    """Return a descriptor of a regular file, without waiting for anything else."""
-    try:
-        handle = os.open(path, flags | system.AT_ONCE, 0o666)
-    except OSError as error:
-        if error.errno != errno.ENXIO:  # a socket, or a pipe that nobody reads
-            raise
-        raise DoorError(f"{path} must be a regular file, got {_kind(os.stat(path))}") from None
-    return _regular(handle, path)
 
 
 def check_expansion(name: str, size: int, room: int) -> None:
@@ -382,6 +385,15 @@ def _split_name(root: Path, name: str) -> tuple[list[str], str]:
     return components[:-1], components[-1]
 
 
+@contextmanager
+def _naming(root: Path, name: str) -> Iterator[None]:
+    """Make an error about something that is missing name the file that was asked for."""
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise type(error)(error.errno, error.strerror, str(root / name)) from None
+
+
 def _open_inside(root: Path, name: str) -> int:
     """Open a regular file below a folder, from folder to folder, so that no link is followed."""
     folders, last = _split_name(root, name)
@@ -390,10 +402,9 @@ def _open_inside(root: Path, name: str) -> int:
     folder = _open_folders(root, name, folders)
     try:
         # Checked before it is opened, because opening a device may already do something.
-        _regular_state(folder, last, root, name)
-        return _regular(os.open(last, _FILE, dir_fd=folder), f"{root}: {name}")
-    except FileNotFoundError as error:
-        raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
+        _regular_state(last, root, name, folder)
+        with _naming(root, name):
+            return _regular(os.open(last, _FILE, dir_fd=folder), f"{root}: {name}")
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
@@ -408,29 +419,17 @@ def _open_by_path(root: Path, name: str, folders: Sequence[str], last: str) -> i
     Every component is looked at before the file is opened and again after, and the open file must
     be the one that was seen.
     """
-    folder = _folder_by_path(root, name, folders)
-    path = folder / last
-    _regular_by_path(path, root, name)
+    path = _folder_by_path(root, name, folders) / last
+    _regular_state(path, root, name)
     handle = os.open(path, _FILE)
     try:
         _folder_by_path(root, name, folders)
-        if not os.path.samestat(os.fstat(handle), _regular_by_path(path, root, name)):
+        if not os.path.samestat(os.fstat(handle), _regular_state(path, root, name)):
             raise DoorError(f"{root}: {name} must stay as it is while it is opened")
     except BaseException:
         os.close(handle)
         raise
     return _regular(handle, f"{root}: {name}")
-
-
-def _regular_by_path(path: Path, root: Path, name: str) -> os.stat_result:
-    """Return the state of a file, which must be regular and no link."""
-    try:
-        state = os.lstat(path)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
-    if _is_link(state) or not stat.S_ISREG(state.st_mode):
-        raise DoorError(f"{root}: {name} must be a regular file, got {_kind(state)}")
-    return state
 
 
 def _folder_by_path(root: Path, name: str, folders: Sequence[str]) -> Path:
@@ -442,10 +441,8 @@ def _folder_by_path(root: Path, name: str, folders: Sequence[str]) -> Path:
     folder = root
     for component in folders:
         folder = folder / component
-        try:
+        with _naming(root, name):
             state = os.lstat(folder)
-        except FileNotFoundError as error:
-            raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
         if _is_link(state) or not stat.S_ISDIR(state.st_mode):
             raise DoorError(
                 f"{root}: {name} must lie in folders of its own, got {_kind(state)} at {component}"
@@ -489,13 +486,13 @@ def _is_link(state: os.stat_result) -> bool:
     return stat.S_ISLNK(state.st_mode) or is_junction
 
 
-def _regular_state(folder: int, last: str, root: Path, name: str) -> os.stat_result:
-    """Return the state of a file in an open folder, which must be regular."""
-    try:
-        state = os.stat(last, dir_fd=folder, follow_symlinks=False)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
-    if not stat.S_ISREG(state.st_mode):
+def _regular_state(
+    path: str | Path, root: Path, name: str, folder: int | None = None
+) -> os.stat_result:
+    """Return the state of a file, by its path or in an open folder, which must be regular."""
+    with _naming(root, name):
+        state = os.stat(path, dir_fd=folder, follow_symlinks=False)
+    if _is_link(state) or not stat.S_ISREG(state.st_mode):
         raise DoorError(f"{root}: {name} must be a regular file, got {_kind(state)}")
     return state
 
@@ -505,15 +502,12 @@ def _open_folders(root: Path, name: str, folders: Sequence[str]) -> int:
 
     Errors name the file that was asked for.
     """
-    try:
+    with _naming(root, name):
         folder = os.open(root, _FOLDER)
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise type(error)(error.errno, error.strerror, str(root / name)) from None
     for component in folders:
         try:
-            inner_folder = os.open(component, _FOLDER | system.NO_LINK, dir_fd=folder)
-        except FileNotFoundError as error:
-            raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
+            with _naming(root, name):
+                inner_folder = os.open(component, _FOLDER | system.NO_LINK, dir_fd=folder)
         except OSError as error:
             if error.errno not in (errno.ELOOP, errno.ENOTDIR):
                 raise

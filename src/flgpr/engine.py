@@ -2,11 +2,11 @@
 
 The state of a block depends on nothing but the run, the recipe and the results of earlier passes,
 and the states are merged in the order of the blocks. A block that was stopped half way goes on from
-its exact sums (``Gatherer.state``), and is rounded at its end alone. So the bits of a result depend
+its exact sums (``Accumulator.state``), and is rounded at its end alone. So the bits of a result depend
 neither on the number of workers nor on interruptions (``jobs/checkpoint.py``). On processors
 of one kind and with equal versions they are the same on every machine. Linear algebra has one
-thread meanwhile, as its last bits depend on the number. The engine knows no pass by name: what a pass does stands in
-``method/passes`` and in the stages.
+thread meanwhile, as its last bits depend on the number. The engine knows no pass by name: what a
+pass does stands in ``method/passes`` and in the stages.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -54,32 +54,15 @@ class _WorkerState(threading.local):
 worker_state = _WorkerState()
 
 
-class Gatherer(Protocol):
-    """What the engine asks of a pass that adds the scans of a block or merges blocks."""
-
-    def add(self, index: int, /) -> Any:
-        """Add one scan, by its index among the complete ones."""
-
-    def state(self, exact: bool, /) -> Arrays:
-        """Return everything gathered so far, as plain arrays.
-
-        With ``exact`` another gatherer that merges the state continues with the same bits. Without
-        it the precision of the result suffices, and the state may be smaller.
-        """
-
-    def merge(self, state: Any, /) -> None:
-        """Merge the state of the scans that follow."""
-
-    def result(self) -> Arrays:
-        """Return what later passes read."""
-
-
 @dataclass(frozen=True)
 class Accumulator:
-    """A gatherer made of four functions, for stages that gather their own estimates."""
+    """What adds the scans of a block, or merges the blocks of a pass, as four functions."""
 
     add: Callable[[int], Any]  #: adds one scan, by its index among the complete ones
-    state: Callable[[bool], Arrays]  #: returns everything gathered so far, see :class:`Gatherer`
+    #: returns everything gathered so far as plain arrays. With ``exact`` (True) another one that
+    #: merges the state continues with the same bits; without it the precision of the result
+    #: suffices, and the state may be smaller
+    state: Callable[[bool], Arrays]
     merge: Callable[[Any], None]  #: merges the state of the scans that follow
     result: Callable[[], Arrays]  #: returns what later passes read
 
@@ -95,9 +78,9 @@ class PlannedPass:
 
     name: str  #: its name, which is that of its result
     title: str  #: what it is called where progress is shown
-    #: returns the gatherer of a block, or with None the one that merges all blocks; called once
+    #: returns the accumulator of a block, or with None the one that merges all blocks; called once
     #: earlier passes have their results
-    start: Callable[[range | None], Gatherer]
+    start: Callable[[range | None], Accumulator]
     needs: tuple[str, ...] = ()  #: earlier passes whose results it reads
     all_scans: bool = False  #: goes through all scans even where a section of the lane is wanted
     #: the states of its blocks are not merged but kept, by the names of :func:`block_name`
@@ -108,11 +91,11 @@ class PlannedPass:
     cache_key: Callable[[], dict[str, Any] | None] = not_shared
 
 
-BlockIterator = Callable[[range, Gatherer], Iterator[int]]
-"""Yields the scans of a block that its gatherer lacks; a checkpoint may hold the first ones."""
+BlockIterator = Callable[[range, Accumulator], Iterator[int]]
+"""Yields the scans of a block that its accumulator lacks; a checkpoint may hold the first ones."""
 
 
-def whole_block(block: range, gatherer: Gatherer) -> Iterator[int]:  # noqa: ARG001
+def whole_block(block: range, accumulator: Accumulator) -> Iterator[int]:  # noqa: ARG001
     """Yield all scans of a block, without a checkpoint."""
     yield from block
 
@@ -207,15 +190,15 @@ class Engine:
         """
         block = self.blocks[number]
         with blas_on_one_thread():
-            gatherer = self.passes[name].start(block)
-            for index in block_iterator(block, gatherer):
+            accumulator = self.passes[name].start(block)
+            for index in block_iterator(block, accumulator):
                 if worker_state.stop.is_set():
                     raise CancelledError
-                gatherer.add(index)
+                accumulator.add(index)
             # Rounded, but always at the same edges, whether the run was stopped or not.
-            return gatherer.state(False)
+            return accumulator.state(False)
 
-    def merge_blocks(self, name: str, states: Iterable[Arrays]) -> Gatherer:
+    def merge_blocks(self, name: str, states: Iterable[Arrays]) -> Accumulator:
         """Merge the states of the blocks of a pass.
 
         Parameters
@@ -227,14 +210,14 @@ class Engine:
 
         Returns
         -------
-        Gatherer
+        Accumulator
             It has the result of the pass.
         """
         with blas_on_one_thread():
-            gatherer = self.passes[name].start(None)
+            accumulator = self.passes[name].start(None)
             for state in states:
-                gatherer.merge(state)
-            return gatherer
+                accumulator.merge(state)
+            return accumulator
 
     def result_of(self, name: str, states: Iterable[Arrays]) -> Arrays:
         """Return the result of a pass.
@@ -355,7 +338,11 @@ def bundle_groups(groups: Mapping[str, Arrays]) -> Arrays:
 
 def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
     """Return one group of what :func:`bundle_groups` made."""
-    prefix = f"{group}|"
+    return arrays_under(arrays, f"{group}|")
+
+
+def arrays_under(arrays: Mapping[str, NDArray[Any]], prefix: str) -> Arrays:
+    """Return the arrays whose names begin with a prefix, without it."""
     members = {}
     for key in arrays:
         if key.startswith(prefix):
@@ -387,10 +374,7 @@ def sum_accumulator(
         for name, value in sums.items():
             value += state[name]
 
-    def sums_as_result() -> Arrays:
-        return sums
-
-    return Accumulator(add, lambda _: dict(sums), merge, result or sums_as_result)
+    return Accumulator(add, lambda _: dict(sums), merge, result or (lambda: sums))
 
 
 def append_accumulator(pieces: list[Arrays], add: Callable[[int], Any]) -> Accumulator:

@@ -143,3 +143,9 @@ def parse_with_digest(data: bytes) -> dict[str, Any]:
     if not is_unaltered:
         raise ValueError("it differs from what was written")
     return dict(with_digest)
+
+
+def check_format(content: Mapping[str, Any], name: str, version: int) -> None:
+    """Refuse a JSON object that is not of a format and version: a ValueError."""
+    if (content.get("format"), content.get("version")) != (name, version):
+        raise ValueError(f"format must be {name} version {version}")

@@ -1,6 +1,6 @@
 """What operating systems do differently: locks, limits, folders as descriptors, interrupts.
 
-All else in the package is the same everywhere, but for the sockets of ``live/unix_sockets.py`` and
+All else in the package is the same everywhere, but for the sockets of ``live/sockets.py`` and
 the memory limit in ``formats/child.py``, a script that imports nothing of flgpr. Linux is where it
 is tested; `tests/other_system.py` takes away what Windows lacks and forbids what it forbids.
 """

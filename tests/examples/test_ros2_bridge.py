@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
-from flgpr.live.tcp import TcpAddress, listening_tcp
+from flgpr.live.sockets import TcpAddress, listening_tcp
 from flgpr.model.frames import pose_matrix
 from flgpr.store import decode_frame, describe_for_live, save_run
 from flgpr.store.scan_file import frame_size

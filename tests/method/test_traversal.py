@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flgpr.method.passes.traversal import Pass, Traversal, plan
+from flgpr.method.passes.traversal import Pass, plan
 
 
 class Sum(Pass):
@@ -74,7 +74,7 @@ def test_what_only_explains_is_left_out_where_nothing_is_explained(explains):
 
 def test_a_pass_that_does_nothing_has_no_state_and_is_not_shared():
     lane = SimpleNamespace(explains=True)
-    traversal = Traversal(lane, [Nothing], None)
+    traversal = plan(lane, Nothing).start(None)
     assert traversal.state(False) == {}
     assert Nothing.cache_key(lane) is None
     with pytest.raises(NotImplementedError):

@@ -8,7 +8,6 @@ import pytest
 
 from flgpr.results.result import add_files, read_result
 from flgpr.results.score import (
-    VIEW_SCORE,
     depth_class_bounds,
     depth_labels,
     expected_shift,
@@ -17,6 +16,7 @@ from flgpr.results.score import (
     score_detections,
     view_score,
 )
+from flgpr.store.view_format import VIEW_SCORE
 from small_results import small_result
 
 

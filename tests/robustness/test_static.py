@@ -163,7 +163,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
-    "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "flgpr_trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
     "flgpr_exchange/commands/exporting.py _pack": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exports.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),

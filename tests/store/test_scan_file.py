@@ -21,7 +21,8 @@ from flgpr.store import (
     scan_of,
     write_description,
 )
-from flgpr.store.scan_file import MAGIC, TruncatedFrameError, pose_fault
+from flgpr.store.scan_file import MAGIC, TruncatedFrameError, pose_fault, stored_scan
+from live_lane import make_lane_run
 
 POSE = [1.0, 2.0, 1.5, 0.1, 0.0, -0.02]
 
@@ -173,3 +174,15 @@ def test_a_description_that_cannot_be_read_names_its_file(description, tmp_path)
     (tmp_path / "run.json").write_text(json.dumps(value))
     with pytest.raises(ScanFileError, match=r"run\.json.*tx_m"):
         read_description(tmp_path)
+
+
+def test_a_stored_scan_is_as_it_would_arrive_and_changes_nothing():
+    run = make_lane_run(scans=4)
+    scan = stored_scan(run, 2)
+    assert (scan.number, scan.time) == (2, float(run["time"][2]))
+    np.testing.assert_array_equal(scan.pose, run["pose"].values[2])
+    np.testing.assert_array_equal(scan.signal, run["signal"].values[2])
+    scan.pose[1] += 1.0
+    scan.signal[0, 0] = np.nan
+    assert np.isfinite(run["signal"].values).all()
+    assert run["pose"].values[2, 1] == scan.pose[1] - 1.0

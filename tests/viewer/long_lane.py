@@ -8,7 +8,8 @@ from flgpr.method.detection import Detection
 from flgpr.model import Lane
 from flgpr.recipe.schema import recipe_text
 from flgpr.results.result import add_files, read_result, write_result
-from flgpr.results.score import VIEW_SCORE, score_detections, view_score
+from flgpr.results.score import score_detections, view_score
+from flgpr.store.view_format import VIEW_SCORE
 
 POLARIZATIONS = ["HH", "VV"]
 SUBBANDS = ["0.4-1.1", "1.1-1.7"]

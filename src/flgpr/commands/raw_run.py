@@ -307,7 +307,9 @@ class RawRun:
             raise ValueError(f"pair must be less than {pairs}, got {query.pair}")
 
         channel = self._processed(query, {"pair": [query.pair]})
-        channel["known"] = ("scan", self._known_sweeps(query))
+        valid = self._run["valid"].sel(polarization=query.polarization).values[:, query.pair]
+        shown = self._polarization(query.polarization)["number"].values
+        channel["known"] = ("scan", valid[shown])
         self._last_channel = key, channel
         return channel
 
@@ -329,12 +331,6 @@ class RawRun:
             except ValueError as error:
                 raise ValueError(f"step {number}, {step.do}: {error}") from None
         return run.isel(chosen) if needs_all else run
-
-    def _known_sweeps(self, query: _Query) -> NDArray[np.bool_]:
-        """Mark the sweeps of a channel that are there, of the scans that are shown."""
-        valid = self._run["valid"].sel(polarization=query.polarization).values[:, query.pair]
-        shown = self._polarization(query.polarization)["number"].values
-        return np.asarray(valid[shown])
 
     def _polarization(self, label: str) -> xr.Dataset:
         """Read the scans that are shown of a polarization, all pairs; the last one is cached."""

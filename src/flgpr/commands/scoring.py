@@ -31,7 +31,6 @@ from flgpr.report import comparison_html, score_files
 from flgpr.results.notebook_html import curve_html, outcomes_html
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
 from flgpr.results.score import (
-    VIEW_SCORE,
     comparison_json,
     score_by_frames,
     score_detections,
@@ -43,6 +42,7 @@ from flgpr.scoring.matching import LaneLike
 from flgpr.store import read_table, sha256
 from flgpr.store.files import existing
 from flgpr.store.tables import parse_table, read_columns
+from flgpr.store.view_format import VIEW_SCORE
 from flgpr.toml_text import parse_toml
 
 PathLike = str | Path

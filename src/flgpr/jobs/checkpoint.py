@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from flgpr import system
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own, refuse_links
-from flgpr.engine import Arrays, Engine, Gatherer, block_name
+from flgpr.engine import Accumulator, Arrays, Engine, block_name
 from flgpr.jobs.job import WORK_SUFFIX, LaneJob
 from flgpr.method.sections import Section
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE
-from flgpr.store.files import PARTIAL, naming_output, own_temporary
+from flgpr.store.files import PARTIAL, naming_output, own_partial
 
 SUFFIX = ".arrays"
 _JOB = "job.json"
@@ -139,12 +139,11 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         except (OSError, BundleError):
             return False
         refuse_links(self.path(as_name))
-        partial = own_temporary(self.path(as_name))
-        try:
-            partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
-        except OSError:
-            shutil.copyfile(other.path(name), partial)
-        partial.replace(self.path(as_name))
+        with own_partial(self.path(as_name)) as partial:
+            try:
+                partial.hardlink_to(other.path(name))  # nobody writes into a file that is there
+            except OSError:
+                shutil.copyfile(other.path(name), partial)
         return True
 
     def bundle(self, name: str) -> Bundle:
@@ -218,8 +217,8 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             # when there is twice as much of it, so that it is not written over and over.
             if not ready or size < max(MERGE_BYTES, 2 * self.size(so_far)):
                 return
-            gatherer = engine.merge_blocks(name, self.block_states(name, ready))
-            self[so_far] = {**gatherer.state(True), "next": np.array(begun + len(ready))}
+            accumulator = engine.merge_blocks(name, self.block_states(name, ready))
+            self[so_far] = {**accumulator.state(True), "next": np.array(begun + len(ready))}
             for number in ready:
                 del self[block_name(name, number)]
 
@@ -260,7 +259,7 @@ class BlockCheckpoint:
         self.name = f"{block}-kept"
         self.every = KEEP_EVERY if every is None else every
 
-    def __call__(self, block: range, gatherer: Gatherer) -> Iterator[int]:
+    def __call__(self, block: range, accumulator: Accumulator) -> Iterator[int]:
         """Yield the scans of a block that were not gathered before a stop.
 
         A scan counts as gathered when the next is asked for.
@@ -269,12 +268,12 @@ class BlockCheckpoint:
         if self.name in self.work:
             stored = dict(self.work[self.name])
             begun = int(stored.pop("next"))
-            gatherer.merge(stored)
+            accumulator.merge(stored)
         last = time.monotonic()
         for index in range(begun, block.stop):
             yield index
             if index + 1 < block.stop and time.monotonic() - last >= self.every:
-                self.work[self.name] = {**gatherer.state(True), "next": np.array(index + 1)}
+                self.work[self.name] = {**accumulator.state(True), "next": np.array(index + 1)}
                 last = time.monotonic()
 
     def drop(self) -> None:

@@ -1,7 +1,7 @@
 """The driver: hands out the passes of a lane block by block, in one piece or in sections.
 
 A caller makes a job. :func:`plan_detection` opens its lane and refuses what does not fit;
-:func:`run_lane` runs the passes of ``method/method.py`` and writes the result. The driver computes
+:func:`detect_lane` runs the passes of ``method/method.py`` and writes the result. The driver computes
 nothing: the pieces of work (``jobs/pieces.py``) are done by whoever the executor asks
 (``jobs/workers.py``). An interrupted detection resumes with what its work folder holds
 (``jobs/checkpoint.py``), to the same bits: why, ``engine.py`` tells.
@@ -105,7 +105,9 @@ def detect_lane(
     if len(plan.sections) > 1:
         run_sections(job, plan, runner)
     else:
-        run_lane(job, plan.lane, runner)
+        with work_until_done(job) as work:
+            runner.run(job, work, passes_to_run(job, plan.lane))
+            runner.finish(job)
     return plan.folders
 
 
@@ -153,23 +155,6 @@ def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True
     sizes = sizes_of(as_imaged(open_run(job.run, job.max_memory), recipe))
     sections = plan_sections(sizes, recipe, Lane(*job.lane), job.max_memory, longest)
     keeps_result(job, sections, overwrite)
-
-
-def run_lane(job: LaneJob, lane: ImagedRun, runner: PassRunner) -> None:
-    """Do the passes of a lane in one piece and write its result.
-
-    Parameters
-    ----------
-    job : LaneJob
-        What to do.
-    lane : ImagedRun
-        The lane of the job.
-    runner : PassRunner
-        Runs the passes.
-    """
-    with work_until_done(job) as work:
-        runner.run(job, work, passes_to_run(job, lane))
-        runner.finish(job)
 
 
 @contextmanager

@@ -54,20 +54,16 @@ def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = Fa
         return False
     manifests = list(_own_manifests(job).values())
     rows = [manifest.get("section", {}).get("rows") for manifest in manifests]
+    expected_rows = [[section.start, section.stop] for section in sections]
+    if len(sections) == 1:
+        expected_rows = [job.identity["rows"]]
     versions = {manifest["flgpr"] for manifest in manifests}
-    if rows != _rows_of_results(job, sections) or versions != {flgpr.__version__}:
+    if rows != expected_rows or versions != {flgpr.__version__}:
         raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
     if _lacks_report(job, manifests):
         return False
     _delete_leftovers(job)
     return True
-
-
-def _rows_of_results(job: LaneJob, sections: Sequence[Section]) -> list[list[int] | None]:
-    """Return the rows that the manifests of a job's results name, a section or the lane each."""
-    if len(sections) == 1:
-        return [job.identity["rows"]]
-    return [[section.start, section.stop] for section in sections]
 
 
 def _delete_leftovers(job: LaneJob) -> None:

@@ -101,7 +101,9 @@ def simulate_to_store(
         written = [store]
         if not blind:
             written += _write_truth(store, simulator, truth)
-        written.append(_write_borders(store, simulator))
+        borders = lane_file_of(store)
+        write_whole(borders, lane_text(simulator.scene.lane))
+        written.append(borders)
         poses = simulator.reported_pose()
         done = len(writer)
         total = len(simulator)
@@ -156,13 +158,6 @@ def _write_named_truth(path: Path, simulator: Simulator) -> Path:
     for file, write in ((path, write_table), (path.with_suffix(".json"), write_geojson)):
         with atomic_output(file) as partial:
             write(simulator.truth, partial)
-    return path
-
-
-def _write_borders(store: Path, simulator: Simulator) -> Path:
-    """Write the lane of the scene."""
-    path = lane_file_of(store)
-    write_whole(path, lane_text(simulator.scene.lane))
     return path
 
 

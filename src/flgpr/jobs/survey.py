@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 from flgpr.door import read_named
 from flgpr.jobs.driver import check_job, detect_lane
@@ -126,15 +125,7 @@ def lane_names(runs: Sequence[PathLike]) -> list[str]:
 
 
 def _write_summary(survey: Path, jobs: Sequence[LaneJob]) -> None:
-    """Write what was found on every lane, unless it stands there already."""
-    path = survey / "survey.json"
-    text = json.dumps(_summary(jobs), indent=1) + "\n"
-    if not path.is_file() or read_named(path).decode("utf-8", "replace") != text:
-        write_whole(path, text)
-
-
-def _summary(jobs: Sequence[LaneJob]) -> list[dict[str, Any]]:
-    """Return a row for every lane."""
+    """Write what was found on every lane, a row each, unless it stands there already."""
     rows = []
     for job in jobs:
         alarms = 0
@@ -157,4 +148,7 @@ def _summary(jobs: Sequence[LaneJob]) -> list[dict[str, Any]]:
                 "sections": len(result_folders),
             }
         )
-    return rows
+    path = survey / "survey.json"
+    text = json.dumps(rows, indent=1) + "\n"
+    if not path.is_file() or read_named(path).decode("utf-8", "replace") != text:
+        write_whole(path, text)

@@ -221,11 +221,6 @@ class _Training:
         has_several_steps = bool(self.recipe.learning())
         return _work_folder(self.output, "images") if has_several_steps else None
 
-    @property
-    def _learnt(self) -> Path:
-        """Folder of what the stages have learnt so far."""
-        return _work_folder(self.output, "training")
-
     def learn_stages(self) -> None:
         """Fit all learning stages, each with what those before it have learnt."""
         stages = self.recipe.named()
@@ -343,7 +338,9 @@ class _Training:
     def _imaged_lanes(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
         """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
         self._step += 1
-        learnt = save_model(self.model, self._learnt) if self.model.stages else None
+        learnt = None
+        if self.model.stages:
+            learnt = save_model(self.model, _work_folder(self.output, "training"))
         options = self._options
         cache = self._pass_cache
         for number, lane in enumerate(self.lanes, 1):

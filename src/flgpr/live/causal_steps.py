@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 
@@ -76,7 +77,10 @@ def causal_steps(
     if features is None:
         needed.add(recipe.contrast.subband)
         known.add("contrast")
-    band_of_column = {} if features is None else _bands_of_columns(recipe)
+    band_of_column = {}
+    if features is not None:
+        for feature, band in product(FEATURES, recipe.image.subbands):
+            band_of_column[f"{feature}_{band}"] = band
     for name in names:
         if name not in known and name not in band_of_column:
             raise ValueError(
@@ -112,15 +116,6 @@ def _deciding_columns(recipe: Recipe, model: Model) -> tuple[str, ...]:
     if recipe.confidence in RANKS:
         return ()
     return (recipe.confidence,)
-
-
-def _bands_of_columns(recipe: Recipe) -> dict[str, str]:
-    """Return the sub-band of every column of features."""
-    band_of_column = {}
-    for band in recipe.image.subbands:
-        for feature in FEATURES:
-            band_of_column[f"{feature}_{band}"] = band
-    return band_of_column
 
 
 def build_stages(

@@ -499,7 +499,9 @@ class LiveDetector:
 
         limit = self._passed(pose) - self.recipe.prescreen.radius
         if limit > self.closed:
-            final = self._close(maxima, view, limit)
+            # Their maxima and their area enter the density rule for good.
+            self.density.close(maxima, view, self.closed, limit, self._ground)
+            final = self._close_ground(limit)
             final_ids = {alarm.alarm_id for alarm in final}
             changed = [alarm for alarm in changed if alarm.alarm_id not in final_ids] + final
         return changed
@@ -553,14 +555,6 @@ class LiveDetector:
         begin = limit - self._margin()
         self.history = [scan for scan in self.history if self._reach(scan.pose)[1] >= begin]
         return final
-
-    def _close(self, maxima: pd.DataFrame, view: xr.DataArray, limit: float) -> list[LiveAlarm]:
-        """Close the ground up to ``limit``.
-
-        Its maxima and its area enter the density rule for good.
-        """
-        self.density.close(maxima, view, self.closed, limit, self._ground)
-        return self._close_ground(limit)
 
     def _margin(self) -> float:
         """Return how far before open ground the view must reach for complete maxima, m."""

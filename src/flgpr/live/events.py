@@ -8,10 +8,12 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import mmap
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,14 +41,12 @@ from flgpr.model.plausible import MotionStep
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
     from flgpr.live.detector import LiveDetector
-    from flgpr.model import Lane
     from flgpr.store import Scan
 
 AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
 """Event of an alarm, or an alarm of a result."""
 
 EVENT_FILE = "live.jsonl"
-_BLOCK = 65536  # bytes that are searched for a line's end at once
 _DEGREE_DIGITS = 8  # decimals of a degree: about a millimetre
 
 
@@ -189,34 +189,18 @@ def start_event(
         The event.
     """
     screen = detector.recipe.prescreen
+    lane = detector.lane
+    stated_vehicle = asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance}
     return {
         "event": "start",
         "title": title,
         "recipe": detector.recipe.name,
-        "lane": _lane_borders(detector.lane),
+        "lane": None if lane is None else cast(LaneBorders, asdict(lane)),
         "grid": detector.view_grid(),
         "channel": [screen.polarization, screen.subband],
         "georeference": georeference,
         "threshold": threshold,
-        "vehicle": _vehicle_entries(vehicle),
-    }
-
-
-def _lane_borders(lane: Lane | None) -> LaneBorders | None:
-    """Return the borders of a lane as the event ``start`` states them."""
-    if lane is None:
-        return None
-    return {"x_min": lane.x_min, "x_max": lane.x_max, "y_min": lane.y_min, "y_max": lane.y_max}
-
-
-def _vehicle_entries(vehicle: Vehicle) -> VehicleEntries:
-    """Return a vehicle as the event ``start`` states it."""
-    return {
-        "speed": vehicle.speed,
-        "reaction": vehicle.reaction,
-        "deceleration": vehicle.deceleration,
-        "front": vehicle.front,
-        "stopping_distance": vehicle.stopping_distance,
+        "vehicle": cast(VehicleEntries, stated_vehicle),
     }
 
 
@@ -359,15 +343,8 @@ def view_event(row: int, view: NDArray[np.float32]) -> ViewEvent:
 def _drop_unfinished(path: Path) -> None:
     """Cut a file off after the end of its last whole line."""
     with open(path, "r+b", opener=open_own) as file:
-        size = file.seek(0, os.SEEK_END)
-        end = size
-        while end > 0:
-            start = max(end - _BLOCK, 0)
-            file.seek(start)
-            last_newline = file.read(end - start).rfind(b"\n")
-            if last_newline >= 0:
-                end = start + last_newline + 1
-                break
-            end = start
-        if end < size:
-            file.truncate(end)
+        if not file.seek(0, os.SEEK_END):
+            return  # an empty file cannot be mapped
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            end = content.rfind(b"\n") + 1
+        file.truncate(end)

@@ -17,8 +17,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import Folder
-from flgpr.live.tcp import connected_tcp, parse_tcp
-from flgpr.live.unix_sockets import unix_socket
+from flgpr.live.sockets import connected_tcp, connected_unix, parse_tcp
 from flgpr.store import (
     RunDescription,
     describe_for_live,
@@ -28,7 +27,7 @@ from flgpr.store import (
     write_description,
     write_whole,
 )
-from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name
+from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name, stored_scan
 
 PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")
@@ -153,7 +152,7 @@ def feed(
     elif address is not None:
         sink = _SocketSink(connected_tcp(address))
     else:
-        sink = _SocketSink(_connected_unix(Path(str(socket_path))))
+        sink = _SocketSink(connected_unix(Path(str(socket_path))))
     with sink:
         sink.begin(description)
         if lead > 0:
@@ -185,14 +184,12 @@ def _check_faults(faults: Sequence[Fault], first: int, last: int) -> None:
 
 def _encoded(run: xr.Dataset, frame: _PlayedFrame, run_id: str) -> bytes:
     """Return the bytes of a scan, with its faults."""
-    row = run.isel(scan=frame.scan)
-    signal = np.array(row["signal"].values)
-    pose = np.array(row["pose"].values)
+    scan = stored_scan(run, frame.scan)
     if "nan" in frame.kinds:
-        signal[0, 0] = np.nan
-    if "jump" in frame.kinds:
-        pose[1] += _JUMP
-    return encode_scan(frame.scan, signal, pose, float(row["time"]), run_id)
+        scan.signal[0, 0] = np.nan
+    if "jump" in frame.kinds and scan.pose is not None:
+        scan.pose[1] += _JUMP
+    return encode_scan(scan.number, scan.signal, scan.pose, scan.time, run_id)
 
 
 def _playing_order(first: int, last: int, faults: Sequence[Fault]) -> list[_PlayedFrame]:
@@ -267,17 +264,3 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
     def end(self, scans: int) -> None:
         """Announce the end of the run."""
         self._socket.sendall(encode_frame("end", {"scans": scans}))
-
-
-def _connected_unix(path: Path) -> socket.socket:
-    """Return a socket that is connected to a Unix socket."""
-    connection = unix_socket(path)
-    try:
-        connection.connect(str(path))
-    except OSError as error:
-        connection.close()
-        reason = error.strerror or "its path is too long"
-        raise ValueError(
-            f"socket must be one that flgpr live listens on, got {path}: {reason}"
-        ) from None
-    return connection

@@ -33,6 +33,7 @@ from flgpr.method.model import Model
 from flgpr.model import complete_scans
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Scan
+from flgpr.store.scan_file import stored_scan
 
 NAME = "live.forecast"
 """Name of the forecast in a model, among what its stages have learnt."""
@@ -281,12 +282,16 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
 def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float:
     """Return the log odds of an alarm now.
 
-    Of one that is gone, those of the map's value at its place.
+    Of one that is gone, those of the map's value at its place; NaN without a trained detector.
     """
     current = detector.alarms.open.get(alarm.alarm_id)
     if current is not None:
         return current.confidence
-    return _confidence(detector, value)
+    trained = detector.model.detector
+    if trained is None:
+        return math.nan
+    features = pd.DataFrame({"magnitude": [np.float32(value)]})
+    return float(trained.confidence(features)[0])
 
 
 def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
@@ -346,22 +351,7 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
 def _stored_scans(run: xr.Dataset) -> Iterator[Scan]:
     """Yield the complete scans of a stored run as if they arrived."""
     for number in np.flatnonzero(complete_scans(run)):
-        row = run.isel(scan=number)
-        yield Scan(
-            int(number),
-            float(row["time"]),
-            np.asarray(row["pose"].values, dtype=np.float64),
-            np.asarray(row["signal"].values, dtype=np.complex64),
-        )
-
-
-def _confidence(detector: LiveDetector, value: float) -> float:
-    """Return the confidence of a value of the map; NaN without a detector."""
-    trained = detector.model.detector
-    if trained is None:
-        return math.nan
-    features = pd.DataFrame({"magnitude": [np.float32(value)]})
-    return float(trained.confidence(features)[0])
+        yield stored_scan(run, int(number))
 
 
 def _probability(odds: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.live.detector import LiveSettings
-from flgpr.live.unix_sockets import check_unix_sockets
+from flgpr.live.sockets import check_unix_sockets
 from flgpr.live.vehicle import Vehicle
 
 PathLike = str | Path
@@ -42,7 +42,7 @@ class LiveOptions:
     #: an alarm advises to wait for the next look if that changes the decision with at least this
     #: probability
     worth: float = 0.1
-    #: TCP address to listen on: port, or address and port, see ``live.tcp.parse_tcp``
+    #: TCP address to listen on: port, or address and port, see ``live.sockets.parse_tcp``
     tcp: str | None = None
     played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
     rate: float | None = None  #: scans per second of that run; None plays it as it was recorded

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flgpr.live.source import Arrival, Inbox, Source
 from flgpr.store import describe_for_live, encode_scan
-from flgpr.store.scan_file import scan_name
+from flgpr.store.scan_file import scan_name, stored_scan
 
 RECORDING = "recording"
 """Name of arrivals of a recording that are no scans."""
@@ -112,13 +112,7 @@ class RunPlayer(Source):
             # Every wait ends at once where the live run stops.
             if self.inbox.stop.wait(max(due - time.monotonic(), 0.0)):
                 return
-            row = self._run.isel(scan=number)
-            frame = encode_scan(
-                number,
-                row["signal"].values,
-                row["pose"].values,
-                float(row["time"]),
-                description.run_id,
-            )
+            scan = stored_scan(self._run, number)
+            frame = encode_scan(number, scan.signal, scan.pose, scan.time, description.run_id)
             self.inbox.put(Arrival("frame", scan_name(number), time.time(), frame))
         self.inbox.put(Arrival("end", RECORDING, time.time()))

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import errno
-import os
 import socket
-import stat
 import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from flgpr.live.sockets import TcpAddress, listening_tcp, listening_unix
 from flgpr.live.source import Inbox, Source
 from flgpr.live.stream import FrameStream
-from flgpr.live.tcp import TcpAddress, listening_tcp
-from flgpr.live.unix_sockets import unix_socket
 from flgpr.store.scan_file import MAGIC
 
 SENDERS = {
@@ -131,7 +127,8 @@ class _Sender(threading.Thread):
 class _SenderWatch(Source):
     """Listens for senders on a socket; several may connect.
 
-    With ``greets`` the first bytes of a sender must be those of a frame; else it is ended.
+    With ``greets`` the first bytes of a sender must be those of a frame; else it is ended. The file
+    at ``path``, if any, goes when the socket is closed.
     """
 
     def __init__(
@@ -141,8 +138,10 @@ class _SenderWatch(Source):
         inbox: Inbox,
         limits: SenderLimits | None,
         greets: bool,
+        path: Path | None = None,
     ) -> None:
         super().__init__(name, inbox)
+        self._path = path
         self._limits = limits or SenderLimits()
         self._greets = greets
         self._senders: list[_Sender] = []
@@ -161,12 +160,10 @@ class _SenderWatch(Source):
                     self.inbox.stop.wait(_CHECK)
                     continue
                 self._admit(connection)
-        self._clear_away()
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
         for sender in self._senders:
             sender.join(1.0)
-
-    def _clear_away(self) -> None:
-        """Remove what the socket leaves behind when it is closed."""
 
     def _admit(self, connection: socket.socket) -> None:
         """Listen to a new sender, or refuse it.
@@ -225,12 +222,8 @@ class SocketWatch(_SenderWatch):
     """
 
     def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
-        super().__init__(str(path), _listening_unix(path), inbox, limits, greets=False)
-        self._path = path
-
-    def _clear_away(self) -> None:
-        """Remove the socket's file."""
-        self._path.unlink(missing_ok=True)
+        listener = listening_unix(path, _BACKLOG)
+        super().__init__(str(path), listener, inbox, limits, greets=False, path=path)
 
 
 class TcpWatch(_SenderWatch):
@@ -257,57 +250,3 @@ class TcpWatch(_SenderWatch):
         listener = listening_tcp(address, _BACKLOG)
         self.address = TcpAddress(address.host, listener.getsockname()[1])
         super().__init__(str(self.address), listener, inbox, limits, greets=True)
-
-
-def _listening_unix(path: Path) -> socket.socket:
-    """Return a Unix socket that listens on a path, which only this user may open."""
-    _remove_stale_socket(path)
-    listener = unix_socket(path)
-    previous_mask = os.umask(0o177)
-    try:
-        listener.bind(str(path))
-    except OSError as error:
-        listener.close()
-        raise ValueError(
-            f"socket must be a path that can be made, got {path}: {_reason(error)}"
-        ) from None
-    finally:
-        os.umask(previous_mask)
-    listener.listen(_BACKLOG)
-    return listener
-
-
-def _reason(error: OSError) -> str:
-    """Return why a path cannot be listened on."""
-    reasons = {
-        errno.ENOENT: "its folder does not exist",
-        errno.ENOTDIR: "what should be its folder is a file",
-        errno.EACCES: "this user may not write into its folder",
-        errno.EROFS: "its disk cannot be written to",
-        errno.EADDRINUSE: "another program listens on it",
-    }
-    if error.errno is None:
-        return "it is too long; about 100 characters are possible"
-    return reasons.get(error.errno, error.strerror or "the system refuses it")
-
-
-def _remove_stale_socket(path: Path) -> None:
-    """Remove a socket that nobody listens on; refuse any other file."""
-    if not path.exists() and not path.is_symlink():
-        return
-    if not stat.S_ISSOCK(path.lstat().st_mode):
-        raise ValueError(f"socket must be a new path, got {path}, where another file lies")
-    with unix_socket(path) as probe:
-        probe.settimeout(1.0)
-        try:
-            probe.connect(str(path))
-        except ConnectionRefusedError:
-            path.unlink()
-            return
-        except FileNotFoundError:
-            return
-        except OSError:  # a program may listen that refuses us
-            pass
-    raise ValueError(
-        f"socket must be free, got {path}, on which another program listens: give another path"
-    )

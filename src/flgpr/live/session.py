@@ -24,14 +24,13 @@ import numpy as np
 
 import flgpr
 from flgpr.door import Folder, refuse_links
-from flgpr.geo import Anchor, own_anchor, read_anchor
+from flgpr.geo import own_anchor, read_anchor
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.event_types import (
     EndEvent,
     Event,
-    ReportEntries,
     ResumeEvent,
     StartEvent,
 )
@@ -51,6 +50,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
+from flgpr.live.sockets import TcpAddress, parse_tcp
 from flgpr.live.source import SOCKET, Arrival, Inbox, Source
 from flgpr.live.state import (
     SNAPSHOT_FILE,
@@ -61,7 +61,6 @@ from flgpr.live.state import (
     take_snapshot,
 )
 from flgpr.live.stream import largest_frame
-from flgpr.live.tcp import TcpAddress, parse_tcp
 from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
@@ -160,11 +159,6 @@ class LiveRun:
         self._identity["recipe"] = sha256(text.encode())
         return recipe
 
-    def _fitted_recipe(self) -> Recipe | None:
-        """Return the recipe that an earlier process made for this run, if there is one."""
-        kept = Folder(self.output).read_if_listed(RECIPE_FILE)
-        return None if kept is None else self._use_recipe(kept.decode("utf-8"), RECIPE_FILE)
-
     def _fit_recipe(self, scan: Scan, description: RunDescription, events: EventFile) -> Recipe:
         """Make a recipe for the run from its description and its first scan with a pose.
 
@@ -216,8 +210,11 @@ class LiveRun:
         known = set(snapshot[0]["names"]) if snapshot else None
         if options.played is not None:
             sources.append(RunPlayer(options.played, self.inbox, options.rate, known))
-        with EventFile(self.output / EVENT_FILE, snapshot is None) as events:
-            writer = SnapshotWriter(path)
+        new_events = snapshot is None
+        with (
+            EventFile(self.output / EVENT_FILE, new_events) as events,
+            SnapshotWriter(path) as writer,
+        ):
             if options.incoming is not None:
                 sources.append(FolderWatch(Path(options.incoming), self.inbox, known))
             if snapshot is not None:
@@ -314,7 +311,9 @@ class LiveRun:
         self._use_own_anchor(description, events)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
-            recipe = self._fitted_recipe()
+            made_before = Folder(self.output).read_if_listed(RECIPE_FILE)
+            if made_before is not None:
+                recipe = self._use_recipe(made_before.decode("utf-8"), RECIPE_FILE)
         if recipe is None and snapshot is not None:
             raise ValueError(
                 f"recipe must be given to go on with {self.output}, which holds no {RECIPE_FILE}; "
@@ -332,7 +331,10 @@ class LiveRun:
         if self._alarms.anchor is not None or reference is None:
             return
         try:
-            self._alarms.anchor = _anchor_on_earth(reference)
+            anchor = own_anchor(reference)
+            if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
+                raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
+            self._alarms.anchor = anchor
         except ValueError as error:
             words = f"alarms have places in the lane alone: {error}"
             events.append([problem_event(RUN_FILE, words)])
@@ -369,7 +371,12 @@ class LiveRun:
             self._names.add(arrival.name)
         counts_before = dict(intake.counts)
         lines: list[Event] = []
-        scan, problem = _admitted(arrival, intake)
+        scan = None
+        problem = ""
+        try:
+            scan = intake.admit(arrival.data, arrival.value)
+        except ScanFileError as error:
+            problem = str(error)
         if detector is None:
             if scan is None:
                 reasons = [problem] if problem else [intake.pose_report, _NO_POSE]
@@ -487,13 +494,8 @@ class LiveRun:
         report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
-        entries: ReportEntries = {
-            "counts": report.counts,
-            "latency_ms": report.latency_ms,
-            "alarms": report.alarms,
-            "rate": report.rate if np.isfinite(report.rate) else None,
-            "recipe": detector.recipe.name,
-        }
+        rate = report.rate if np.isfinite(report.rate) else None
+        entries = asdict(report) | {"rate": rate, "recipe": detector.recipe.name}
         write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
 
@@ -518,14 +520,6 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
         detector.add(Scan(number, float("nan"), pose, signal))
 
 
-def _anchor_on_earth(reference: Any) -> Anchor:
-    """Return the anchor of a run's georeference; one that lies nowhere is a ValueError."""
-    anchor = own_anchor(reference)
-    if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
-        raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
-    return anchor
-
-
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
@@ -538,14 +532,6 @@ def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
         return
     if description.run_id != parse_description(snapshot[0]["run"]).run_id:
         raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
-
-
-def _admitted(arrival: Arrival, intake: Intake) -> tuple[Scan | None, str]:
-    """Return a frame's scan, or None where it cannot be used, and what is wrong with it."""
-    try:
-        return intake.admit(arrival.data, arrival.value), ""
-    except ScanFileError as error:
-        return None, str(error)
 
 
 def _check_output(folder: Path) -> None:

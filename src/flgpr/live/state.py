@@ -9,7 +9,8 @@ import os
 import sys
 import threading
 from array import array
-from contextlib import suppress
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.engine import arrays_under
+from flgpr.json_text import check_format
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
@@ -159,11 +162,10 @@ def read_snapshot(path: Path) -> Snapshot | None:
         return None
     except BundleError as error:
         raise SnapshotError(f"{error}; --fresh begins anew") from None
-    is_known = header.get("format") == FORMAT and header.get("version") == VERSION
-    if not is_known:
-        raise SnapshotError(
-            f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew"
-        )
+    try:
+        check_format(header, FORMAT, VERSION)
+    except ValueError as error:
+        raise SnapshotError(f"{path}: {error}; --fresh begins anew") from None
     return header, arrays
 
 
@@ -211,11 +213,11 @@ def _restore(
     header: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
 ) -> None:
     """Set the state of a detector and its intake."""
-    detector.background.restore(_group(arrays, "background."))
-    detector.view = _group(arrays, "view.")
+    detector.background.restore(arrays_under(arrays, "background."))
+    detector.view = arrays_under(arrays, "view.")
     detector.history = []
     for position, number in enumerate(header["history"]):
-        arrays_of_scan = _group(arrays, f"scan{position}.")
+        arrays_of_scan = arrays_under(arrays, f"scan{position}.")
         detector.history.append(CleanedImages(number, **arrays_of_scan))
     detector.alarms.open = {}
     for entries in header["alarms"]:
@@ -245,58 +247,38 @@ def _restore(
     intake.restore(header["intake"])
 
 
-class SnapshotWriter:
-    """Writes snapshots in a thread of its own, one at a time.
+class SnapshotWriter(AbstractContextManager["SnapshotWriter"]):
+    """Writes snapshots in a thread of its own, one at a time; its end waits for the last.
 
-    Those offered meanwhile are skipped.
+    Those offered meanwhile are skipped. An error is raised at the next call.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._thread: threading.Thread | None = None
-        self._error: BaseException | None = None
+        self._pool = ThreadPoolExecutor(1, "snapshot", _work_last)
+        self._writing: Future[None] | None = None
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown()
 
     def offer(self, snapshot: Snapshot) -> None:
         """Write a snapshot, unless the last one is still being written."""
-        if self._thread is None or not self._thread.is_alive():
-            self.raise_error()
-            self._thread = threading.Thread(
-                target=self._write_in_background, args=(snapshot,), name="snapshot"
-            )
-            self._thread.start()
+        if self._writing is not None:
+            if not self._writing.done():
+                return
+            self._writing.result()
+        self._writing = self._pool.submit(write_snapshot, self._path, snapshot)
 
     def last(self, snapshot: Snapshot) -> None:
         """Write the last snapshot and wait until it is written."""
-        if self._thread is not None:
-            self._thread.join()
-        self._write(snapshot)
-        self.raise_error()
-
-    def raise_error(self) -> None:
-        """Raise what went wrong in the thread."""
-        if self._error is not None:
-            raise self._error
-
-    def _write_in_background(self, snapshot: Snapshot) -> None:
-        """Write a snapshot in this thread, at the lowest priority."""
-        # On Linux threads have priorities of their own: scans come first.
-        if sys.platform == "linux":
-            with suppress(OSError):  # a service may be forbidden to
-                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
-        self._write(snapshot)
-
-    def _write(self, snapshot: Snapshot) -> None:
-        """Write a snapshot; an error is stored for the caller's thread."""
-        try:
-            write_snapshot(self._path, snapshot)
-        except OSError as error:
-            self._error = error
+        self._pool.shutdown()
+        write_snapshot(self._path, snapshot)
+        if self._writing is not None:
+            self._writing.result()
 
 
-def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays whose names begin with a prefix, without it."""
-    group = {}
-    for name, values in arrays.items():
-        if name.startswith(prefix):
-            group[name.removeprefix(prefix)] = values
-    return group
+def _work_last() -> None:
+    """Give this thread the lowest priority: on Linux threads have their own, and scans come first."""
+    if sys.platform == "linux":
+        with suppress(OSError):  # a service may be forbidden to
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import flgpr
 from flgpr.door import Folder
 from flgpr.engine import Arrays
+from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
 from flgpr.recipe.schema import Recipe
@@ -228,7 +229,7 @@ def parse_model(data: bytes, folder: str | Path) -> Model:
 def _restored(bundle: Bundle) -> Model:
     """Return the model that a bundle holds."""
     head = bundle.about
-    _check_format(head)
+    check_format(head, FORMAT, VERSION)
     groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(head), DETECTOR]}
     for name, array in bundle.items():
         stage, _, array_name = name.rpartition(".")
@@ -244,12 +245,6 @@ def _restored(bundle: Bundle) -> Model:
             f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
         )
     return Model(detector, groups, notes)
-
-
-def _check_format(head: Mapping[str, Any]) -> None:
-    """Refuse the head of a file that is no model of this version."""
-    if (head.get("format"), head.get("version")) != (FORMAT, VERSION):
-        raise ValueError(f"format must be {FORMAT} version {VERSION}")
 
 
 def _stage_names(head: Mapping[str, Any]) -> list[str]:
@@ -282,7 +277,7 @@ def describe_model(folder: str | Path) -> dict[str, Any]:
     try:
         bundle = Bundle(path)
         head = bundle.about
-        _check_format(head)
+        check_format(head, FORMAT, VERSION)
         entries = {name: head.get(name) for name in _HEAD}
     except (ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"model {folder}: {error}") from None

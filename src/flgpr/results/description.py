@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,24 @@ _TEXTS = ("title", "source", "path", "store_sha256")
 _COUNTS = ("scans", "missing_sweeps", "pairs", "tones")
 _ROWS = {"pose": len(POSE_COMPONENTS), "tx_m": 3, "rx_m": 3, "frequency_hz": 2}
 """How many numbers a row of an entry has."""
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+_RULES: dict[str, Callable[[Any], bool]] = {
+    "text": _is_text,
+    "a count": _is_count,
+    "a table": lambda value: isinstance(value, dict),
+    "a list of scan numbers": lambda value: isinstance(value, list) and all(map(_is_count, value)),
+    "a list of texts": lambda value: isinstance(value, list) and all(map(_is_text, value)),
+}
+"""What an entry of a manifest may have to be, in words and as a check."""
 
 
 def describe_run(
@@ -74,12 +92,8 @@ def describe_run(
 def check_origin(manifest: Mapping[str, Any]) -> None:
     """Check the types of what a manifest says of program and recipe; another type is a ValueError."""
     for name in ("flgpr", "python", "recipe_sha256", "identity"):
-        value = manifest.get(name, "")
-        if not isinstance(value, str):
-            raise ValueError(f"{name} must be text, got {str(value)[:60]!r}")
-    libraries = manifest.get("libraries", {})
-    if not isinstance(libraries, dict):
-        raise ValueError(f"libraries must be a table, got {str(libraries)[:60]!r}")
+        _check(name, "text", manifest.get(name, ""))
+    _check("libraries", "a table", manifest.get("libraries", {}))
 
 
 def check_description(description: Any) -> None:
@@ -92,22 +106,17 @@ def check_description(description: Any) -> None:
     ValueError
         Naming the entry whose value is of another type than ``describe_run`` writes.
     """
-    if not isinstance(description, dict):
-        raise _other_type("run", "a table", description)
+    _check("run", "a table", description)
     for name in _TEXTS:
-        if not isinstance(description.get(name, ""), str):
-            raise _other_type(f"run.{name}", "text", description[name])
+        _check(f"run.{name}", "text", description.get(name, ""))
     for name in _COUNTS:
-        count = description.get(name, 0)
-        if type(count) is not int or count < 0:
-            raise _other_type(f"run.{name}", "a count", count)
+        _check(f"run.{name}", "a count", description.get(name, 0))
     motion = description.get("motion", {})
-    if not isinstance(motion, dict):
-        raise _other_type("run.motion", "a table", motion)
-    _check_scan_numbers("run.masked_scans", description.get("masked_scans", []))
-    _check_scan_numbers("run.motion.scans", motion.get("scans", []))
-    _check_texts("run.motion.notes", motion.get("notes", []))
-    _check_texts("run.polarizations", description.get("polarizations", []))
+    _check("run.motion", "a table", motion)
+    _check("run.masked_scans", "a list of scan numbers", description.get("masked_scans", []))
+    _check("run.motion.scans", "a list of scan numbers", motion.get("scans", []))
+    _check("run.motion.notes", "a list of texts", motion.get("notes", []))
+    _check("run.polarizations", "a list of texts", description.get("polarizations", []))
     for name, length in _ROWS.items():
         rows = description.get(name, [])
         try:
@@ -115,23 +124,15 @@ def check_description(description: Any) -> None:
         except (TypeError, ValueError):
             raise _other_type(f"run.{name}", f"rows of {length} numbers", rows) from None
     others = description.get("others", {})
-    if not isinstance(others, dict):
-        raise _other_type("run.others", "a table", others)
+    _check("run.others", "a table", others)
     for other in others.values():
         described_store(other)
 
 
-def _check_scan_numbers(entry: str, numbers: Any) -> None:
-    """Check that an entry is a list of scan numbers."""
-    is_list = isinstance(numbers, list)
-    if not is_list or not all(type(number) is int and number >= 0 for number in numbers):
-        raise _other_type(entry, "a list of scan numbers", numbers)
-
-
-def _check_texts(entry: str, texts: Any) -> None:
-    """Check that an entry is a list of texts."""
-    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-        raise _other_type(entry, "a list of texts", texts)
+def _check(entry: str, rule: str, value: Any) -> None:
+    """Refuse an entry that breaks one of the rules."""
+    if not _RULES[rule](value):
+        raise _other_type(entry, rule, value)
 
 
 def _other_type(entry: str, rule: str, value: Any) -> ValueError:

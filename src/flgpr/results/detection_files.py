@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -121,18 +122,10 @@ def parse_detection(read: DetectionFiles, entry: Mapping[str, Any]) -> Detection
     ValueError
         If a table cannot be read.
     """
-    try:
+    with _naming(read, "run_view.npz"):
         view = parse_view(read.view)
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise ResultError(
-            f"{read.root}: {read.prefix}run_view.npz cannot be read ({error!r})"
-        ) from None
-    try:
+    with _naming(read, FRAMES):
         frames = None if read.frames is None else _parse_frames(read.frames)
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise ResultError(
-            f"{read.root}: {read.prefix}{FRAMES} cannot be read ({error!r})"
-        ) from None
     alarms = parse_own_table(read.alarms, "alarms", read.root / f"{read.prefix}alarms.csv")
     features = None if read.features is None else parse_columns(read.features)
     return Detection(
@@ -145,6 +138,15 @@ def parse_detection(read: DetectionFiles, entry: Mapping[str, Any]) -> Detection
         frames=frames,
         recipe_text="" if read.recipe is None else read.recipe.decode("utf-8"),
     )
+
+
+@contextmanager
+def _naming(read: DetectionFiles, name: str) -> Iterator[None]:
+    """Turn whatever a parser stumbles over into a ResultError that names the file."""
+    try:
+        yield
+    except Exception as error:
+        raise ResultError(f"{read.root}: {read.prefix}{name} cannot be read ({error!r})") from None
 
 
 def parse_view(data: bytes) -> xr.DataArray:
@@ -177,12 +179,17 @@ def parse_view(data: bytes) -> xr.DataArray:
 
 def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, NDArray[np.float64]]) -> bytes:
     """Return the alarms of every frame and the poses of all frames that were searched, as NPZ."""
-    buffer = io.BytesIO()
     arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
     arrays |= {
         "frames": np.array(list(poses), dtype=np.int64),
         "poses": np.array(list(poses.values())).reshape(-1, 6),
     }
+    return _npz(arrays)
+
+
+def _npz(arrays: Mapping[str, Any]) -> bytes:
+    """Return arrays as the bytes of an NPZ file."""
+    buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
 
@@ -207,12 +214,10 @@ def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, NDArray[np.float
 
 def _view_bytes(view: xr.DataArray) -> bytes:
     """Return a run-view as NPZ."""
-    buffer = io.BytesIO()
     arrays: dict[str, Any] = {}
     for name in ("y", "x", "looks"):
         arrays[name] = np.asarray(view[name].values)
     for name in ("polarization", "subband"):
         arrays[name] = np.asarray(view[name].values, dtype=str)
     arrays["magnitude"] = view.values.astype(np.float32)
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
+    return _npz(arrays)

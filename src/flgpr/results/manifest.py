@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from flgpr.door import MOST_CHECKED, DoorError, Folder, Version
+from flgpr.json_text import check_format
 from flgpr.results.description import check_description, check_origin
 from flgpr.results.errors import ResultError
 from flgpr.store import canonical_json, json_with_digest, sha256
@@ -15,8 +18,6 @@ FORMAT = "flgpr-result"
 VERSION = 2
 MANIFEST = "manifest.json"
 
-# Digest and size of a file; None for no file, and a size of None where it is not known.
-Version = tuple[str | None, int | None]
 # Versions of the files that are added to a folder later; several of a file while it is written.
 Added = Mapping[str, list[Version]]
 
@@ -34,19 +35,6 @@ def sealed_manifest(content: dict[str, Any], added: Added) -> bytes:
     )
 
 
-def added_versions(manifest: Mapping[str, Any]) -> dict[str, list[Version]]:
-    """Return the versions of files that were added, as :func:`sealed_manifest` lists them.
-
-    Manifests of an older version have no sizes.
-    """
-    sizes = manifest.get("added_sizes", {})
-    added = {}
-    for name, digests in manifest["added"].items():
-        unknown: list[int | None] = [None] * len(digests)
-        added[name] = list(zip(digests, sizes.get(name, unknown), strict=True))
-    return added
-
-
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """Read the manifest of a result folder and no other file.
 
@@ -58,16 +46,47 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
         If the manifest is missing, altered or of another format.
     """
     folder = Path(folder)
-    try:
+    with reading(folder, MANIFEST):
         manifest = read_with_digest(folder, MANIFEST)
-        if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        check_format(manifest, FORMAT, VERSION)
         check_origin(manifest)
         check_description(manifest["run"])
         return manifest
+
+
+@contextmanager
+def reading(folder: Path, name: str, kind: str = "result folder") -> Iterator[None]:
+    """Turn whatever goes wrong while a result is read into a ResultError that names the folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    name : str
+        The file that lists the others: it is to blame for what no other file is.
+    kind : str
+        What the folder should be.
+    """
+    try:
+        yield
+    except ResultError:
+        raise
     except OSError as error:
-        raise ResultError(
-            f"{folder}: not a complete result folder: {error.filename} is missing"
-        ) from None
+        reason = "is missing" if isinstance(error, FileNotFoundError) else f"gives {error.strerror}"
+        raise ResultError(f"{folder}: not a complete {kind}: {error.filename} {reason}") from None
+    except DoorError as error:
+        raise ResultError(str(error)) from None
     except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise ResultError(f"{folder}: manifest.json is altered: {error}") from None
+        raise ResultError(f"{folder}: {name} is altered: {error}") from None
+
+
+def listing(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return digests and sizes of files that were just written, as manifests hold them."""
+    written = Folder(folder)
+    digests = {}
+    sizes = {}
+    for name in names:
+        data = written.read(name, MOST_CHECKED)
+        digests[name] = sha256(data)
+        sizes[name] = len(data)
+    return {"files": digests, "sizes": sizes}

@@ -17,20 +17,19 @@ import pandas as pd
 import xarray as xr
 
 import flgpr
-from flgpr.door import DoorError, Folder, listed_files
+from flgpr.door import Folder, Version, added_versions, listed_files
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.model import Lane
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.detection_files import parse_detection, read_detection_files, write_detection
-from flgpr.results.errors import ResultError
 from flgpr.results.manifest import (
     FORMAT,
     MANIFEST,
     VERSION,
-    Version,
-    added_versions,
+    listing,
     read_result_manifest,
+    reading,
     sealed_manifest,
 )
 from flgpr.results.sections import SECTIONS, read_sections, sections_at
@@ -167,6 +166,8 @@ def _content(
     entries = []
     for detection in detections:
         entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
+    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
+    names = [path.relative_to(root).as_posix() for path in paths]
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -177,21 +178,8 @@ def _content(
         "lane": asdict(lane),
         "run": run,
         "detections": entries,
-        **_listing(root),
+        **listing(root, names),
     }
-
-
-def _listing(root: Path) -> dict[str, dict[str, Any]]:
-    """Return digests and sizes of all files of a folder that was just written."""
-    digests = {}
-    sizes = {}
-    for path in sorted(root.rglob("*")):
-        if path.is_file():
-            name = path.relative_to(root).as_posix()
-            data = path.read_bytes()
-            digests[name] = sha256(data)
-            sizes[name] = len(data)
-    return {"files": digests, "sizes": sizes}
 
 
 def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
@@ -261,7 +249,7 @@ def read_result(folder: str | Path) -> Result:
     """
     folder = Path(folder)
     manifest = read_result_manifest(folder)
-    try:
+    with reading(folder, MANIFEST):
         files = listed_files(folder, manifest)
         entries = manifest["detections"]
         # Every file is read or checked before any is parsed.
@@ -274,16 +262,6 @@ def read_result(folder: str | Path) -> Result:
             detections.append(parse_detection(read, entry))
         recipe = parse_recipe(text, str(folder / "recipe.toml"))
         lane = Lane(**manifest["lane"])
-    except FileNotFoundError as error:
-        raise ResultError(
-            f"{folder}: not a complete result folder: {error.filename} is missing"
-        ) from None
-    except DoorError as error:
-        raise ResultError(str(error)) from None
-    except ResultError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, OSError, RecursionError) as error:
-        raise ResultError(f"{folder}: manifest.json cannot be read ({error})") from None
     return Result(folder, manifest, recipe, lane, detections, text)
 
 

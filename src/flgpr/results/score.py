@@ -33,7 +33,7 @@ from flgpr.scoring import (
     score,
     score_frames,
 )
-from flgpr.store import canonical_json, sha256
+from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
@@ -43,7 +43,6 @@ _SHARED_COLUMNS = ("far", "n_false", "far_low", "far_high")
 _SUBSET_COLUMNS = ("pd", "n_detected", "pd_low", "pd_high", "chance")
 _MOST_DEPTHS = 6
 _DEPTH_MARGIN = 5e-5  # m; depths are rounded to a tenth of a millimetre
-VIEW_SCORE = "view/score.json"
 
 
 def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
@@ -82,11 +81,9 @@ def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far
             )
         )
     shift = expected_shift(scores[0].matched.truth, result.manifest["run"])
-    shifted = []
-    for unshifted in scores:
-        outcomes = unshifted.outcomes.assign(expected_shift=shift)
-        shifted.append(replace(unshifted, outcomes=outcomes))
-    return shifted
+    return [
+        replace(scored, outcomes=scored.outcomes.assign(expected_shift=shift)) for scored in scores
+    ]
 
 
 def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> Score:
@@ -165,17 +162,12 @@ def comparison_json(
     comparison: SideBySide, rules: Mapping[str, Any], notes: Mapping[str, Any]
 ) -> str:
     """Return ``comparison.json`` of detectors side by side."""
-    content = {
-        "format": COMPARISON_FORMAT,
-        "version": ROC_VERSION,
-        "flgpr": flgpr.__version__,
-        "rules": rules,
-        "notes": notes,
+    tables = {
         "points": _records(comparison.points),
         "pairs": _records(comparison.pairs),
         "means": _records(comparison.means),
     }
-    return _json_text(content)
+    return _json_text(COMPARISON_FORMAT, rules, notes, tables)
 
 
 def _records(table: pd.DataFrame | None) -> list[dict[Any, Any]] | None:
@@ -187,24 +179,22 @@ def detections_json(
     rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]
 ) -> str:
     """Return the text of ``roc.json``, by rules, notes and the entries of each detection."""
+    return _json_text(ROC_FORMAT, rules, notes, {"detections": detections})
+
+
+def _json_text(
+    name: str, rules: Mapping[str, Any], notes: Mapping[str, Any], entries: Mapping[str, Any]
+) -> str:
+    """Return the indented JSON of a score's file; what JSON cannot hold becomes null."""
     content = {
-        "format": ROC_FORMAT,
+        "format": name,
         "version": ROC_VERSION,
         "flgpr": flgpr.__version__,
         "rules": rules,
         "notes": notes,
-        "detections": detections,
+        **entries,
     }
-    return _json_text(content)
-
-
-def _json_text(content: Mapping[str, Any]) -> str:
-    """Return indented JSON with a line's end; what JSON cannot hold becomes null."""
     return json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n"
-
-
-SCORE_FORMAT = "flgpr-view-score"
-SCORE_VERSION = 1
 
 
 def view_score(
@@ -235,9 +225,7 @@ def view_score(
             "detections": {entry.name: _view_entry(entry, classes) for entry in scored},
         }
     )
-    body = canonical_json(content)
-    head = {"format": SCORE_FORMAT, "version": SCORE_VERSION, "sha256": sha256(body)}
-    return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
+    return sealed_view_score(content)
 
 
 def read_scored_truth(
@@ -257,28 +245,22 @@ def read_scored_truth(
     ValueError
         If the file is altered or belongs to another result.
     """
-    files = _files_of(result) if folder is None else Folder(folder)
-    path = files.root / VIEW_SCORE
+    if folder is None:
+        # As its manifest lists them now: the result may have been scored since it was read.
+        files = listed_files(result.folder, read_result_manifest(result.folder))
+    else:
+        files = Folder(folder)
     data = files.read_if_listed(VIEW_SCORE, MOST_JSON)
     if data is None:
         return None
     try:
-        stored = parse_json(data)
-        content = stored["content"]
-        if sha256(canonical_json(content)) != stored["sha256"]:
-            raise ValueError("it differs from what was written")
-        if content["result_sha256"] != result.manifest["identity"]:
-            raise ValueError("it belongs to another result")
+        content = parse_json(view_score_body(data, result.manifest["identity"]))
         truth = pd.DataFrame(content["truth"])
         objects = None if content["objects"] is None else pd.DataFrame(content["objects"])
         return truth, objects
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: {error}; run flgpr score again") from None
-
-
-def _files_of(result: Result) -> Folder:
-    """Return a result's files as its manifest lists them now."""
-    return listed_files(result.folder, read_result_manifest(result.folder))
+        path = files.root / VIEW_SCORE
+        raise ValueError(f"{path}: it {error}; run flgpr score again") from None
 
 
 def depth_class_bounds(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:

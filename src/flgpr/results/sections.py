@@ -14,10 +14,11 @@ from typing import Any
 import pandas as pd
 
 from flgpr.door import DoorError, Folder, listed_files
+from flgpr.json_text import check_format
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
-from flgpr.results.manifest import MANIFEST, read_result_manifest
-from flgpr.store import json_with_digest, lane_text, sha256, write_table
+from flgpr.results.manifest import MANIFEST, listing, read_result_manifest, reading
+from flgpr.store import json_with_digest, lane_text, write_table
 from flgpr.store.files import read_with_digest, write_whole
 from flgpr.store.tables import parse_lane, parse_own_table
 
@@ -69,7 +70,9 @@ def join_results(
     """
     tables = []
     for name in names:
-        table = _alarms_of(folder / name)
+        # Nothing else of a result is read, which holds its run-views.
+        files = listed_files(folder / name, read_result_manifest(folder / name))
+        table = parse_own_table(files.read("alarms.csv"), "alarms", folder / name / "alarms.csv")
         table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
         tables.append(table)
     # Columns of tables without rows would change the types of the others.
@@ -79,12 +82,6 @@ def join_results(
     write_table(alarms, folder / "alarms.csv")
     write_whole(folder / "lane.toml", lane_text(lane))
     write_sections(folder, names, identity)
-
-
-def _alarms_of(folder: Path) -> pd.DataFrame:
-    """Read the alarms of a result that is whole, and nothing else of it."""
-    files = listed_files(folder, read_result_manifest(folder))
-    return parse_own_table(files.read("alarms.csv"), "alarms", folder / "alarms.csv")
 
 
 def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, Any]) -> None:
@@ -99,21 +96,15 @@ def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, An
     identity : mapping
         Run, recipe and model that they come from.
     """
-    digests = {}
-    sizes = {}
-    for name in _JOINT_FILES:
-        data = Folder(folder).read(name)
-        digests[name] = sha256(data)
-        sizes[name] = len(data)
+    listed = listing(folder, _JOINT_FILES)
     for name in names:
-        digests[f"{name}/{MANIFEST}"] = _identity(folder / name)
+        listed["files"][f"{name}/{MANIFEST}"] = _identity(folder / name)
     content = {
         "format": FORMAT,
         "version": VERSION,
         "identity": identity,
         "sections": list(names),
-        "files": digests,
-        "sizes": sizes,
+        **listed,
     }
     write_whole(folder / SECTIONS, json_with_digest(content))
 
@@ -127,39 +118,25 @@ def read_sections(folder: str | Path) -> Sections:
         If the list, a joint file or a section's manifest is missing or altered.
     """
     folder = Path(folder)
-    try:
+    with reading(folder, SECTIONS, "folder of sections"):
         content = read_with_digest(folder, SECTIONS)
-        if content["format"] != FORMAT or content["version"] != VERSION:
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        check_format(content, FORMAT, VERSION)
         digests = {name: content["files"][name] for name in _JOINT_FILES}
         files = listed_files(folder, {"files": digests, "sizes": content.get("sizes", {})})
         sections = Sections(files, tuple(content["sections"]), content["identity"])
         for name in _JOINT_FILES:
             files.check(name)
         for name, home in zip(sections.names, sections.homes, strict=True):
-            if _readable_identity(home) != content["files"][f"{name}/{MANIFEST}"]:
-                raise ResultError(f"{folder}: {name}/{MANIFEST} differs from what was written")
-    except OSError as error:
-        raise ResultError(
-            f"{folder}: not a complete folder of sections: {error.filename} is missing"
-        ) from None
-    except DoorError as error:
-        raise ResultError(str(error)) from None
-    except ResultError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ResultError(f"{folder}: {SECTIONS} is altered: {error}") from None
+            differs = ResultError(f"{folder}: {name}/{MANIFEST} differs from what was written")
+            try:
+                identity = _identity(home)
+            except DoorError:
+                raise
+            except (KeyError, TypeError, ValueError):
+                raise differs from None
+            if identity != content["files"][f"{name}/{MANIFEST}"]:
+                raise differs
     return sections
-
-
-def _readable_identity(home: Path) -> str:
-    """Return the identity of a result; "" if its manifest cannot be read."""
-    try:
-        return _identity(home)
-    except DoorError:
-        raise
-    except (KeyError, TypeError, ValueError):
-        return ""
 
 
 def _identity(home: Path) -> str:

@@ -25,9 +25,8 @@ from flgpr.model import Lane
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
+from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION
 
-VIEW_FORMAT = "flgpr-view"
-VIEW_VERSION = 1
 TILE_ROWS = 512
 _ALARM_COLUMNS = ("alarm_id", "x", "y", "confidence")
 _PERCENTILES = ("1", "50", "99", "99.9", "100")
@@ -110,7 +109,8 @@ def _titled_views(
     """Return the run-views with their names and what they show, that before suppression first."""
     views = []
     if detections[0].before is not None:
-        views.append(("before", shown_before(recipe), detections[0].before))
+        stage = "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
+        views.append(("before", stage, detections[0].before))
     for detection in detections:
         own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
         views.append((detection.name, shown_stage(own), detection.view))
@@ -124,11 +124,6 @@ def shown_stage(recipe: Recipe) -> str:
     if _removes_clutter(recipe):
         return "after clutter suppression"
     return "without clutter suppression"
-
-
-def shown_before(recipe: Recipe) -> str:
-    """Return what the run-view before the background is removed shows."""
-    return "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
 
 
 def _removes_clutter(recipe: Recipe) -> bool:

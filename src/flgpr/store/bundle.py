@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from flgpr.door import Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
-from flgpr.store.files import own_temporary, writing
+from flgpr.store.files import own_partial, writing
 
 _KINDS = "biufcU"
 _TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")
@@ -91,17 +91,11 @@ def write_bundle(
         offset += _aligned(data.size)
     head = canonical_json({"about": dict(about or {}), "arrays": entries})
     # Several processes may write the same bundle at once, each under a name of its own.
-    temporary = own_temporary(path)
-    try:
-        with writing(path), temporary.open("xb") as file:
-            size = _write_blocks(file, head, blocks)
-            if lasting:
-                file.flush()
-                os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+    with writing(path), own_partial(path) as temporary, temporary.open("xb") as file:
+        size = _write_blocks(file, head, blocks)
+        if lasting:
+            file.flush()
+            os.fsync(file.fileno())
     return size
 
 

@@ -8,7 +8,6 @@ anchor takes places on the Earth to the lane. The notes list every such change.
 from __future__ import annotations
 
 import csv
-import io
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -63,7 +62,7 @@ _NUMBER_OR_EMPTY = re.compile(r"[-+]?[\d.,]+([eE][-+]?\d+)?|")
 _SUFFIX = re.compile(r"(?P<name>.*\w)[_ ](?P<unit>m|cm|mm|km|ft|in|deg)", re.IGNORECASE)
 _LENGTHS = ("x", "y", "depth", "radius", "height", "easting", "northing")
 _ANGLES = ("longitude", "latitude")
-_DEGREES = (
+_DEGREES = [
     "deg",
     "°",
     "degree",
@@ -75,7 +74,7 @@ _DEGREES = (
     "gradi",
     "grados",
     "graus",
-)
+]
 _NO_UNIT = ("", "1", "-", "%")
 _MARKS = ";\t,"
 
@@ -163,8 +162,10 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     lines = text.splitlines()
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
         lines = lines[1:]
-    first = _first_row(lines)
-    if first is None:
+    first = 0
+    while first < len(lines) and (not lines[first].strip() or _is_comment(lines[first])):
+        first += 1
+    if first == len(lines):
         return "", []
     comments = [line for line in lines[:first] if line.strip()]
     body = lines[first:]
@@ -182,12 +183,9 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     return "\n".join(rows) + "\n", notes
 
 
-def _first_row(lines: Sequence[str]) -> int | None:
-    """Return the number of the first line that is neither blank nor a comment."""
-    for number, line in enumerate(lines):
-        if line.strip() and not line.lstrip().startswith("#"):
-            return number
-    return None
+def _is_comment(line: str) -> bool:
+    """Return whether a line begins with ``#``."""
+    return line.lstrip().startswith("#")
 
 
 def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
@@ -195,37 +193,34 @@ def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
     header = body[0]
     width = _count_cells(header)
     names_of_rows = {_folded(name) for name in _synonyms_of_id(_IDS[kind])}
-    begins_with_names = _folded(_split(header)[0]) in names_of_rows
+    begins_with_names = _folded(cells_of(header)[0]) in names_of_rows
     rows = [header]
     for line in body[1:]:
         is_row = begins_with_names and _count_cells(line) == width
-        if is_row or not line.lstrip().startswith("#"):
+        if is_row or not _is_comment(line):
             rows.append(line)
     return rows
 
 
 def _is_numbers(line: str) -> bool:
     """Return whether every cell of a line is a number or empty, and not all are empty."""
-    cells = [cell.strip() for cell in _split(line)]
+    cells = [cell.strip() for cell in cells_of(line)]
     return all(_NUMBER_OR_EMPTY.fullmatch(cell) for cell in cells) and any(cells)
 
 
 def separator_of(head: str) -> str:
     """Return the separator of a header's columns: semicolons, else tabs, else commas."""
-    for mark in _MARKS:
-        if mark in head:
-            return mark
-    return ","
+    return next((mark for mark in _MARKS if mark in head), ",")
 
 
-def _split(line: str) -> list[str]:
+def cells_of(line: str) -> list[str]:
     """Return the cells of a line."""
-    return next(csv.reader(io.StringIO(line), delimiter=separator_of(line)), [""])
+    return next(csv.reader([line], delimiter=separator_of(line)), [""])
 
 
 def _count_cells(line: str) -> int:
     """Return the number of cells of a line."""
-    return len(_split(line))
+    return len(cells_of(line))
 
 
 def column_targets(

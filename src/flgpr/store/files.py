@@ -159,9 +159,19 @@ def _holds(path: Path, content: bytes) -> bool:
         return file.read() == content
 
 
-def own_temporary(path: Path) -> Path:
-    """Return a temporary name of a file that no other process, and no other call, uses."""
-    return path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+@contextmanager
+def own_partial(path: Path) -> Iterator[Path]:
+    """Yield a temporary path that no other process, and no other call, uses.
+
+    What is written there gets the name of ``path`` if nothing fails, and else goes.
+    """
+    temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def _write_under_own_name(path: Path, content: bytes) -> None:
@@ -173,16 +183,10 @@ def _write_under_own_name(path: Path, content: bytes) -> None:
     with writing(path):
         if _holds(path, content):
             return
-        temporary = own_temporary(path)
-        try:
-            with temporary.open("xb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        with own_partial(path) as temporary, temporary.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def _open_alone(temporary: Path) -> BinaryIO:

@@ -57,10 +57,8 @@ class CommittedFiles:
             with self._naming_store(key):
                 self._folder.check_size(key)
 
-    def read(self, key: str) -> bytes | None:
-        """Read a file and check its digest; None if the manifest does not list it."""
-        if key not in self.files:
-            return None
+    def read(self, key: str) -> bytes:
+        """Read a file that the manifest lists, and check its digest."""
         with self._naming_store(key):
             return self._folder.read(key, MOST_CHECKED)
 
@@ -117,7 +115,7 @@ class _StoredArray(BackendArray):
         """Read one chunk and check its checksum, if it has one."""
         key = "/".join([self._name, "c", *map(str, number)])
         layout = self._layout
-        data = self._files.read(key) or b""
+        data = self._files.read(key)
         size = self.dtype.itemsize * math.prod(layout.chunks)
         numbers = data[:size]
         checksum = data[size:]
@@ -176,7 +174,7 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
 def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
     """Return the run of committed files, its signal unread and all other arrays in memory."""
     layouts = check_declared(files.files, files.read, max_memory)
-    attrs = parse_json(files.read("zarr.json") or b"{}")["attributes"]
+    attrs = parse_json(files.read("zarr.json"))["attributes"]
     arrays: dict[str, tuple[tuple[str, ...], Any]] = {}
     for name, layout in layouts.items():
         stored = _StoredArray(files, name, layout)

@@ -430,15 +430,7 @@ def save_run(
         If another process writes the same store.
     """
     check_run(run)
-    fixed = (
-        path,
-        run["frequency"].values,
-        run["polarization"].values,
-        run["tx_position"].values,
-        run["rx_position"].values,
-        _attrs_of(run),
-        overwrite,
-    )
+    fixed = (path, *_fixed_of(run), overwrite)
     try:
         begun = RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed)
     except RunExistsError as error:
@@ -500,23 +492,21 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     check_store_names(root)
     if not os.path.lexists(root):
         return False
-    about = describe_inputs(
-        run["frequency"].values,
-        [str(label) for label in run["polarization"].values],
-        run["tx_position"].values,
-        run["rx_position"].values,
-        _attrs_of(run),
-        _digests(run),
-    )
-    different = difference_from_stored(root, about)
+    different = difference_from_stored(root, describe_inputs(*_fixed_of(run), _digests(run)))
     if different != "":
         raise RunExistsError(root, different)
     return True
 
 
-def _attrs_of(run: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes of a run with names of text."""
-    return {str(key): value for key, value in run.attrs.items()}
+def _fixed_of(run: xr.Dataset) -> tuple[Any, list[str], Any, Any, dict[str, Any]]:
+    """Return what all scans of a run share, as the writer of a store takes it."""
+    return (
+        run["frequency"].values,
+        [str(label) for label in run["polarization"].values],
+        run["tx_position"].values,
+        run["rx_position"].values,
+        {str(key): value for key, value in run.attrs.items()},
+    )
 
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:

@@ -138,6 +138,30 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
     )
 
 
+def stored_scan(run: xr.Dataset, number: int) -> Scan:
+    """Return a scan of a stored run as if it arrived.
+
+    Parameters
+    ----------
+    run : Dataset
+        A run, see :func:`flgpr.model.make_run`.
+    number : int
+        Its number, from 0.
+
+    Returns
+    -------
+    Scan
+        The scan, in memory of its own.
+    """
+    row = run.isel(scan=number)
+    return Scan(
+        int(number),
+        float(row["time"]),
+        np.array(row["pose"].values, dtype=np.float64),
+        np.array(row["signal"].values, dtype=np.complex64),
+    )
+
+
 def parse_description(value: Any) -> RunDescription:
     """Return the run description that JSON holds, checked by the rules of ``make_run``.
 

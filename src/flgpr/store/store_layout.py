@@ -65,7 +65,7 @@ class ArrayLayout(NamedTuple):
 
 def check_declared(
     files: Mapping[str, Mapping[str, Any]],
-    read: Callable[[str], bytes | None],
+    read: Callable[[str], bytes],
     max_memory: int = MAX_MEMORY,
 ) -> dict[str, ArrayLayout]:
     """Return the layouts of a store's arrays, checked against the committed files and the memory.
@@ -128,7 +128,7 @@ def _memory_needed(name: str, layout: ArrayLayout) -> int:
 
 
 def _description(
-    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], key: str, kind: str
+    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes], key: str, kind: str
 ) -> dict[str, Any]:
     """Return the description of a group or an array of Zarr."""
     if key not in files:
@@ -137,7 +137,7 @@ def _description(
         raise ValueError(
             f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}"
         )
-    description = parse_json(read(key) or b"")
+    description = parse_json(read(key))
     is_zarr_3 = isinstance(description, dict) and description.get("zarr_format") == 3
     if not is_zarr_3 or description.get("node_type") != kind:
         raise ValueError(f"{key} must describe a Zarr v3 {kind}")

@@ -20,6 +20,7 @@ from flgpr.model.faults import faults_of
 from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 from flgpr.store.dialects import (
     TableReading,
+    cells_of,
     column_targets,
     named_columns,
     separator_of,
@@ -266,8 +267,7 @@ def _first_line(data: bytes) -> str:
 
 def _header_of(head: str) -> list[str]:
     """Return the names in the first line of a table."""
-    cells = next(csv.reader([head], delimiter=separator_of(head)), [])
-    return [str(plain_text(cell.strip())) for cell in cells]
+    return [str(plain_text(cell.strip())) for cell in cells_of(head)]
 
 
 def read_columns(path: Path, *texts: str) -> pd.DataFrame:

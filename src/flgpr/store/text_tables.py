@@ -158,19 +158,16 @@ def _check_widths(rows: list[_Row], width: int) -> None:
 
 def _unnamed_table(rows: list[_Row], columns: list[NDArray[Any] | None]) -> NDArray[Any]:
     """Return the columns of a table without a header as (row, column)."""
-    bad_columns = [k for k, column in enumerate(columns) if column is None]
-    if bad_columns:
-        for row in rows:
-            for k in bad_columns:
-                _check_number(row, k)
-    return np.stack([column for column in columns if column is not None], axis=1)
-
-
-def _check_number(row: _Row, k: int) -> None:
-    """Refuse cell ``k`` of a row if it holds no number."""
-    cell = row.cells[k]
-    if _number(cell) is None:
-        raise ValueError(f"line {row.number} must hold numbers, got {cell.strip()!r}; {_HINT}")
+    numeric = [column for column in columns if column is not None]
+    if len(numeric) == len(columns):
+        return np.stack(numeric, axis=1)
+    for row in rows:
+        for cell in row.cells:
+            if _number(cell) is None:
+                raise ValueError(
+                    f"line {row.number} must hold numbers, got {cell.strip()!r}; {_HINT}"
+                )
+    raise ValueError(f"every column must hold numbers; {_HINT}")
 
 
 def _named_columns(
@@ -218,32 +215,31 @@ def _rows(lines: list[_Line], notes: list[str]) -> list[_Row]:
 
 def _with_points(rows: list[_Row], notes: list[str]) -> list[_Row]:
     """Return rows whose decimal commas are points, unless other numbers of them have points."""
-    line_with_point: int | None = None
-    first_comma: tuple[int, str] | None = None
+    cells = [(row.number, cell) for row in rows for cell in row.cells]
+    with_comma = [place for place in cells if _has_decimal_comma(place[1])]
+    if not with_comma:
+        return rows
+    line_with_comma, first = with_comma[0]
+    example = first.strip()
+    for line_with_point, cell in cells:
+        if "." in cell and _number(cell) is not None:
+            raise ValueError(
+                f"line {line_with_comma} must not have decimal commas beside the decimal points "
+                f"of line {line_with_point}, got {example!r}"
+            )
+    notes.append(f"commas in numbers, such as {example[:40]}, are read as decimal commas")
     changed_rows = []
     for row in rows:
         changed_cells = []
         for cell in row.cells:
-            with_point = cell.replace(",", ".")
-            if with_point != cell and _number(with_point) is not None:
-                if first_comma is None:
-                    first_comma = (row.number, cell.strip())
-                changed_cells.append(with_point)
-                continue
-            if line_with_point is None and "." in cell and _number(cell) is not None:
-                line_with_point = row.number
-            changed_cells.append(cell)
+            changed_cells.append(cell.replace(",", ".") if _has_decimal_comma(cell) else cell)
         changed_rows.append(_Row(row.number, changed_cells))
-    if first_comma is None:
-        return changed_rows
-    line_with_comma, example = first_comma
-    if line_with_point is not None:
-        raise ValueError(
-            f"line {line_with_comma} must not have decimal commas beside the decimal points of "
-            f"line {line_with_point}, got {example!r}"
-        )
-    notes.append(f"commas in numbers, such as {example[:40]}, are read as decimal commas")
     return changed_rows
+
+
+def _has_decimal_comma(cell: str) -> bool:
+    """Return whether a cell is a number once its commas are points."""
+    return "," in cell and _number(cell.replace(",", ".")) is not None
 
 
 def _number(cell: str) -> complex | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.door import read_named
-from flgpr.json_text import parse_json
+from flgpr.json_text import check_format, parse_json
 from flgpr.store.files import existing
 
 VERDICTS = ("mine", "unsure", "clutter")
@@ -108,9 +108,7 @@ def check_verdicts(content: Any) -> list[dict[str, Any]]:
     """
     if not isinstance(content, dict):
         content = {}
-    has_format = content.get("format") == VERDICTS_FORMAT
-    if not has_format or content.get("version") != VERDICTS_VERSION:
-        raise ValueError(f"format must be {VERDICTS_FORMAT} version {VERDICTS_VERSION}")
+    check_format(content, VERDICTS_FORMAT, VERDICTS_VERSION)
     notes = content.get("notes")
     if not isinstance(notes, list):
         raise ValueError("notes must be a list")

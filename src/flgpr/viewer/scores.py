@@ -53,6 +53,10 @@ def score_file(path: Path) -> Path | None:
     return None
 
 
+NO_IMAGES: dict[str, Any] = {"grid": None, "tile_rows": 0, "channel": ["", ""], "layers": []}
+"""Entries of an index of what has no run-views."""
+
+
 class IndexOnly:
     """What the page shows of a source without images: its index, and nothing else by default."""
 
@@ -134,10 +138,7 @@ def _empty_index(title: str, names: Sequence[str]) -> dict[str, Any]:
         "title": title,
         "scored": True,
         "lane": {"x_min": 0.0, "x_max": 1.0, "y_min": 0.0, "y_max": 1.0},
-        "grid": None,
-        "tile_rows": 0,
-        "channel": ["", ""],
-        "layers": [],
+        **NO_IMAGES,
         "scans": scans,
         "georeference": None,
         "detections": detections,

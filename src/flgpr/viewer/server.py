@@ -211,12 +211,18 @@ class Viewer:
             "/data/session.json": self._session,
             "/data/live": self._live_events,
             "/data/backdrop.png": self._backdrop_image,
-            f"{source}/index.json": self._of_source(_read_index, _JSON),
-            f"{source}/score.json": self._of_source(_read_score, _JSON),
-            f"{source}/tile/{{layer:int}}/{{level:int}}/{{tile:int}}": self._of_source(_read_tile),
+            f"{source}/index.json": self._of_source(lambda source, _: source.index_bytes(), _JSON),
+            f"{source}/score.json": self._of_source(
+                lambda source, _: source.score_bytes() or b"null", _JSON
+            ),
+            f"{source}/tile/{{layer:int}}/{{level:int}}/{{tile:int}}": self._of_source(
+                lambda source, at: source.tile(at["layer"], at["level"], at["tile"])
+            ),
             f"{source}/raw/{{what:str}}": self._raw_data,
             f"{source}/map.zip": self._map,
-            f"{source}/evidence/{{detection:int}}/{{alarm:int}}": self._of_source(_read_evidence),
+            f"{source}/evidence/{{detection:int}}/{{alarm:int}}": self._of_source(
+                lambda source, at: source.evidence(at["detection"], at["alarm"])
+            ),
         }
         for name in STATIC:
             answers[f"/{name}"] = _static(name)
@@ -386,26 +392,6 @@ def _warn_of_remote_access(host: str, allow_remote: bool) -> None:
         "its token can read these results, and nothing on the way is encrypted",
         stacklevel=3,
     )
-
-
-def _read_index(source: ViewSource, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
-    """Return the index of a source."""
-    return source.index_bytes()
-
-
-def _read_score(source: ViewSource, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
-    """Return the score of a source, null where there is none."""
-    return source.score_bytes() or b"null"
-
-
-def _read_tile(source: ViewSource, at: Mapping[str, int]) -> bytes | None:
-    """Return a tile of a source."""
-    return source.tile(at["layer"], at["level"], at["tile"])
-
-
-def _read_evidence(source: ViewSource, at: Mapping[str, int]) -> bytes | None:
-    """Return what explains an alarm of a source."""
-    return source.evidence(at["detection"], at["alarm"])
 
 
 def _endpoint(read: Callable[[Request], Response]) -> Endpoint:

@@ -20,7 +20,6 @@ from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.json_text import parse_json
 from flgpr.store import (
     MOST_VERDICT_BYTES,
-    canonical_json,
     check_verdicts,
     open_run,
     parse_verdicts,
@@ -29,13 +28,11 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.files import read_with_digest
-from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
+from flgpr.store.view_format import VIEW_FORMAT, VIEW_SCORE, VIEW_VERSION, view_score_body
+from flgpr.viewer.scores import NO_IMAGES, IndexOnly, ScoreFiles, score_file
 
-VIEW_FORMAT = "flgpr-view"
-VIEW_VERSION = 1
 LIVE_FILE = "live.jsonl"
 _MANIFEST = "manifest.json"
-_SCORE = "view/score.json"
 _LIVE_BYTES = 2**22
 _MOST_LIVE = 2**40
 
@@ -62,15 +59,7 @@ class ResultFiles:
 
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
-        try:
-            manifest = read_with_digest(self.folder, _MANIFEST)
-            self.identity: str = manifest["identity"]
-            self._files = listed_files(self.folder, manifest)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            reason = f"cannot be read: {error}"
-            if isinstance(error, FileNotFoundError):
-                reason = "is missing"
-            raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {reason})") from None
+        self.identity, self._files = _listed_by_manifest(self.folder)
         with _as_view_error():
             self.index: dict[str, Any] = self._files.json("view/index.json")
         if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:
@@ -98,23 +87,15 @@ class ResultFiles:
             If the score is altered or belongs to another result.
         """
         files = self._score_folder()
-        if not files.has(_SCORE):
+        if not files.has(VIEW_SCORE):
             return None
         with _as_view_error():
-            files.refuse_unlisted(_SCORE)
-            data = files.read(_SCORE, MOST_JSON)
+            files.refuse_unlisted(VIEW_SCORE)
+            data = files.read(VIEW_SCORE, MOST_JSON)
         try:
-            stored = parse_json(data)
-            body = canonical_json(stored["content"])
-            digest = stored.get("sha256")
-            identity = stored["content"]["result_sha256"]
-        except (ValueError, KeyError, TypeError, AttributeError):
-            raise ViewError(f"{_SCORE} cannot be read") from None
-        if sha256(body) != digest:
-            raise ViewError(f"{_SCORE} differs from what was written")
-        if identity != self.identity:
-            raise ViewError(f"{_SCORE} belongs to another result; run flgpr score again")
-        return body
+            return view_score_body(data, self.identity)
+        except ValueError as error:
+            raise ViewError(f"{VIEW_SCORE} {error}; run flgpr score again") from None
 
     def _score_folder(self) -> Folder:
         """Return the folder of the score.
@@ -123,10 +104,7 @@ class ResultFiles:
         """
         if self._other_score is not None:
             return Folder(self._other_score)
-        try:
-            return listed_files(self.folder, read_with_digest(self.folder, _MANIFEST))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read: {error}") from None
+        return _listed_by_manifest(self.folder)[1]
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
         """Return a tile, ``tile_rows`` rows of a layer; None if there is no such tile.
@@ -166,6 +144,18 @@ class ResultFiles:
             return self._files.read_part(f"view/{name}", offset, length)
 
 
+def _listed_by_manifest(folder: Path) -> tuple[str, Folder]:
+    """Return the identity of a result, and its files as its manifest lists them now."""
+    try:
+        manifest = read_with_digest(folder, _MANIFEST)
+        return manifest["identity"], listed_files(folder, manifest)
+    except FileNotFoundError:
+        reason = "is missing"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = f"cannot be read: {error}"
+    raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {reason})")
+
+
 @contextmanager
 def _as_view_error() -> Iterator[None]:
     """Turn errors of reading a file into a ViewError."""
@@ -201,11 +191,8 @@ class RunFiles(IndexOnly):
             "version": VIEW_VERSION,
             "title": str(run.attrs.get("title", self.folder.stem)),
             "lane": {"x_min": low[0], "x_max": high[0], "y_min": low[1], "y_max": high[1]},
-            "grid": None,
-            "tile_rows": 0,
+            **NO_IMAGES,
             "unit": "dB",
-            "channel": ["", ""],
-            "layers": [],
             "scans": scans,
             "georeference": run.attrs.get("georeference"),
             "detections": [],

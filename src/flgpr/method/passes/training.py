@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from flgpr.engine import Gatherer, PlannedPass
+from flgpr.engine import Accumulator, PlannedPass
 from flgpr.method.imaged_run import ImagedRun
 
 
@@ -32,6 +32,6 @@ def until_examples(lane: ImagedRun, passes: Sequence[PlannedPass]) -> list[Plann
     return list(passes[: names.index("view") + 1])
 
 
-def _examples(learner: str, start: Callable[[range | None], Gatherer]) -> PlannedPass:
+def _examples(learner: str, start: Callable[[range | None], Accumulator]) -> PlannedPass:
     """Return the pass that gathers the examples of a stage."""
     return PlannedPass(f"learn.{learner}", f"examples for {learner}", start)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
-from flgpr.engine import Arrays, PlannedPass, bundle_groups, group_of
+from flgpr.engine import Accumulator, Arrays, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 
@@ -65,8 +65,10 @@ class Pass:
         return None
 
 
-class Traversal:
-    """One or several passes that go through the same scans together and share each scan's images.
+def traversal(lane: ImagedRun, kinds: Sequence[type[Pass]], block: range | None) -> Accumulator:
+    """Begin passes that go through the same scans together and share each scan's images.
+
+    States and results are those of the only pass, or those of all as groups.
 
     Parameters
     ----------
@@ -77,35 +79,24 @@ class Traversal:
     block : range or None
         As of :class:`Pass`.
     """
+    passes = {kind.name: kind(lane, block) for kind in kinds}
 
-    def __init__(self, lane: ImagedRun, kinds: Sequence[type[Pass]], block: range | None) -> None:
-        self._lane = lane
-        self._passes = {kind.name: kind(lane, block) for kind in kinds}
-
-    def add(self, index: int) -> None:
-        """Add the scan at an index among the complete ones to every pass."""
-        scan = ImagedScan(self._lane, index)
-        for member in self._passes.values():
+    def add(index: int) -> None:
+        scan = ImagedScan(lane, index)
+        for member in passes.values():
             member.add(scan)
 
-    def state(self, exact: bool) -> Arrays:
-        """Return the state of the only pass, or those of all as groups."""
-        states = {}
-        for name, member in self._passes.items():
-            states[name] = member.state(exact)
-        return _joined(states)
+    def state(exact: bool) -> Arrays:
+        return _joined({name: member.state(exact) for name, member in passes.items()})
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Merge what :meth:`state` returned for the block that follows."""
-        for name, member in self._passes.items():
-            member.merge(state if len(self._passes) == 1 else group_of(state, name))
+    def merge(state: Mapping[str, NDArray[Any]]) -> None:
+        for name, member in passes.items():
+            member.merge(state if len(passes) == 1 else group_of(state, name))
 
-    def result(self) -> Arrays:
-        """Return the result of the only pass, or those of all as groups."""
-        results = {}
-        for name, member in self._passes.items():
-            results[name] = member.result()
-        return _joined(results)
+    def result() -> Arrays:
+        return _joined({name: member.result() for name, member in passes.items()})
+
+    return Accumulator(add, state, merge, result)
 
 
 def _joined(groups: Mapping[str, Arrays]) -> Arrays:
@@ -143,7 +134,7 @@ def plan(lane: ImagedRun, *kinds: type[Pass]) -> PlannedPass:
     return PlannedPass(
         first.name,
         first.title,
-        partial(Traversal, lane, chosen),
+        partial(traversal, lane, chosen),
         tuple(needs),
         all_scans=first.all_scans,
         needs_no_scans=first.needs_no_scans,

@@ -1,4 +1,4 @@
-"""TCP addresses that scans arrive on, and the sockets that listen on them or connect to them.
+"""Sockets that scans arrive on, TCP and Unix, that listen or connect, and why they cannot.
 
 Without an address TCP is open to this machine alone. Any other interface must be asked for by its
 address. There is no name look-up: a name that resolves to another machine opens nothing.
@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import os
 import re
 import socket
+import stat
 from dataclasses import dataclass
+from pathlib import Path
 
 LOOPBACK = "127.0.0.1"
 _LARGEST_PORT = 65535
@@ -104,7 +107,7 @@ def listening_tcp(address: TcpAddress, backlog: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise ValueError(
-            f"tcp must be an address that can be listened on, got {address}: {_reason(error)}"
+            f"tcp must be an address that can be listened on, got {address}: {_tcp_reason(error)}"
         ) from None
     return listener
 
@@ -155,7 +158,7 @@ def _new_socket(address: TcpAddress) -> socket.socket:
         ) from None
 
 
-def _reason(error: OSError) -> str:
+def _tcp_reason(error: OSError) -> str:
     """Return why an address cannot be listened on."""
     reasons = {
         errno.EADDRNOTAVAIL: "this machine has no such address",
@@ -163,3 +166,131 @@ def _reason(error: OSError) -> str:
         errno.EACCES: "this user may listen on ports from 1024 on",
     }
     return reasons.get(error.errno or 0, error.strerror or "the system refuses it")
+
+
+def check_unix_sockets(path: Path) -> None:
+    """Check that this system has Unix sockets; Python on Windows has none.
+
+    Parameters
+    ----------
+    path : Path
+        Where one is wanted.
+
+    Raises
+    ------
+    ValueError
+        If it has none.
+    """
+    if not hasattr(socket, "AF_UNIX"):
+        raise ValueError(
+            f"socket must be left out, since this system has no Unix sockets, got {path}: "
+            "use tcp instead, such as 5601, the port of this machine"
+        )
+
+
+def _new_unix_socket(path: Path) -> socket.socket:
+    """Return a new Unix socket, neither bound nor connected, for a path."""
+    check_unix_sockets(path)
+    return socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+
+
+def listening_unix(path: Path, backlog: int) -> socket.socket:
+    """Return a Unix socket that listens on a path, which only this user may open.
+
+    Parameters
+    ----------
+    path : Path
+        The path; a socket there that nobody listens on is replaced.
+    backlog : int
+        Connections that may wait.
+
+    Returns
+    -------
+    socket.socket
+        The socket.
+
+    Raises
+    ------
+    ValueError
+        If the path cannot be listened on, or this system has no Unix sockets.
+    """
+    _remove_stale_socket(path)
+    listener = _new_unix_socket(path)
+    previous_mask = os.umask(0o177)
+    try:
+        listener.bind(str(path))
+    except OSError as error:
+        listener.close()
+        raise ValueError(
+            f"socket must be a path that can be made, got {path}: {_unix_reason(error)}"
+        ) from None
+    finally:
+        os.umask(previous_mask)
+    listener.listen(backlog)
+    return listener
+
+
+def _unix_reason(error: OSError) -> str:
+    """Return why a path cannot be listened on."""
+    reasons = {
+        errno.ENOENT: "its folder does not exist",
+        errno.ENOTDIR: "what should be its folder is a file",
+        errno.EACCES: "this user may not write into its folder",
+        errno.EROFS: "its disk cannot be written to",
+        errno.EADDRINUSE: "another program listens on it",
+    }
+    if error.errno is None:
+        return "it is too long; about 100 characters are possible"
+    return reasons.get(error.errno, error.strerror or "the system refuses it")
+
+
+def _remove_stale_socket(path: Path) -> None:
+    """Remove a socket that nobody listens on; refuse any other file."""
+    if not path.exists() and not path.is_symlink():
+        return
+    if not stat.S_ISSOCK(path.lstat().st_mode):
+        raise ValueError(f"socket must be a new path, got {path}, where another file lies")
+    with _new_unix_socket(path) as probe:
+        probe.settimeout(1.0)
+        try:
+            probe.connect(str(path))
+        except ConnectionRefusedError:
+            path.unlink()
+            return
+        except FileNotFoundError:
+            return
+        except OSError:  # a program may listen that refuses us
+            pass
+    raise ValueError(
+        f"socket must be free, got {path}, on which another program listens: give another path"
+    )
+
+
+def connected_unix(path: Path) -> socket.socket:
+    """Return a socket that is connected to a Unix socket on which ``flgpr live`` listens.
+
+    Parameters
+    ----------
+    path : Path
+        The socket.
+
+    Returns
+    -------
+    socket.socket
+        The connection.
+
+    Raises
+    ------
+    ValueError
+        If nobody listens there, or this system has no Unix sockets.
+    """
+    connection = _new_unix_socket(path)
+    try:
+        connection.connect(str(path))
+    except OSError as error:
+        connection.close()
+        reason = error.strerror or "its path is too long"
+        raise ValueError(
+            f"socket must be one that flgpr live listens on, got {path}: {reason}"
+        ) from None
+    return connection
