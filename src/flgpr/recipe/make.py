@@ -93,7 +93,9 @@ def recipe_or_fitted(
         If there is no such recipe, none for the model, or as of :func:`fit_recipe`.
     """
     if recipe is not None:
-        return recipe_text(recipe)
+        text = recipe_text(recipe)
+        parse_recipe(text, str(recipe))  # an error names the file
+        return text
     # A model holds what the stages of its own recipe have learnt.
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
