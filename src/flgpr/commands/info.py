@@ -106,8 +106,7 @@ def info(
 
 def _explain(paths: list[Path], mapping: Path | None) -> Any:
     """Describe files that are no run yet, and write the draft of their mapping to a path."""
-    from flgpr.formats.drafting import explain_files
-    from flgpr.formats.explain import explain_file
+    from flgpr.formats.explain import explain_file, explain_files
 
     is_group = len(paths) > 1
     described = explain_files(paths, mapping=mapping) if is_group else explain_file(paths[0])

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import re
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.door import read_named
 from flgpr.formats.array_file import LIMIT, ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
+from flgpr.formats.draft_names import RECORDING, UNNAMED
+from flgpr.formats.draft_units import small_values, unit_of
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables, whose columns may hold text."""
@@ -45,16 +46,53 @@ class ArraySource:
         """How many values it has."""
         return math.prod(self.info.shape)
 
+    @property
+    def is_vector(self) -> bool:
+        """Whether it has several values, all along one axis."""
+        return max(self.info.shape, default=0) == self.count > 1
+
+    @property
+    def rows(self) -> int:
+        """How many values it has along its axis, or how many points (row, 3)."""
+        return self.count if self.is_vector else self.info.shape[-2]
+
+    @property
+    def topic(self) -> str:
+        """The topic that it is of, in a recording; else empty."""
+        if self.group.opened.kind != RECORDING:
+            return ""
+        return re.sub(r"@[^/]*$|/[^/@]*$", "", self.info.name)
+
+    @property
+    def is_log_time(self) -> bool:
+        """Whether it is when the messages of a topic were recorded, not what they hold."""
+        return bool(self.topic) and "@" in self.info.name
+
+    @property
+    def label(self) -> str:
+        """Its name without the topic, in small letters; that of a file which names none."""
+        if self.info.name in UNNAMED:
+            return self.group.paths[0].stem.lower()
+        return self.info.name.removeprefix(self.topic).lower()
+
+    def is_called(self, names: re.Pattern[str]) -> bool:
+        """Return whether the last part of its label matches."""
+        return names.search(re.split(r"[/.]", self.label)[-1]) is not None
+
     def values(self) -> NDArray[Any]:
         """Return its values, those of the first file of the group."""
         return self.group.opened.read(self.info.name)
 
-    def entry(self, unit: str | None = None) -> str:
-        """Return the inline table (TOML) by which a mapping names it."""
-        cells = [f"file = {json.dumps(self.group.key)}", f"variable = {json.dumps(self.info.name)}"]
-        if unit is not None:
-            cells.append(f'unit = "{unit}"')
-        return "{" + ", ".join(cells) + "}"
+    def increases(self) -> bool:
+        """Return whether it is small, and of numbers that increase from one to the next."""
+        values = small_values(self.group.opened, self.info)
+        if values is None or values.dtype.kind not in "fiu":
+            return False
+        return bool((np.diff(values.ravel().astype(np.float64)) > 0).all())
+
+    def unit(self, usual: str) -> str:
+        """Return its unit; one that is guessed ends in a question mark."""
+        return unit_of(self.group.opened, self.info, usual)
 
 
 def group_files(files: list[Path], limit: int) -> list[FileGroup]:
@@ -134,9 +172,3 @@ def _text_columns(path: Path) -> dict[str, list[str]]:
         if any(re.search(r"[A-Za-z]", cell) for cell in cells):
             columns[name.strip()] = cells
     return columns
-
-
-def name_token(name: str, vocabulary: Collection[str]) -> str | None:
-    """Return the word of a name that is among ``vocabulary``; None if none is."""
-    tokens = re.split(r"[_\W]+", name.lower())
-    return next((token for token in tokens if token in vocabulary), None)

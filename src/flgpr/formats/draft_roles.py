@@ -2,12 +2,14 @@
 
 An array is the signal, an axis of it, positions of antennas, or where the vehicle was. What follows
 from lengths, names and stated units is taken as it is. What is a guess ends in a question mark.
+Every find takes its arrays out of those that the next ones look among.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Any, NamedTuple
@@ -17,35 +19,33 @@ from numpy.typing import NDArray
 
 from flgpr.formats.array_file import ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
-from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup, name_token
-from flgpr.formats.draft_units import unit_of
+from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup
+from flgpr.formats.draft_names import (
+    ANTENNA,
+    CLOCK,
+    FREQUENCY,
+    POSITION,
+    RECEIVER,
+    ROTATION,
+    SAMPLES,
+    TIME,
+    TRANSMITTER,
+    UNNAMED,
+    WAY,
+    component_of,
+)
+from flgpr.formats.draft_units import SMALL, is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
 
 FloatArray = NDArray[np.float64]
-_SMALL = 2_000_000  # values; larger arrays are no list of antennas, tones or positions
+ANY_AXIS = "scan, polarization, pair, tx, rx or single?"
 _CERTAIN_HERTZ = 1e8  # no radar has tones of so many kHz, MHz or GHz
 _LONGEST_ARRAY = 20.0  # m; an array on a vehicle is no longer
 _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
-_FREQUENCY_NAMES = re.compile(r"freq|tone|(^|[_./])(f|hz|ghz|mhz)($|[_./])", re.IGNORECASE)
-_SAMPLE_NAMES = re.compile(r"range|delay|time|t_ns|twt", re.IGNORECASE)
-TIME_NAMES = re.compile(r"time|stamp|(^|[_./])(t|utc|tow)($|[_./])", re.IGNORECASE)
-"""What times of scans and of fixes are called."""
-_TX_NAMES = re.compile(r"(^|[^a-z])tx|trans|source|sender", re.IGNORECASE)
-_RX_NAMES = re.compile(r"(^|[^a-z])rx|recei|receptor|empf", re.IGNORECASE)
-_UNNAMED = ("array", "table")  # names of arrays in files that name none
-_POSE_NAMES: dict[str, set[str]] = {
-    "longitude": {"lon", "long", "longitude", "lng", "laenge"},
-    "latitude": {"lat", "latitude", "breite"},
-    "height": {"height", "alt", "altitude", "elevation", "ellipsoidal", "hoehe", "z", "up", "hgt"},
-    "x": {"x", "east", "easting", "rechts", "rechtswert"},
-    "y": {"y", "north", "northing", "hoch", "hochwert"},
-    "heading": {"heading", "yaw", "hdg", "azimuth", "course"},
-    "pitch": {"pitch"},
-    "roll": {"roll"},
-}
+_POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
 
 
 @dataclass
@@ -57,6 +57,45 @@ class Antennas:
     unit: str
     reason: str = ""  #: why it is that unit
     values: FloatArray | None = None  #: (antenna, 3) where they are some rows of a list
+    sides: Sequence[ArraySource] = ()  #: x, y and z where they lie apart
+
+    @property
+    def scans(self) -> int | None:
+        """How many scans have positions of their own, in the lane frame; None if one has all."""
+        shape = self.source.info.shape
+        return shape[0] if len(shape) == 3 else None
+
+
+@dataclass
+class Places:
+    """Where the vehicle was: arrays of one file by component, with times if there are any."""
+
+    group: FileGroup
+    columns: dict[str, ArraySource]
+
+    @property
+    def count(self) -> int:
+        """How many fixes there are."""
+        return next(iter(self.columns.values())).rows
+
+    def holds(self, *names: str) -> bool:
+        """Return whether all of these components are there."""
+        return set(names) <= set(self.columns)
+
+    @property
+    def are_geodetic(self) -> bool:
+        """Whether positions are longitudes and latitudes."""
+        return self.holds("longitude", "latitude")
+
+    @property
+    def are_complete(self) -> bool:
+        """Whether they tell where the vehicle was, not its height or heading alone."""
+        return self.are_geodetic or self.holds("x", "y") or self.holds("position")
+
+    @property
+    def are_known(self) -> bool:
+        """Whether they tell of places along the way, by whose course a heading can be told."""
+        return self.holds("position") or self.holds("y") or self.holds("longitude")
 
 
 class _Signal(NamedTuple):
@@ -77,15 +116,20 @@ class Roles:
         self.groups = groups
         self.data, self.signal, self.imaginary = self._find_signal()
         self.data.key = "data"
-        self.used = {(self.data.key, self.signal.name)}
-        if self.imaginary:
-            self.used.add((self.data.key, self.imaginary))
+        source = ArraySource(self.data, self.signal)
+        self.topic = source.topic  #: of the signal in a recording
+        self.used = {("data", name) for name in (self.signal.name, self.imaginary) if name}
         self.sizes = list(self.signal.shape)
-        self.frequency = self.find_axis(_FREQUENCY_NAMES)
-        self.samples = None if self.frequency else self.find_axis(_SAMPLE_NAMES)
+        self.frequency = self.find_axis(FREQUENCY, self.sizes)
+        self.samples, self.are_samples = self._find_samples()
+        self.axis = self.frequency or self.samples
+        self.scan_sizes = [size for size in self.sizes if size > 1]  #: lengths scans may have
+        if self.axis is not None and self.axis.count in self.scan_sizes:
+            self.scan_sizes.remove(self.axis.count)
         self.antennas = self._find_antennas()
+        self.places = self._find_places()
+        self.stamp = self.find_axis(TIME, self.scan_sizes, [self.data])
         self.labels = labels_of(self.data.opened, self.sizes)
-        self.pose_columns = self._find_pose_columns()
 
     def _find_signal(self) -> _Signal:
         """Find the largest array that can be the measured field."""
@@ -109,79 +153,127 @@ class Roles:
             )
         return best
 
-    def _unused(self) -> list[ArraySource]:
-        """Return the arrays that are nothing yet."""
+    def _unused(self, groups: Sequence[FileGroup] = ()) -> list[ArraySource]:
+        """Return the arrays that are nothing yet.
+
+        In a recording those of the signal's topic go first, and the times at which messages were
+        recorded last.
+        """
         sources = []
-        for group in self.groups:
+        for group in groups or self.groups:
+            repeated = group.opened.repeated
             for info in group.opened.arrays.values():
-                if (group.key, info.name) not in self.used:
+                says_again = repeated and info.name.startswith(repeated)
+                if not says_again and (group.key, info.name) not in self.used:
                     sources.append(ArraySource(group, info))
-        return sources
+        return sorted(sources, key=lambda one: (one.topic != self.topic, one.is_log_time))
 
     def _take(self, source: ArraySource) -> ArraySource:
         """Mark an array as used, and return it."""
         self.used.add((source.group.key, source.info.name))
         return source
 
-    def find_axis(self, names: re.Pattern[str]) -> ArraySource | None:
-        """Find the longest array of values that increase along an axis of the signal.
+    def find_axis(
+        self, names: re.Pattern[str], sizes: list[int], groups: Sequence[FileGroup] = ()
+    ) -> ArraySource | None:
+        """Find the first array that is called so and increases along an axis, and take it."""
+        called = [source for source in self._unused(groups) if source.is_called(names)]
+        return self._take_axis(called, sizes)
 
-        Its name matches ``names``, or that of its file where the file names no array.
+    def _take_axis(self, sources: list[ArraySource], sizes: list[int]) -> ArraySource | None:
+        """Take the first array whose values increase along an axis of one of these lengths."""
+        for source in sources:
+            if source.is_vector and source.count in sizes and source.increases():
+                return self._take(source)
+        return None
+
+    def _find_samples(self) -> tuple[ArraySource | None, bool]:
+        """Find the two-way delays or ranges of the samples, and whether they can be nothing else.
+
+        A "time" may be the radar's fast time or the scans' clock: values below a tenth of a
+        millisecond are the former. The last axis of the signal is tried first.
         """
-        longest: ArraySource | None = None
-        for source in self._unused():
-            if not _is_vector(source) or source.count > _SMALL:
-                continue
-            if source.count not in self.sizes or not _is_called(source, names):
-                continue
-            if longest is not None and source.count <= longest.count:
-                continue
-            # Last, because it reads the array.
-            values = source.values()
-            if values.dtype.kind in "fiu" and _increases(values):
-                longest = source
-        if longest is None:
-            return None
-        return self._take(longest)
+        if self.frequency is not None or self.topic:  # all arrays of a topic are over messages
+            return None, True
+        unused = self._unused()
+        delays = [source for source in unused if source.is_called(SAMPLES)]
+        times = []
+        for source in unused:
+            is_clock = CLOCK.search(source.label) or source.group is not self.data
+            if "time" in source.label and (not is_clock or source.info.name in UNNAMED):
+                times.append(source)
+        fast = [time for time in times if is_fast_time(time.group.opened, time.info)]
+        for sources, are_certain in ((delays, True), (fast, True), (times, False)):
+            for sizes in (self.sizes[-1:], self.sizes):
+                samples = self._take_axis(sources, sizes)
+                if samples is not None:
+                    return samples, are_certain
+        return None, True
 
     def _find_antennas(self) -> dict[str, Antennas]:
         """Find the positions of transmitters and receivers, or of pairs."""
         antennas: dict[str, Antennas] = {}
         for source in self._unused():
             shape = source.info.shape
-            if len(shape) != 2 or shape[1] != 3 or source.count > 3 * _SMALL:
-                continue
-            if shape[0] not in self.sizes and not self._is_sum_of_axes(shape[0]):
+            is_list = len(shape) >= 2 and shape[-1] == 3 and 0 not in shape
+            if not is_list or source.topic or self._is_position(source):
                 continue
             side = self._side(source)
             if side is None or side in antennas:
                 continue
-            unit, reason = self._length_unit(source, source.values())
-            antennas[side] = Antennas(self._take(source), shape[0], unit, reason)
-
-        are_complete = {"tx", "rx"} <= set(antennas) or "antenna" in antennas
-        if are_complete:
+            values = source.values() if source.count <= 3 * SMALL else np.zeros((1, 3))
+            unit, reason = self._length_unit(source, values)
+            antennas[side] = Antennas(self._take(source), shape[-2], unit, reason)
+        if {"tx", "rx"} <= set(antennas) or "antenna" in antennas:
             return antennas
-        return self._antennas_of_lists() or antennas
+        return self._antennas_of_lists() or antennas or self._antennas_beside_signal()
+
+    def _is_position(self, source: ArraySource) -> bool:
+        """Return whether an array holds a position of the vehicle per row, not an antenna's."""
+        shape = source.info.shape
+        if len(shape) != 2 or shape[1] not in _POINT_COLUMNS or _is_table(source):
+            return False
+        if ANTENNA.search(source.label):
+            return False
+        if source.group is not self.data:
+            return WAY.search(source.label) is not None
+        # Those of another length than the axes are a track, if they have a clock.
+        is_other = shape[1] == 3 and shape[0] not in self.sizes and not source.topic
+        return is_other or POSITION.search(source.label) is not None
+
+    def _side(self, source: ArraySource) -> str | None:
+        """Return which antennas a list of positions is of, by its name; None if unknown."""
+        rows = source.info.shape[-2]
+        in_data = source.group is self.data
+        if in_data and _is_table(source):
+            return None
+        may_be_some = in_data or rows in self.sizes or self._is_sum_of_axes(rows)
+        for side, names in (("tx", TRANSMITTER), ("rx", RECEIVER)):
+            if may_be_some and names.search(source.label):
+                return side
+        # A table without such a name may be anything with three columns, such as a track.
+        is_table = source.group.paths[0].suffix.lower() in TABLES
+        if is_table and not in_data:
+            return None
+        is_named = in_data and ANTENNA.search(source.label)
+        return "antenna" if is_named or rows in self.sizes else None
 
     def _is_sum_of_axes(self, count: int) -> bool:
         """Return whether a number is the sum of the lengths of two axes of the signal."""
         return any(count == first + second for first, second in product(self.sizes, repeat=2))
 
-    def _side(self, source: ArraySource) -> str | None:
-        """Return which antennas a list of positions is of, by its name; None if unknown."""
-        name = source.info.name
-        if name in _UNNAMED:
-            name = source.group.paths[0].stem
-        if _TX_NAMES.search(name):
-            return "tx"
-        if _RX_NAMES.search(name):
-            return "rx"
-        # A table without such a name may be anything with three columns, such as a track.
-        is_table = source.group.paths[0].suffix.lower() in TABLES
-        if source.group.texts or is_table:
-            return None
-        return "antenna" if source.info.shape[0] in self.sizes else None
+    def _antennas_beside_signal(self) -> dict[str, Antennas]:
+        """Return the x, y and z that lie in the signal's own structure or group."""
+        inside = re.match(r".*[./]", self.signal.name)
+        if inside is None or self.topic:
+            return {}
+        arrays = self.data.opened.arrays
+        names = [f"{inside[0]}{axis}" for axis in "xyz"]
+        if not set(names) <= set(arrays):
+            return {}
+        sides = [self._take(ArraySource(self.data, arrays[name])) for name in names]
+        unit = sides[0].unit("m")
+        return {"antenna": Antennas(sides[0], sides[0].count, unit, sides=sides)}
 
     def _antennas_of_lists(self) -> dict[str, Antennas]:
         """Find one list of all antennas.
@@ -215,9 +307,11 @@ class Roles:
 
     def _by_order(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
         """Return transmitters and receivers of a list by their numbers, if these are certain."""
-        count = self._transmitters_of(len(points))
-        if count is None:
+        sizes = list(self.scan_sizes)
+        splits = [pair for pair in combinations(sizes, 2) if sum(pair) == len(points)]
+        if len(splits) != 1:
             return {}
+        count = splits[0][0]
         tx = points[:count]
         rx = points[count:]
         unit, _ = self._length_unit(source, points)
@@ -227,51 +321,36 @@ class Roles:
             "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
         }
 
-    def _point_lists(self, group: FileGroup) -> list[tuple[ArraySource, FloatArray]]:
-        """Return the lists (antenna, 3) of a group.
+    def _point_lists(self, group: FileGroup) -> Iterator[tuple[ArraySource, FloatArray]]:
+        """Yield the lists (antenna, 3) of a group: columns called x, y and z, or arrays of three.
 
-        They are arrays of three columns, or columns called x, y and z.
+        Columns beside the signal are the vehicle's.
         """
-        arrays = group.opened.arrays
-        lists: list[tuple[ArraySource, FloatArray]] = []
-        name_of = {name_token(name, "xyz"): name for name in arrays}
-        if {"x", "y", "z"} <= set(name_of):
-            sides = []
-            for axis in "xyz":
-                values = group.opened.read(name_of[axis])
-                sides.append(values.astype(np.float64).ravel())
-            sizes = {side.size for side in sides}
-            if len(sizes) == 1:
-                source = ArraySource(group, arrays[name_of["x"]])
-                lists.append((source, np.stack(sides, axis=-1)))
-
-        for info in arrays.values():
-            has_three_columns = len(info.shape) == 2 and info.shape[1] == 3
-            if has_three_columns and info.shape[0] <= _SMALL:
-                points = group.opened.read(info.name).astype(np.float64)
-                lists.append((ArraySource(group, info), points))
-        return lists
-
-    def _transmitters_of(self, count: int) -> int | None:
-        """Return how many of so many antennas transmit; None if two axes do not make it certain."""
-        sizes = [size for size in self.sizes if size > 1]
-        if self.frequency is not None and self.frequency.count in sizes:
-            sizes.remove(self.frequency.count)
-        splits = [pair for pair in combinations(sizes, 2) if sum(pair) == count]
-        return splits[0][0] if len(splits) == 1 else None
+        name_of = {}
+        for name in group.opened.arrays:
+            component = component_of(name)
+            if component is not None and component[1] == 0:
+                name_of[component[0]] = name
+        if group is not self.data and {"x", "y", "z"} <= set(name_of):
+            sources = [ArraySource(group, group.opened.arrays[name_of[axis]]) for axis in "xyz"]
+            if len({source.count for source in sources}) == 1:
+                sides = [source.values().astype(np.float64).ravel() for source in sources]
+                yield sources[0], np.stack(sides, axis=-1)
+        for source in self._unused([group]):
+            shape = source.info.shape
+            if len(shape) == 2 and shape[1] == 3 and shape[0] <= SMALL:
+                yield source, source.values().astype(np.float64)
 
     def _length_unit(self, source: ArraySource, points: NDArray[Any]) -> tuple[str, str]:
         """Return the unit of antennas' positions, and why.
 
         It is stated, or follows from what their spread can be; else it is a guess.
         """
-        stated = unit_of(source.group.opened, source.info, "m")
-        if not stated.endswith("?"):
-            return stated, ""
-        positions = np.asarray(points, dtype=np.float64)
+        stated = source.unit("m")
+        positions = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         spread = float(np.ptp(positions, axis=0).max())
         lowest = self._lowest_frequency()
-        if lowest is None or spread == 0:
+        if not stated.endswith("?") or lowest is None or spread == 0:
             return stated, ""
         # Were it centimetres, the array would be smaller than half a wavelength: it would see no
         # direction.
@@ -296,41 +375,62 @@ class Roles:
         """Return the unit of the tones, and why; a question mark where it is a guess."""
         if self.frequency is None:
             return "Hz?", ""
-        unit = unit_of(self.frequency.group.opened, self.frequency.info, "Hz")
+        unit = self.frequency.unit("Hz")
         highest = float(np.max(self.frequency.values()))
         if unit == "Hz?" and highest >= _CERTAIN_HERTZ:
             return "Hz", "by their size"
         return unit, ""
 
-    def _find_pose_columns(self) -> dict[str, ArraySource]:
+    def _find_places(self) -> Places | None:
         """Find the arrays of where the vehicle was, all of one file."""
-        best: dict[str, ArraySource] = {}
+        # The x, y and z of a list of antennas are no track.
+        of_antennas = {id(antennas.source.group) for antennas in self.antennas.values()}
+        found = []
         for group in self.groups:
-            # The x, y and z of a list of antennas are no track.
-            groups_of_antennas = [antennas.source.group for antennas in self.antennas.values()]
-            holds_antennas = any(other is group for other in groups_of_antennas)
-            if holds_antennas and group is not self.data:
-                continue
-            columns = self._pose_columns_in(group)
-            is_geodetic = {"longitude", "latitude"} <= set(columns)
-            is_in_lane = {"x", "y"} <= set(columns)
-            if (is_geodetic or is_in_lane) and len(columns) > len(best):
-                best = columns
+            if group is self.data or id(group) not in of_antennas:
+                found += self._places_in(group)
+        best = max(found, key=_completeness, default=None)
+        if best is not None:
+            for name, source in best.columns.items():
+                if name != "time" or best.count not in self.scan_sizes:
+                    self._take(source)
         return best
 
-    def _pose_columns_in(self, group: FileGroup) -> dict[str, ArraySource]:
-        """Return the vectors of a group that are called as components of a pose, or as times."""
-        columns: dict[str, ArraySource] = {}
-        for source in self._unused():
-            if source.group is not group or not _is_vector(source):
+    def _places_in(self, group: FileGroup) -> list[Places]:
+        """Return what a group tells of the vehicle: arrays per scan, or of another length."""
+        by_length: dict[tuple[str, int], dict[str, tuple[int, ArraySource]]] = {}
+        for source in self._unused([group]):
+            component = self._component(source)
+            if component is None:
                 continue
-            for name, vocabulary in _POSE_NAMES.items():
-                if name not in columns and name_token(source.info.name, vocabulary) is not None:
-                    columns[name] = source
-                    break
-            if TIME_NAMES.search(source.info.name):
-                columns.setdefault("time", source)
-        return columns
+            name, rank = component
+            is_per_scan = group is self.data and source.rows in self.scan_sizes
+            key = ("", 0) if is_per_scan else (source.topic, source.rows)
+            columns = by_length.setdefault(key, {})
+            if name not in columns or rank < columns[name][0]:
+                columns[name] = (rank, source)
+        found = []
+        for key, ranked in by_length.items():
+            places = Places(group, {name: source for name, (_, source) in ranked.items()})
+            _leave_out_twins(places)
+            is_track = places.holds("time") and (places.holds("position") or places.are_geodetic)
+            is_per_scan = key == ("", 0) and set(places.columns) - {"time", "orientation"}
+            if places.are_complete if group is not self.data else (is_track or is_per_scan):
+                found.append(places)
+        return found
+
+    def _component(self, source: ArraySource) -> tuple[str, int] | None:
+        """Return what an array tells of the vehicle, and how plainly its name says so."""
+        if self._is_position(source):
+            return "position", 0 if POSITION.search(source.label) else 1
+        if len(source.info.shape) == 2 and source.info.shape[1] == 4:
+            return ("orientation", 0) if ROTATION.search(source.label) else None
+        if not source.is_vector or ANTENNA.search(source.label):
+            return None
+        component = component_of(source.label)
+        if component is not None and not ROTATION.search(source.label):
+            return component
+        return ("time", 0) if source.is_called(TIME) else None
 
     def scan_count(self, dims: list[str]) -> int | None:
         """Count the scans of all files together; None where no axis and no file is one."""
@@ -343,36 +443,44 @@ class Roles:
     def dims(self) -> list[str]:
         """Return the names of the signal's axes; a question mark where lengths leave a choice."""
         names = [""] * len(self.sizes)
-        axis = self.frequency or self.samples
-        if axis is not None:
-            self._name_axis(names, axis.count, "frequency" if self.frequency else "sample")
-        if self.labels[0] != "HH?" and len(self.labels) > 1:
-            self._name_axis(names, len(self.labels), "polarization")
+        if self.axis is not None:
+            name = "frequency" if self.frequency else "sample"
+            self._name_axis(names, self.axis.count, name if self.are_samples else f"{name}?", -1)
+        if self.stamp is not None:
+            self._name_axis(names, self.stamp.count, "scan")
+        if self.labels[0] != "HH?":
+            self._name_axis(names, len(self.labels), "polarization", -1)
         self._name_antenna_axes(names)
         for number, size in enumerate(self.sizes):
             if not names[number] and size == 1:
                 names[number] = "single"
+        self._name_scans(names)
+        return [name or ANY_AXIS for name in names]
 
+    def _name_scans(self, names: list[str]) -> None:
+        """Name the axis of the scans by the number of fixes, or as the only one that is left."""
         unnamed = [number for number, name in enumerate(names) if not name]
-        if len(unnamed) != 1:
-            for number in unnamed:
-                names[number] = "scan, polarization, pair, tx, rx or single?"
-            return names
-        number = unnamed[0]
-        scans = self.sizes[number] * len(self.data.paths)
-        # As many fixes as scans leave no doubt.
-        names[number] = "scan" if self.fix_count() == scans else "scan?"
-        return names
-
-    def _name_axis(self, names: list[str], count: int, name: str) -> None:
-        """Name an axis of that length; others of the same length leave a doubt."""
-        free = self._unnamed_axes(names, count)
-        if not free:
+        if _has_scans(names) or not unnamed:
             return
-        # Recorders write a sweep in one piece: its axis is rather the last.
-        number = free[-1] if name in ("frequency", "sample") else free[0]
-        is_only = self.sizes.count(count) == 1
-        names[number] = name if is_only else f"{name}?"
+        files = len(self.data.paths)
+        for number in unnamed:
+            if self.places is not None and self.sizes[number] * files == self.places.count:
+                are_others_certain = len(unnamed) == 1 and not any(map(_is_guess, names))
+                is_only = self.sizes.count(self.sizes[number]) == 1
+                names[number] = "scan" if is_only or are_others_certain else "scan?"
+                return
+        if len(unnamed) == 1:
+            names[unnamed[0]] = "scan?"
+
+    def _name_axis(self, names: list[str], count: int, name: str, place: int = 0) -> None:
+        """Name the first axis of that length, or the last; others of it leave a doubt.
+
+        Recorders write a sweep in one piece: its axis is rather the last.
+        """
+        free = self._unnamed_axes(names, count)
+        if free and name not in names:
+            is_certain = self.sizes.count(count) == 1 or _is_guess(name)
+            names[free[place]] = name if is_certain else f"{name}?"
 
     def _unnamed_axes(self, names: list[str], count: int) -> list[int]:
         """Return the numbers of the axes of that length that have no name yet."""
@@ -384,44 +492,40 @@ class Roles:
 
     def _name_antenna_axes(self, names: list[str]) -> None:
         """Name the axes of transmitters and receivers, or of pairs."""
+        for found in self.antennas.values():
+            if found.scans is not None:
+                self._name_axis(names, found.scans, "scan")
         tx = self.antennas.get("tx")
         rx = self.antennas.get("rx")
         free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
-        if tx is not None and rx is not None and tx.count * rx.count > 1:
-            if _have_axis_each(tx.count, rx.count, free):
+        if tx is not None and rx is not None:
+            if tx.count * rx.count > 1 and _have_axis_each(tx.count, rx.count, free):
                 self._name_axis(names, tx.count, "tx")
                 self._name_axis(names, rx.count, "rx")
+            elif tx.count * rx.count > 1:
+                self._name_axis(names, tx.count, "pair", -1)
+        elif self.antennas:
+            count = next(iter(self.antennas.values())).count
+            axes = self._unnamed_axes(names, count)
+            # With two axes of that length, of which none has the scans, every antenna sends, and
+            # every one receives.
+            if len(axes) == 2 and (len(self.data.paths) > 1 or _has_scans(names)):
+                names[axes[0]], names[axes[1]] = "tx", "rx"
             else:
-                self._name_axis(names, tx.count, "pair")
-        elif "antenna" in self.antennas:
-            count = self.antennas["antenna"].count
-            # With two axes of that length every antenna sends, and every one receives.
-            sides = ("tx", "rx") if free.count(count) == 2 else ("pair",)
-            for name in sides:
-                axes = self._unnamed_axes(names, count)
-                if axes:  # else the one axis of that length is another's
-                    names[axes[0]] = name
-
-    def fix_count(self) -> int | None:
-        """Count the rows of where the vehicle was; None without any."""
-        if not self.pose_columns:
-            return None
-        first = next(iter(self.pose_columns.values()))
-        return first.count
+                self._name_axis(names, count, "pair", -1)
 
     def position_unit(self) -> tuple[str, str]:
-        """Return the unit of the vehicle's positions, and why.
+        """Return the unit of the vehicle's x, y and z, and why.
 
-        It is stated, or follows from their steps; else it is a guess.
+        It is stated, or follows from the steps of a table of fixes; else it is a guess.
         """
-        source = self.pose_columns["x"]
-        stated = unit_of(source.group.opened, source.info, "m")
-        if not stated.endswith("?"):
+        columns = {} if self.places is None else self.places.columns
+        units = {columns[axis].unit("m") for axis in "xyz" if axis in columns}
+        stated = units.pop() if len(units) == 1 else "?"
+        is_apart = self.places is not None and self.places.group is not self.data
+        if stated != "m?" or not is_apart:
             return stated, ""
-        sides = []
-        for axis in "xy":
-            values = self.pose_columns[axis].values()
-            sides.append(values.astype(np.float64).ravel())
+        sides = [columns[axis].values().astype(np.float64).ravel() for axis in "xy"]
         steps = np.hypot(*np.diff(np.stack(sides), axis=1))
         finite = steps[np.isfinite(steps)]
         middle = float(np.median(finite)) if finite.size else 0.0
@@ -430,21 +534,39 @@ class Roles:
         return stated, ""
 
 
-def _is_vector(source: ArraySource) -> bool:
-    """Return whether an array has several values, all along one axis."""
-    return max(source.info.shape, default=0) == source.count > 1
+def _is_table(source: ArraySource) -> bool:
+    """Return whether an array is all columns of a text, which have names of their own."""
+    return source.info.name == "table" and len(source.group.opened.arrays) > 1
 
 
-def _increases(values: NDArray[Any]) -> bool:
-    """Return whether numbers increase from one to the next."""
-    return bool((np.diff(values.ravel().astype(np.float64)) > 0).all())
+def _is_guess(name: str) -> bool:
+    """Return whether the name of an axis ends in a question mark."""
+    return name.endswith("?")
 
 
-def _is_called(source: ArraySource, names: re.Pattern[str]) -> bool:
-    """Return whether the name of an array, or of a file that names none, matches."""
-    if names.search(source.info.name):
-        return True
-    return source.info.name in _UNNAMED and bool(names.search(source.group.paths[0].stem))
+def _has_scans(names: list[str]) -> bool:
+    """Return whether one of the axes is, or may be, that of the scans."""
+    return "scan" in names or "scan?" in names
+
+
+def _completeness(places: Places) -> tuple[bool, bool, int]:
+    """Return what makes one file's places go before another's: in the lane before on the globe."""
+    return places.are_complete, not places.are_geodetic, len(places.columns)
+
+
+def _leave_out_twins(places: Places) -> None:
+    """Take components out that others stand for."""
+    twins: tuple[str, ...] = ()
+    if places.holds("position"):
+        twins = ("x", "y", "z", "longitude", "latitude")
+    elif places.holds("x", "y"):
+        twins = ("longitude", "latitude")
+    elif places.are_geodetic:
+        twins = ("x", "y")
+    elif set(places.columns) & {"longitude", "latitude"}:
+        twins = ("longitude", "latitude")
+    for name in twins:
+        places.columns.pop(name, None)
 
 
 def _kinds_in(group: FileGroup, count: int) -> NDArray[np.str_] | None:
