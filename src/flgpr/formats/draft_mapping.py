@@ -223,14 +223,12 @@ class MappingDraft:
         if not is_pose:
             self._add_track(places, scans)
             return
-        self.comments["pose"] = _IN_LANE
-        entries = self._position(places, "pose")
-        position = entries.get("position", {})
-        if "variable" not in position and not places.are_geodetic:
-            entries = {name: entry for name, entry in position.items() if name != "file"}
-            self.comments["pose.unit"] = self.comments.pop("pose.position", "")
-        entries |= self._attitude(places, "pose")
-        self.tables["pose"] = self._file(places.group) | entries
+        form, position, comment = self._position(places)
+        attitude = self._attitude(places, "pose")
+        self.comments |= {"pose": _IN_LANE, f"pose.{form or 'unit'}": comment}
+        file = self._file(places.group)
+        entries = {form: InlineTable(file | position)} if form else position
+        self.tables["pose"] = file | entries | attitude
 
     def _add_track(self, places: Places, scans: int | None) -> None:
         """Add the track of fixes, which are more or fewer than the scans, and the scans' times."""
@@ -249,39 +247,39 @@ class MappingDraft:
         if places.holds("time"):
             time = InlineTable(self._variable(places.columns["time"], "s"))
             self.comments["track.time"] = ""
-        entries = self._position(places, "track") | self._attitude(places, "track")
+        form, position, comment = self._position(places)
+        form = form or "position"
+        entries = {form: InlineTable(self._file(places.group) | position)}
+        entries |= self._attitude(places, "track")
         self.tables["track"] = {"time": time, **entries, "clock_offset": 0.0}
+        self.comments[f"track.{form}"] = comment
         fixes = f"{places.count} fixes of {scans or 'an unknown number of'} scans"
         self.comments["track"] = f"{fixes}: a track on its own clock"
         offset = "the track's clock less the radar's, s; flgpr.calibrate finds it"
         self.comments["track.clock_offset"] = offset
 
-    def _position(self, places: Places, table: str) -> dict[str, Any]:
-        """Return the entry of positions, in any of its forms."""
+    def _position(self, places: Places) -> tuple[str, dict[str, Any], str]:
+        """Return the name of the entry of positions, empty for x, y and z apart; it; a comment."""
         columns = places.columns
-        file = self._file(places.group)
         if places.are_geodetic:
-            names = {name: columns[name].info.name for name in ("longitude", "latitude")}
-            unit = self._usual_unit(places, "z", "m")
-            height = self._component(places, "z")
-            units = {
-                "angle_unit": _degrees(columns["longitude"], columns["latitude"]),
-                "unit": unit,
-            }
-            self.comments[f"{table}.geodetic"] = "needs --anchor, or --anchor-from-track"
-            return {"geodetic": InlineTable({**file, **names, "height": height, **units})}
+            names: dict[str, Any] = {name: columns[name].info.name for name in places.form}
+            unit = columns["z"].unit("m") if "z" in columns else "m?"
+            if unit == "m?" and places.group is not self.roles.data:
+                unit = "m"  # as receivers tell heights
+            degrees = _degrees(columns["longitude"], columns["latitude"])
+            entry = {**names, "height": self._component(places, "z")}
+            entry |= {"angle_unit": degrees, "unit": unit}
+            return "geodetic", entry, "needs --anchor, or --anchor-from-track"
         if places.holds("position"):
-            entry = self._variable(columns["position"], "m")
+            entry = {"variable": columns["position"].info.name}
             if columns["position"].info.shape[1] == 2:
-                unit = entry.pop("unit")
-                entry |= {"z": self._component(places, "z"), "unit": unit}
-            return {"position": InlineTable(entry)}
+                entry["z"] = self._component(places, "z")
+            return "position", entry | {"unit": columns["position"].unit("m")}, ""
         if not set("xyz") & set(columns):
-            return {"position": InlineTable(x="?", y="?", z="?", unit="m")}
+            return "", {"x": "?", "y": "?", "z": "?", "unit": "m"}, ""
         unit, reason = self.roles.position_unit()
-        self.comments[f"{table}.position"] = reason
         sides = {axis: self._component(places, axis) for axis in "xyz"}
-        return {"position": InlineTable({**file, **sides, "unit": unit})}
+        return "", {**sides, "unit": unit}, reason
 
     def _component(self, places: Places, name: str) -> Any:
         """Return what a component is: an array, or zero where none holds it.
@@ -296,11 +294,6 @@ class MappingDraft:
         last_word = re.split(r"[/.]", variable.lower())[-1].split("_")[0]
         return variable if is_table or last_word == name else f"{variable}?"
 
-    def _usual_unit(self, places: Places, name: str, usual: str) -> str:
-        """Return the unit of a component; a table of fixes without one has the usual."""
-        unit = places.columns[name].unit(usual) if name in places.columns else f"{usual}?"
-        return usual if unit == f"{usual}?" and places.group is not self.roles.data else unit
-
     def _attitude(self, places: Places, table: str) -> dict[str, Any]:
         """Return the entries of heading, pitch and roll, or of a rotation."""
         columns = places.columns
@@ -313,7 +306,7 @@ class MappingDraft:
             return {"orientation": InlineTable(variable, body=["-y?", "x?", "z?"])}
         entries = {name: self._component(places, name) for name in ("heading", "pitch", "roll")}
         found = [columns[name] for name in entries if name in columns]
-        if "heading" not in columns and places.are_known:
+        if "heading" not in columns and (places.form or places.holds("y")):
             entries["heading"] = "course?"
             self.comments[f"{table}.heading"] = "along the way"
         if table == "track" and places.are_geodetic and places.group is not self.roles.data:

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,7 +44,15 @@ _CERTAIN_HERTZ = 1e8  # no radar has tones of so many kHz, MHz or GHz
 _LONGEST_ARRAY = 20.0  # m; an array on a vehicle is no longer
 _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
+_PER_SCAN = ("", 0)
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
+_FORMS = (("position",), ("x", "y"), ("longitude", "latitude"))
+"""Components that tell a place together; those in the lane stand for those on the globe."""
+_OF_KIND = {
+    "tx": "of the rows that are called transmitters",
+    "rx": "of the rows that are called receivers",
+}
+_BY_ORDER = {"tx": "transmitters first in the list?", "rx": "the rest of the list"}
 _POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
 
 
@@ -83,19 +91,23 @@ class Places:
         return set(names) <= set(self.columns)
 
     @property
+    def form(self) -> tuple[str, ...]:
+        """The components that tell where the vehicle was; empty where it is height or heading."""
+        return next((form for form in _FORMS if self.holds(*form)), ())
+
+    @property
     def are_geodetic(self) -> bool:
         """Whether positions are longitudes and latitudes."""
-        return self.holds("longitude", "latitude")
+        return self.form == ("longitude", "latitude")
 
-    @property
-    def are_complete(self) -> bool:
-        """Whether they tell where the vehicle was, not its height or heading alone."""
-        return self.are_geodetic or self.holds("x", "y") or self.holds("position")
+    def keep_form(self) -> None:
+        """Take components out that others stand for."""
+        for name in {name for form in _FORMS for name in form}.difference(self.form or ("x", "y")):
+            self.columns.pop(name, None)
 
-    @property
-    def are_known(self) -> bool:
-        """Whether they tell of places along the way, by whose course a heading can be told."""
-        return self.holds("position") or self.holds("y") or self.holds("longitude")
+    def precedence(self) -> tuple[bool, bool, int]:
+        """Return what makes one file's places go before another's."""
+        return bool(self.form), not self.are_geodetic, len(self.columns)
 
 
 class _Signal(NamedTuple):
@@ -247,7 +259,7 @@ class Roles:
         in_data = source.group is self.data
         if in_data and _is_table(source):
             return None
-        may_be_some = in_data or rows in self.sizes or self._is_sum_of_axes(rows)
+        may_be_some = in_data or rows in self.sizes
         for side, names in (("tx", TRANSMITTER), ("rx", RECEIVER)):
             if may_be_some and names.search(source.label):
                 return side
@@ -257,10 +269,6 @@ class Roles:
             return None
         is_named = in_data and ANTENNA.search(source.label)
         return "antenna" if is_named or rows in self.sizes else None
-
-    def _is_sum_of_axes(self, count: int) -> bool:
-        """Return whether a number is the sum of the lengths of two axes of the signal."""
-        return any(count == first + second for first, second in product(self.sizes, repeat=2))
 
     def _antennas_beside_signal(self) -> dict[str, Antennas]:
         """Return the x, y and z that lie in the signal's own structure or group."""
@@ -282,60 +290,45 @@ class Roles:
         """
         for group in self.groups:
             for source, points in self._point_lists(group):
-                antennas = self._by_kind(source, points) or self._by_order(source, points)
-                if antennas:
-                    return antennas
+                stated = _kinds_in(group, len(points))
+                kinds = self._kinds_by_order(len(points)) if stated is None else stated
+                sides = {side: points[kinds == side] for side in ("tx", "rx")}
+                if not all(len(rows) in self.sizes for rows in sides.values()):
+                    continue
+                unit, reason = self._length_unit(source, points)
+                why = {side: _OF_KIND[side] for side in sides}
+                units = dict.fromkeys(sides, unit)
+                if stated is None:
+                    why = _BY_ORDER
+                    units["tx"] = f"{unit.rstrip('?')}?"
+                elif reason:
+                    why = {side: f"{reason}, {_OF_KIND[side]}" for side in sides}
+                return {
+                    side: Antennas(source, len(rows), units[side], why[side], rows)
+                    for side, rows in sides.items()
+                }
         return {}
 
-    def _by_kind(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
-        """Return transmitters and receivers of a list by a column of their kinds, if any."""
-        kinds = _kinds_in(source.group, len(points))
-        if kinds is None:
-            return {}
-        tx = points[kinds == "tx"]
-        rx = points[kinds == "rx"]
-        if len(tx) not in self.sizes or len(rx) not in self.sizes:
-            return {}
-        unit, reason = self._length_unit(source, points)
-        start = f"{reason}, " if reason else ""
-        why_tx = f"{start}of the rows that are called transmitters"
-        why_rx = f"{start}of the rows that are called receivers"
-        return {
-            "tx": Antennas(source, len(tx), unit, why_tx, tx),
-            "rx": Antennas(source, len(rx), unit, why_rx, rx),
-        }
-
-    def _by_order(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
-        """Return transmitters and receivers of a list by their numbers, if these are certain."""
-        sizes = list(self.scan_sizes)
-        splits = [pair for pair in combinations(sizes, 2) if sum(pair) == len(points)]
-        if len(splits) != 1:
-            return {}
-        count = splits[0][0]
-        tx = points[:count]
-        rx = points[count:]
-        unit, _ = self._length_unit(source, points)
-        guess = f"{unit.rstrip('?')}?"
-        return {
-            "tx": Antennas(source, len(tx), guess, "transmitters first in the list?", tx),
-            "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
-        }
+    def _kinds_by_order(self, count: int) -> NDArray[np.str_]:
+        """Return "tx" and "rx" of so many antennas if two axes make certain how many of each."""
+        splits = [pair for pair in combinations(self.scan_sizes, 2) if sum(pair) == count]
+        return np.repeat(["tx", "rx"], splits[0] if len(splits) == 1 else (0, count))
 
     def _point_lists(self, group: FileGroup) -> Iterator[tuple[ArraySource, FloatArray]]:
         """Yield the lists (antenna, 3) of a group: columns called x, y and z, or arrays of three.
 
         Columns beside the signal are the vehicle's.
         """
-        name_of = {}
-        for name in group.opened.arrays:
-            component = component_of(name)
+        sides: dict[str, ArraySource] = {}
+        for source in self._unused([group]):
+            component = component_of(source.label)
             if component is not None and component[1] == 0:
-                name_of[component[0]] = name
-        if group is not self.data and {"x", "y", "z"} <= set(name_of):
-            sources = [ArraySource(group, group.opened.arrays[name_of[axis]]) for axis in "xyz"]
+                sides[component[0]] = source
+        sources = [sides[axis] for axis in "xyz" if axis in sides]
+        if group is not self.data and len(sources) == 3:
             if len({source.count for source in sources}) == 1:
-                sides = [source.values().astype(np.float64).ravel() for source in sources]
-                yield sources[0], np.stack(sides, axis=-1)
+                columns = [source.values().astype(np.float64).ravel() for source in sources]
+                yield sources[0], np.stack(columns, axis=-1)
         for source in self._unused([group]):
             shape = source.info.shape
             if len(shape) == 2 and shape[1] == 3 and shape[0] <= SMALL:
@@ -349,11 +342,12 @@ class Roles:
         stated = source.unit("m")
         positions = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         spread = float(np.ptp(positions, axis=0).max())
-        lowest = self._lowest_frequency()
-        if not stated.endswith("?") or lowest is None or spread == 0:
+        if not stated.endswith("?") or self.frequency is None or spread == 0:
             return stated, ""
         # Were it centimetres, the array would be smaller than half a wavelength: it would see no
         # direction.
+        unit, _ = self.frequency_unit()
+        lowest = float(np.min(self.frequency.values())) * UNITS["frequency"][unit.rstrip("?")]
         half_wavelength = 0.5 * SPEED_OF_LIGHT / lowest
         spread_if_cm = 0.01 * spread
         if spread > _LONGEST_ARRAY or spread_if_cm >= half_wavelength:
@@ -362,14 +356,6 @@ class Roles:
             f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength"
         )
         return "m", reason
-
-    def _lowest_frequency(self) -> float | None:
-        """Return the lowest tone, Hz; None if no array holds the tones."""
-        if self.frequency is None:
-            return None
-        unit, _ = self.frequency_unit()
-        lowest = float(np.min(self.frequency.values()))
-        return lowest * UNITS["frequency"][unit.rstrip("?")]
 
     def frequency_unit(self) -> tuple[str, str]:
         """Return the unit of the tones, and why; a question mark where it is a guess."""
@@ -389,7 +375,7 @@ class Roles:
         for group in self.groups:
             if group is self.data or id(group) not in of_antennas:
                 found += self._places_in(group)
-        best = max(found, key=_completeness, default=None)
+        best = max(found, key=Places.precedence, default=None)
         if best is not None:
             for name, source in best.columns.items():
                 if name != "time" or best.count not in self.scan_sizes:
@@ -398,24 +384,20 @@ class Roles:
 
     def _places_in(self, group: FileGroup) -> list[Places]:
         """Return what a group tells of the vehicle: arrays per scan, or of another length."""
-        by_length: dict[tuple[str, int], dict[str, tuple[int, ArraySource]]] = {}
-        for source in self._unused([group]):
-            component = self._component(source)
-            if component is None:
-                continue
-            name, rank = component
+        named = [(source, self._component(source)) for source in self._unused([group])]
+        named = [(source, found) for source, found in named if found is not None]
+        by_length: dict[tuple[str, int], dict[str, ArraySource]] = {}
+        for source, (name, _) in sorted(named, key=lambda one: one[1][1]):  # the plainest first
             is_per_scan = group is self.data and source.rows in self.scan_sizes
-            key = ("", 0) if is_per_scan else (source.topic, source.rows)
-            columns = by_length.setdefault(key, {})
-            if name not in columns or rank < columns[name][0]:
-                columns[name] = (rank, source)
+            key = _PER_SCAN if is_per_scan else (source.topic, source.rows)
+            by_length.setdefault(key, {}).setdefault(name, source)
         found = []
-        for key, ranked in by_length.items():
-            places = Places(group, {name: source for name, (_, source) in ranked.items()})
-            _leave_out_twins(places)
-            is_track = places.holds("time") and (places.holds("position") or places.are_geodetic)
-            is_per_scan = key == ("", 0) and set(places.columns) - {"time", "orientation"}
-            if places.are_complete if group is not self.data else (is_track or is_per_scan):
+        for key, columns in by_length.items():
+            places = Places(group, columns)
+            places.keep_form()
+            is_track = places.form not in ((), ("x", "y")) and places.holds("time")
+            is_per_scan = key == _PER_SCAN and bool(set(columns) - {"time", "orientation"})
+            if is_track or is_per_scan or (places.form and group is not self.data):
                 found.append(places)
         return found
 
@@ -547,26 +529,6 @@ def _is_guess(name: str) -> bool:
 def _has_scans(names: list[str]) -> bool:
     """Return whether one of the axes is, or may be, that of the scans."""
     return "scan" in names or "scan?" in names
-
-
-def _completeness(places: Places) -> tuple[bool, bool, int]:
-    """Return what makes one file's places go before another's: in the lane before on the globe."""
-    return places.are_complete, not places.are_geodetic, len(places.columns)
-
-
-def _leave_out_twins(places: Places) -> None:
-    """Take components out that others stand for."""
-    twins: tuple[str, ...] = ()
-    if places.holds("position"):
-        twins = ("x", "y", "z", "longitude", "latitude")
-    elif places.holds("x", "y"):
-        twins = ("longitude", "latitude")
-    elif places.are_geodetic:
-        twins = ("x", "y")
-    elif set(places.columns) & {"longitude", "latitude"}:
-        twins = ("longitude", "latitude")
-    for name in twins:
-        places.columns.pop(name, None)
 
 
 def _kinds_in(group: FileGroup, count: int) -> NDArray[np.str_] | None:
