@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -325,10 +326,10 @@ class Roles:
             if component is not None and component[1] == 0:
                 sides[component[0]] = source
         sources = [sides[axis] for axis in "xyz" if axis in sides]
-        if group is not self.data and len(sources) == 3:
-            if len({source.count for source in sources}) == 1:
-                columns = [source.values().astype(np.float64).ravel() for source in sources]
-                yield sources[0], np.stack(columns, axis=-1)
+        lengths = {source.count for source in sources}
+        if group is not self.data and len(sources) == 3 and len(lengths) == 1:
+            columns = [source.values().astype(np.float64).ravel() for source in sources]
+            yield sources[0], np.stack(columns, axis=-1)
         for source in self._unused([group]):
             shape = source.info.shape
             if len(shape) == 2 and shape[1] == 3 and shape[0] <= SMALL:
@@ -384,10 +385,13 @@ class Roles:
 
     def _places_in(self, group: FileGroup) -> list[Places]:
         """Return what a group tells of the vehicle: arrays per scan, or of another length."""
-        named = [(source, self._component(source)) for source in self._unused([group])]
-        named = [(source, found) for source, found in named if found is not None]
+        ranked: list[tuple[int, str, ArraySource]] = []
+        for source in self._unused([group]):
+            component = self._component(source)
+            if component is not None:
+                ranked.append((component[1], component[0], source))
         by_length: dict[tuple[str, int], dict[str, ArraySource]] = {}
-        for source, (name, _) in sorted(named, key=lambda one: one[1][1]):  # the plainest first
+        for _, name, source in sorted(ranked, key=itemgetter(0)):  # the plainest names first
             is_per_scan = group is self.data and source.rows in self.scan_sizes
             key = _PER_SCAN if is_per_scan else (source.topic, source.rows)
             by_length.setdefault(key, {}).setdefault(name, source)
