@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import read_named
-from flgpr.formats.array_file import LIMIT, ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.draft_names import RECORDING, UNNAMED
 from flgpr.formats.draft_units import small_values, unit_of
+from flgpr.store.files import natural_order
+from flgpr.store.text_tables import text_columns
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables, whose columns may hold text."""
@@ -121,7 +121,7 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
         by_name.setdefault((str(path.parent), pattern), []).append(path)
     groups: list[FileGroup] = []
     for paths in by_name.values():
-        paths.sort(key=_numbers_in)
+        paths.sort(key=natural_order)
         first, *others = paths
         opened = open_arrays(first, limit)
         expected = list(opened.arrays)
@@ -132,15 +132,13 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
                     f"{path}: files of one kind must hold the same arrays, got {', '.join(names)} "
                     f"beside {', '.join(expected)} of {first.name}"
                 )
-        texts = _text_columns(first) if first.suffix.lower() in TABLES else {}
+        texts: dict[str, list[str]] = {}
+        if first.suffix.lower() in TABLES:
+            with suppress(ValueError):  # a take or a log may end so, too
+                texts = text_columns(first)
         key = _key(first, {group.key for group in groups})
         groups.append(FileGroup(key, paths, opened, texts))
     return groups
-
-
-def _numbers_in(path: Path) -> list[int]:
-    """Return the numbers in the name of a file."""
-    return [int(digits) for digits in re.findall(r"\d+", path.name)]
 
 
 def _key(path: Path, taken: set[str]) -> str:
@@ -150,25 +148,3 @@ def _key(path: Path, taken: set[str]) -> str:
     while key in taken or key == "data":
         key += "_"
     return key
-
-
-def _text_columns(path: Path) -> dict[str, list[str]]:
-    """Return the columns of a table that hold text, such as the kind of an antenna, by header."""
-    text = read_named(path, LIMIT).decode("utf-8-sig", errors="replace")
-    lines = []
-    for line in text.splitlines():
-        if line.strip() and not line.lstrip().startswith(("#", "%")):
-            lines.append(line)
-    if len(lines) < 2:
-        return {}
-    delimiter = next((mark for mark in ";\t," if mark in lines[0]), ",")
-    reader = csv.reader(io.StringIO("\n".join(lines)), delimiter=delimiter)
-    header, *rows = (row for row in reader if row)
-    columns: dict[str, list[str]] = {}
-    for number, name in enumerate(header):
-        cells = []
-        for row in rows:
-            cells.append(row[number].strip() if number < len(row) else "")
-        if any(re.search(r"[A-Za-z]", cell) for cell in cells):
-            columns[name.strip()] = cells
-    return columns

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +31,7 @@ from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.faults import faults_of
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
+from flgpr.store.files import natural_order
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -170,19 +170,11 @@ def _files_of(pattern: str, folders: list[Path], name: str) -> list[Path]:
     for folder in folders:
         paths = [folder / pattern]
         if is_pattern:
-            paths = sorted(folder.glob(pattern), key=_natural_order)
+            paths = sorted(folder.glob(pattern), key=natural_order)
         if any(path.is_file() for path in paths):
             return paths
     searched = " or ".join(str(folder) for folder in dict.fromkeys(folders))
     raise FileNotFoundError(f"files.{name}: no file in {searched} is called {pattern}")
-
-
-def _natural_order(path: Path) -> list[tuple[int, str]]:
-    """Return a sort key by which scan_2 comes before scan_10."""
-    key = []
-    for token in re.split(r"(\d+)", str(path)):
-        key.append((int(token), "") if token.isdecimal() else (-1, token))
-    return key
 
 
 @dataclass
