@@ -7,7 +7,6 @@ import re
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,16 +78,21 @@ class ArraySource:
         """Return whether the last part of its label matches."""
         return names.search(re.split(r"[/.]", self.label)[-1]) is not None
 
-    def values(self) -> NDArray[Any]:
-        """Return its values, those of the first file of the group."""
-        return self.group.opened.read(self.info.name)
+    def numbers(self) -> NDArray[np.float64]:
+        """Return its values, those of the first file of the group.
 
-    def increases(self) -> bool:
-        """Return whether it is small, and of numbers that increase from one to the next."""
+        They are none where it is large, damaged or of other values than real numbers: that keeps
+        no other array from its place.
+        """
         values = small_values(self.group.opened, self.info)
         if values is None or values.dtype.kind not in "fiu":
-            return False
-        return bool((np.diff(values.ravel().astype(np.float64)) > 0).all())
+            return np.zeros(0)
+        return values.astype(np.float64)
+
+    def increases(self) -> bool:
+        """Return whether it holds numbers that increase from one to the next."""
+        numbers = self.numbers().ravel()
+        return numbers.size > 1 and bool((np.diff(numbers) > 0).all())
 
     def unit(self, usual: str) -> str:
         """Return its unit; one that is guessed ends in a question mark."""

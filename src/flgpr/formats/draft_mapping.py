@@ -59,6 +59,7 @@ class MappingDraft:
         self.folder = folder
         self.tables: dict[str, Any] = {}
         self.comments: dict[str, str] = {}
+        self.named = {roles.data.key}  # groups of which the mapping names an array
 
     def text(self) -> str:
         """Return the mapping."""
@@ -73,14 +74,17 @@ class MappingDraft:
         dims = roles.dims()
         self.tables |= {"title": title, "polarization": roles.labels}
         self._add_join(dims)
-        used = [group for group in roles.groups if self._is_used(group)]
-        self.tables["files"] = {group.key: self._file_names(group) for group in used}
+        files: dict[str, Any] = {}
+        self.tables["files"] = files  # filled at the end: whose arrays are named
         self._add_signal(dims)
         self._add_axis()
         self._add_antennas(dims)
         if roles.stamp is not None:
             self._add_table("time", "", **self._variable(roles.stamp, "s"))
         self._add_places(roles.scan_count(dims))
+        for group in roles.groups:
+            if group.key in self.named:
+                files[group.key] = self._file_names(group)
         return "\n".join([*head, *toml_lines(self.tables, self.comments)]) + "\n"
 
     def _add_table(self, name: str, comment: str, reason: str = "", **entries: Any) -> None:
@@ -99,24 +103,14 @@ class MappingDraft:
         if any(name.startswith("scan") for name in dims):
             join = "scan"
             meaning = "each file continues the scans of the one before"
-        elif any(antennas.source.group is roles.data for antennas in roles.antennas.values()):
+        elif any(antennas.sides for antennas in roles.antennas.values()):
             join = "pair?"
-            meaning = "each file has its own antennas"
+            meaning = "each file has places of its own"
         elif roles.places is not None:
             is_certain = roles.places.count == count or roles.places.holds("time")
             join = join if is_certain else f"{join}?"
         self.tables["join"] = join
         self.comments["join"] = f"{count} files: {meaning}"
-
-    def _is_used(self, group: FileGroup) -> bool:
-        """Return whether the mapping names an array of a group."""
-        roles = self.roles
-        sources = [roles.axis, *(roles.places.columns.values() if roles.places else ())]
-        for antennas in roles.antennas.values():
-            if antennas.values is None:
-                sources.append(antennas.source)
-        groups = [roles.data, *(source.group for source in sources if source is not None)]
-        return any(other is group for other in groups)
 
     def _file_names(self, group: FileGroup) -> str | list[str]:
         """Return the files of a group as the mapping names them: a name, a pattern or a list."""
@@ -147,6 +141,7 @@ class MappingDraft:
 
     def _file(self, group: FileGroup) -> dict[str, str]:
         """Return the entry that names a group, unless it is that of the data."""
+        self.named.add(group.key)
         return {} if group is self.roles.data else {"file": group.key}
 
     def _variable(self, source: ArraySource, usual: str) -> dict[str, Any]:
@@ -209,54 +204,54 @@ class MappingDraft:
         roles = self.roles
         places = roles.places
         if places is None:
-            # Positions per scan are in the lane frame, and poses follow from them.
-            if not any(antennas.scans for antennas in roles.antennas.values()):
-                unknown: dict[str, Any] = {"x": "?", "y": "?", "z": "?", "unit": "m"}
-                angles = {"heading": "?", "pitch": "0?", "roll": "0?", "angle_unit": "deg"}
-                comment = f"{_IN_LANE}; no array tells where it was"
-                self._add_table("pose", comment, **unknown, **angles)
-            return
-        if places.group is roles.data:
+            is_pose = True
+        elif places.group is roles.data:
             is_pose = any(source.rows in roles.scan_sizes for source in places.columns.values())
         else:
             is_pose = places.count == scans
-        if not is_pose:
-            self._add_track(places, scans)
+        if is_pose and any(antennas.scans for antennas in roles.antennas.values()):
+            return  # positions per scan are in the lane frame, and poses follow from them
+        if places is None:
+            unknown: dict[str, Any] = {"x": "?", "y": "?", "z": "?", "unit": "m"}
+            angles = {"heading": "?", "pitch": "0?", "roll": "0?", "angle_unit": "deg"}
+            comment = f"{_IN_LANE}; no array tells where it was"
+            self._add_table("pose", comment, **unknown, **angles)
             return
-        form, position, comment = self._position(places)
-        attitude = self._attitude(places, "pose")
-        self.comments |= {"pose": _IN_LANE, f"pose.{form or 'unit'}": comment}
-        file = self._file(places.group)
-        entries = {form: InlineTable(file | position)} if form else position
-        self.tables["pose"] = file | entries | attitude
 
-    def _add_track(self, places: Places, scans: int | None) -> None:
-        """Add the track of fixes, which are more or fewer than the scans, and the scans' times."""
+        file = self._file(places.group)
+        form, position, comment = self._position(places)
+        if is_pose:
+            table = "pose"
+            entries = file | ({form: InlineTable(file | position)} if form else position)
+            self.comments |= {"pose": _IN_LANE, f"pose.{form or 'unit'}": comment}
+        else:
+            table = "track"
+            form = form or "position"
+            entries = {"time": self._fix_time(places), form: InlineTable(file | position)}
+            fixes = f"{places.count} fixes of {scans or 'an unknown number of'} scans"
+            offset = "the track's clock less the radar's, s; flgpr.calibrate finds it"
+            self.comments["track"] = f"{fixes}: a track on its own clock"
+            self.comments |= {f"track.{form}": comment, "track.clock_offset": offset}
+        self.tables[table] = entries | self._attitude(places, table)
+        if not is_pose:
+            self.tables[table]["clock_offset"] = 0.0
+
+    def _fix_time(self, places: Places) -> InlineTable:
+        """Return the entry of the times of fixes, and add the scans' times if they are missing."""
         roles = self.roles
         if roles.stamp is None:
-            stamp = roles.find_axis(TIME, roles.sizes)
             comment = "the radar's time of every scan"
+            stamp = roles.find_axis(TIME, roles.sizes)
             if stamp is not None:
                 self._add_table("time", comment, **self._variable(stamp, "s"))
             else:
                 self._add_table("time", comment, span=["?", "?"], unit="s")
                 span = "of the first and the last scan, on the clock of the fixes"
                 self.comments["time.span"] = span
-        time = InlineTable(values=["?"], unit="s")
-        self.comments["track.time"] = "no column of times"
         if places.holds("time"):
-            time = InlineTable(self._variable(places.columns["time"], "s"))
-            self.comments["track.time"] = ""
-        form, position, comment = self._position(places)
-        form = form or "position"
-        entries = {form: InlineTable(self._file(places.group) | position)}
-        entries |= self._attitude(places, "track")
-        self.tables["track"] = {"time": time, **entries, "clock_offset": 0.0}
-        self.comments[f"track.{form}"] = comment
-        fixes = f"{places.count} fixes of {scans or 'an unknown number of'} scans"
-        self.comments["track"] = f"{fixes}: a track on its own clock"
-        offset = "the track's clock less the radar's, s; flgpr.calibrate finds it"
-        self.comments["track.clock_offset"] = offset
+            return InlineTable(self._variable(places.columns["time"], "s"))
+        self.comments["track.time"] = "no column of times"
+        return InlineTable(values=["?"], unit="s")
 
     def _position(self, places: Places) -> tuple[str, dict[str, Any], str]:
         """Return the name of the entry of positions, empty for x, y and z apart; it; a comment."""
@@ -334,5 +329,5 @@ def _usual_angle(source: ArraySource, data: FileGroup) -> str:
 
 def _largest(source: ArraySource) -> float:
     """Return the largest magnitude of the finite values."""
-    values = np.abs(source.values().astype(np.float64))
+    values = np.abs(source.numbers())
     return float(values[np.isfinite(values)].max(initial=0.0))

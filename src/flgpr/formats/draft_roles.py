@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ from flgpr.formats.draft_names import (
     WAY,
     component_of,
 )
-from flgpr.formats.draft_units import SMALL, is_fast_time
+from flgpr.formats.draft_units import is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
 
@@ -45,15 +46,12 @@ _CERTAIN_HERTZ = 1e8  # no radar has tones of so many kHz, MHz or GHz
 _LONGEST_ARRAY = 20.0  # m; an array on a vehicle is no longer
 _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
-_PER_SCAN = ("", 0)
+_PER_SCAN = ("of every scan", 0)
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
 _FORMS = (("position",), ("x", "y"), ("longitude", "latitude"))
 """Components that tell a place together; those in the lane stand for those on the globe."""
-_OF_KIND = {
-    "tx": "of the rows that are called transmitters",
-    "rx": "of the rows that are called receivers",
-}
-_BY_ORDER = {"tx": "transmitters first in the list?", "rx": "the rest of the list"}
+_KINDS = {"t": "tx", "s": "tx", "r": "rx", "e": "rx"}
+"""Kinds of antennas by the first letters of their words, also of sender and Empfänger."""
 _POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
 
 
@@ -146,25 +144,21 @@ class Roles:
 
     def _find_signal(self) -> _Signal:
         """Find the largest array that can be the measured field."""
-        best: _Signal | None = None
-        best_size = -1
+        candidates: list[tuple[int, _Signal]] = []
         for group in self.groups:
             info, imaginary = find_signal(group.opened)
-            if info is None:
-                continue
-            size = math.prod(info.shape) * len(group.paths)
-            if imaginary is not None or info.dtype.startswith("complex"):
-                size *= _COMPLEX_WEIGHT
-            if size > best_size:
-                best = _Signal(group, info, imaginary)
-                best_size = size
-        if best is None:
+            if info is not None:
+                size = math.prod(info.shape) * len(group.paths)
+                if imaginary is not None or info.dtype.startswith("complex"):
+                    size *= _COMPLEX_WEIGHT
+                candidates.append((size, _Signal(group, info, imaginary)))
+        if not candidates:
             names = ", ".join(group.paths[0].name for group in self.groups)
             raise ValueError(
                 "one of the files must hold a signal, an array of many numbers, "
                 f"got none in {names}"
             )
-        return best
+        return max(candidates, key=itemgetter(0))[1]
 
     def _unused(self, groups: Sequence[FileGroup] = ()) -> list[ArraySource]:
         """Return the arrays that are nothing yet.
@@ -234,8 +228,7 @@ class Roles:
             side = self._side(source)
             if side is None or side in antennas:
                 continue
-            values = source.values() if source.count <= 3 * SMALL else np.zeros((1, 3))
-            unit, reason = self._length_unit(source, values)
+            unit, reason = self._length_unit(source, source.numbers())
             antennas[side] = Antennas(self._take(source), shape[-2], unit, reason)
         if {"tx", "rx"} <= set(antennas) or "antenna" in antennas:
             return antennas
@@ -297,16 +290,21 @@ class Roles:
                 if not all(len(rows) in self.sizes for rows in sides.values()):
                     continue
                 unit, reason = self._length_unit(source, points)
-                why = {side: _OF_KIND[side] for side in sides}
-                units = dict.fromkeys(sides, unit)
+                tx, rx = sides["tx"], sides["rx"]
                 if stated is None:
-                    why = _BY_ORDER
-                    units["tx"] = f"{unit.rstrip('?')}?"
-                elif reason:
-                    why = {side: f"{reason}, {_OF_KIND[side]}" for side in sides}
+                    guess = f"{unit.rstrip('?')}?"
+                    return {
+                        "tx": Antennas(
+                            source, len(tx), guess, "transmitters first in the list?", tx
+                        ),
+                        "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
+                    }
+                start = f"{reason}, " if reason else ""
+                why_tx = f"{start}of the rows that are called transmitters"
+                why_rx = f"{start}of the rows that are called receivers"
                 return {
-                    side: Antennas(source, len(rows), units[side], why[side], rows)
-                    for side, rows in sides.items()
+                    "tx": Antennas(source, len(tx), unit, why_tx, tx),
+                    "rx": Antennas(source, len(rx), unit, why_rx, rx),
                 }
         return {}
 
@@ -328,27 +326,26 @@ class Roles:
         sources = [sides[axis] for axis in "xyz" if axis in sides]
         lengths = {source.count for source in sources}
         if group is not self.data and len(sources) == 3 and len(lengths) == 1:
-            columns = [source.values().astype(np.float64).ravel() for source in sources]
-            yield sources[0], np.stack(columns, axis=-1)
+            yield sources[0], np.stack([source.numbers().ravel() for source in sources], axis=-1)
         for source in self._unused([group]):
             shape = source.info.shape
-            if len(shape) == 2 and shape[1] == 3 and shape[0] <= SMALL:
-                yield source, source.values().astype(np.float64)
+            if len(shape) == 2 and shape[1] == 3:
+                yield source, source.numbers().reshape(-1, 3)
 
-    def _length_unit(self, source: ArraySource, points: NDArray[Any]) -> tuple[str, str]:
+    def _length_unit(self, source: ArraySource, points: FloatArray) -> tuple[str, str]:
         """Return the unit of antennas' positions, and why.
 
         It is stated, or follows from what their spread can be; else it is a guess.
         """
         stated = source.unit("m")
-        positions = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        spread = float(np.ptp(positions, axis=0).max())
+        positions = points.reshape(-1, 3)
+        spread = float(np.ptp(positions, axis=0).max()) if positions.size else 0.0
         if not stated.endswith("?") or self.frequency is None or spread == 0:
             return stated, ""
         # Were it centimetres, the array would be smaller than half a wavelength: it would see no
         # direction.
         unit, _ = self.frequency_unit()
-        lowest = float(np.min(self.frequency.values())) * UNITS["frequency"][unit.rstrip("?")]
+        lowest = float(np.min(self.frequency.numbers())) * UNITS["frequency"][unit.rstrip("?")]
         half_wavelength = 0.5 * SPEED_OF_LIGHT / lowest
         spread_if_cm = 0.01 * spread
         if spread > _LONGEST_ARRAY or spread_if_cm >= half_wavelength:
@@ -363,7 +360,7 @@ class Roles:
         if self.frequency is None:
             return "Hz?", ""
         unit = self.frequency.unit("Hz")
-        highest = float(np.max(self.frequency.values()))
+        highest = float(np.max(self.frequency.numbers()))
         if unit == "Hz?" and highest >= _CERTAIN_HERTZ:
             return "Hz", "by their size"
         return unit, ""
@@ -485,7 +482,7 @@ class Roles:
         rx = self.antennas.get("rx")
         free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
         if tx is not None and rx is not None:
-            if tx.count * rx.count > 1 and _have_axis_each(tx.count, rx.count, free):
+            if tx.count * rx.count > 1 and Counter([tx.count, rx.count]) <= Counter(free):
                 self._name_axis(names, tx.count, "tx")
                 self._name_axis(names, rx.count, "rx")
             elif tx.count * rx.count > 1:
@@ -511,8 +508,7 @@ class Roles:
         is_apart = self.places is not None and self.places.group is not self.data
         if stated != "m?" or not is_apart:
             return stated, ""
-        sides = [columns[axis].values().astype(np.float64).ravel() for axis in "xy"]
-        steps = np.hypot(*np.diff(np.stack(sides), axis=1))
+        steps = np.hypot(*(np.diff(columns[axis].numbers().ravel()) for axis in "xy"))
         finite = steps[np.isfinite(steps)]
         middle = float(np.median(finite)) if finite.size else 0.0
         if _SHORTEST_STEP <= middle <= _LONGEST_STEP:
@@ -538,23 +534,7 @@ def _has_scans(names: list[str]) -> bool:
 def _kinds_in(group: FileGroup, count: int) -> NDArray[np.str_] | None:
     """Return which antenna transmits ("tx") and which receives ("rx"), by a column of text."""
     for cells in group.texts.values():
-        sides = [_kind_of(cell.lower()) for cell in cells]
+        sides = [_KINDS.get(cell[:1].lower(), "") for cell in cells]
         if len(sides) == count and set(sides) == {"tx", "rx"}:
             return np.array(sides)
     return None
-
-
-def _kind_of(word: str) -> str:
-    """Return the kind that a word states; empty if it states none."""
-    if word.startswith(("t", "s")):
-        return "tx"
-    return "rx" if word.startswith(("r", "e")) else ""
-
-
-def _have_axis_each(tx: int, rx: int, sizes: list[int]) -> bool:
-    """Return whether there is an axis for so many transmitters, and another for the receivers."""
-    if tx not in sizes:
-        return False
-    sizes_left = list(sizes)
-    sizes_left.remove(tx)
-    return rx in sizes_left
