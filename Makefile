@@ -76,7 +76,7 @@ VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method reci
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.
 NOT_VERSIONS := method/test_goldens.py recipe/test_recipe_for_run.py recipe/test_recipe_like.py \
-    exchange/test_fuzz_exchange.py exchange/test_gpr_notes_property.py formats/test_notes_property.py \
+    exchange/test_fuzz_exchange.py exchange/test_gpr_notes_property.py exchange/test_notes_property.py \
     live/test_live_fuzz.py live/test_live_machines.py live/test_live_positions.py live/test_senders.py \
     scoring/test_bootstrap.py scoring/test_boxes.py scoring/test_chance_level.py scoring/test_comparison.py \
     scoring/test_lane_roc.py store/test_store_machines.py trials/test_planning.py

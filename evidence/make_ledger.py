@@ -5,8 +5,7 @@ tokens are those of the modules that nothing but it needs: they would go with it
 
     python evidence/make_ledger.py [--times RESULTS.xml]
 
-``ledger.toml`` beside the page says whom a feature serves, and which rooms stand on its row where
-no entry point or command names them. RESULTS.xml is what ``pytest --junitxml`` wrote: the seconds
+``ledger.toml`` beside the page says whom a feature serves. RESULTS.xml is what ``pytest --junitxml`` wrote: the seconds
 of the tests of a feature's own modules are taken from it. Without it they stay as they are in the
 page.
 """
@@ -47,6 +46,12 @@ class Feature:
     user: str = ""  #: whom it serves
     own: set[str] = field(default_factory=set)  #: modules that nothing else needs
 
+    @property
+    def family(self) -> str:
+        """What goes with it: the commands of a first word, or import, format and export of a kind."""
+        words = self.name.split()
+        return words[-1] if words[0] == "import" else words[0]
+
 
 def code_tokens(path: Path) -> int:
     """Count the tokens of a file without comments, docstrings and layout."""
@@ -75,7 +80,9 @@ def modules() -> dict[str, Path]:
 def imports(path: Path, known: dict[str, Path], faces: dict[str, dict[str, str]]) -> set[str]:
     """Return the modules that a module imports, a face's name as the module that has it."""
     used = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    as_face = {}  # packages with a stub by the names that they have here
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    for node in nodes:
         if isinstance(node, ast.Import):
             used |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -83,6 +90,11 @@ def imports(path: Path, known: dict[str, Path], faces: dict[str, dict[str, str]]
                 submodule = f"{node.module}.{alias.name}"
                 home = faces.get(node.module, {}).get(alias.name, node.module)
                 used.add(submodule if submodule in known else home)
+                if submodule in faces:
+                    as_face[alias.asname or alias.name] = faces[submodule]
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            used.add(as_face.get(node.value.id, {}).get(node.attr, ""))
     return used & known.keys()
 
 
@@ -128,20 +140,18 @@ def features(declared: dict) -> list[Feature]:
     for name in project["optional-dependencies"]:
         rows.append(Feature("extra", name, set()))
     for row in rows:
-        entry = declared.get(row.kind, {}).get(row.name, {})
-        row.user = entry.get("user", "")
-        row.roots |= set(entry.get("modules", ()))
+        row.user = declared.get(row.kind, {}).get(row.name, "")
     return rows
 
 
 def fill_in_own(rows: list[Feature], uses: dict[str, set[str]], shared: set[str]) -> None:
-    """Find the modules of every feature that no other feature, and nothing shared, needs."""
+    """Find the modules of every feature that no other family, and nothing shared, needs."""
     by_roots = {id(row): reached(row.roots, uses) for row in rows}
     for row in rows:
         needed_by_others = reached(shared - row.roots, uses)
         for other in rows:
-            # What begins in the same module goes together.
-            if other is not row and not (other.roots & row.roots):
+            # What begins in the same module goes together, too.
+            if other.family != row.family and not (other.roots & row.roots):
                 needed_by_others |= by_roots[id(other)]
         row.own = by_roots[id(row)] - needed_by_others
 
@@ -149,7 +159,7 @@ def fill_in_own(rows: list[Feature], uses: dict[str, set[str]], shared: set[str]
 def test_seconds(results: Path) -> dict[str, float]:
     """Return the seconds of the tests by the stem of their file, such as "test_info"."""
     seconds: dict[str, float] = {}
-    for case in ET.parse(results).getroot().iter("testcase"):  # noqa: S314 - our own file
+    for case in ET.parse(results).getroot().iter("testcase"):
         stem = next((part for part in case.get("classname", "").split(".") if "test_" in part), "")
         seconds[stem] = seconds.get(stem, 0.0) + float(case.get("time", 0))
     return seconds
@@ -169,7 +179,10 @@ def kept_seconds() -> dict[tuple[str, str], str]:
 def table(rows: list[Feature], tokens: dict[str, int], times: dict[str, float] | None) -> list[str]:
     """Return the rows of the page."""
     kept = kept_seconds()
-    lines = ["| kind | feature | user | own code tokens | test seconds |", "|---|---|---|---:|---:|"]
+    lines = [
+        "| kind | feature | user | own code tokens | test seconds |",
+        "|---|---|---|---:|---:|",
+    ]
     for row in rows:
         own = sum(tokens[name] for name in row.own)
         seconds = kept.get((row.kind, row.name), "")
@@ -206,7 +219,7 @@ def main() -> None:
     head = text[: text.index("<!-- table -->")]
     head = re.sub(
         r"Of .*? code tokens .*?\.\n",
-        f"Of {sum(tokens.values()) / 1000:.0f}k code tokens ({by_package}) "
+        f"Of {sum(tokens.values()) / 1000:.0f}k code tokens\n({by_package})\n"
         f"{sum(tokens[name] for name in own) / 1000:.0f}k belong to one feature alone.\n",
         head,
         count=1,

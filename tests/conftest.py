@@ -30,7 +30,7 @@ from flgpr.model import make_run
 DATA = Path(__file__).parent / "data"
 DRAWING = {
     "papers", "evidence", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit",
-    "test_score_page",
+    "test_score_page", "test_radargram", "test_picture_lines",
     "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""

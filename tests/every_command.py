@@ -14,9 +14,9 @@ from flgpr.commands import simulation
 from flgpr.commands.app import app
 from flgpr.model import load_sensor
 from flgpr.simulate import load_scene
-from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.store import open_run, write_whole
+from flgpr_ground.signatures import build
 from flgpr_papers import overview
 from flgpr_papers.kit.cache import read_or_make, store_lane, write_arrays
 from flgpr_papers.kit.findings import measured, write_findings

@@ -25,7 +25,7 @@ from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import is_packaged
 from flgpr_ground.entries import ORACLES
 from flgpr_ground.ground import MINES, Ground
-from flgpr_ground.running import SEALED, read_ground
+from flgpr_ground.running import SEALED, common_ground
 
 SCORES = "scores.csv"
 COSTS = "costs.csv"
@@ -78,10 +78,8 @@ class Board:
         """Entries that are shown without a rank, with the reason."""
         reasons = {}
         for name, card in self.cards.items():
-            if card.test_truth_seen:
-                reasons[name] = "its card says that test truth was seen"
-            elif card.test_lanes_seen:
-                reasons[name] = "its card says that test lanes were seen"
+            if card.why_not_ranked:
+                reasons[name] = card.why_not_ranked
         for name, (_, title) in ORACLES.items():
             reasons[name] = f"no detector: {title}"
         return reasons
@@ -113,12 +111,7 @@ def read_board(folders: Sequence[Path]) -> Board:
     """
     if not folders:
         raise ValueError("folders must be one or more, got none")
-    grounds = [read_ground(folder) for folder in folders]
-    ground = grounds[0]
-    if any(other != ground for other in grounds):
-        titles = ", ".join(other.title for other in grounds)
-        raise ValueError(f"folders must all be of one ground, got {titles}")
-    board = packaged_board(ground)
+    board = packaged_board(common_ground(folders))
     for folder in folders:
         _add_folder(board, folder)
     if board.scores.empty:
@@ -203,17 +196,8 @@ def _add_card(board: Board, files: Folder, name: str) -> None:
     board.cards[name] = card
     board.records[name] = files.json(f"entries/{name}/{RECORD}")
     board.sources[name] = SUBMITTED
-    declared = {
-        "seconds_per_km": card.cost.seconds_per_km,
-        "training_seconds": _or_nan(card.cost.training_seconds),
-    }
     for tier in board.ground.chosen_tiers():
-        board.costs[tier.tier, name] = declared
-
-
-def _or_nan(value: float | None) -> float:
-    """Return a number, or NaN for none."""
-    return float("nan") if value is None else value
+        board.costs[tier.tier, name] = card.cost.declared()
 
 
 def _count_looks(board: Board, folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 import unicodedata
 from typing import Annotated, Literal
 
@@ -64,6 +65,15 @@ class Cost(Table):
     training_seconds: Annotated[NotNegative | None, Largest(MOST_SECONDS)] = None
     peak_mib: Annotated[NotNegative | None, Largest(MOST_MIB)] = None  #: largest process, MiB
 
+    def declared(self) -> dict[str, float]:
+        """Return the columns of the table of costs; NaN for what is not declared."""
+        seconds, peak_mib = self.training_seconds, self.peak_mib
+        return {
+            "seconds_per_km": self.seconds_per_km,
+            "training_seconds": math.nan if seconds is None else seconds,
+            "peak_bytes": math.nan if peak_mib is None else peak_mib * 2**20,
+        }
+
 
 class Card(Table):
     """The card of a submission, as its file ``submission.toml`` has it."""
@@ -111,9 +121,11 @@ class Card(Table):
         return parameters
 
     @property
-    def is_blind(self) -> bool:
-        """Whether it declares that test lanes and their truth were not seen; only then it ranks."""
-        return not (self.test_lanes_seen or self.test_truth_seen)
+    def why_not_ranked(self) -> str:
+        """Why it has no rank; empty if it declares that test lanes and their truth were not seen."""
+        if self.test_truth_seen:
+            return "its card says that test truth was seen"
+        return "its card says that test lanes were seen" if self.test_lanes_seen else ""
 
 
 def parse_card(data: bytes) -> tuple[Card | None, list[str]]:

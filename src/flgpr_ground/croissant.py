@@ -14,12 +14,12 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import flgpr
 from flgpr.door import MOST_CHECKED, Folder
+from flgpr.json_text import parse_json
 from flgpr.model.tables import TRUTH_COLUMNS
 from flgpr.store.outputs import write_new
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS
@@ -32,7 +32,7 @@ from flgpr_ground.citing import (
     licences,
 )
 from flgpr_ground.fingerprints import packaged_fingerprints
-from flgpr_ground.ground import GROUNDS, Ground, load_ground
+from flgpr_ground.ground import GROUNDS, Ground, load_ground, packaged_text
 from flgpr_ground.running import PRINTS, SEALED, read_ground
 
 CONFORMS_TO = "http://mlcommons.org/croissant/1.0"
@@ -111,8 +111,7 @@ def describe_ground(
 
 def _template() -> Node:
     """Return what is the same in the descriptions of all grounds."""
-    packaged = resources.files("flgpr_ground") / CROISSANT
-    template: Node = json.loads(packaged.read_text("utf-8"))
+    template: Node = parse_json(packaged_text(CROISSANT))
     return template
 
 

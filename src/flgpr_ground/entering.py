@@ -15,13 +15,12 @@ from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
 from flgpr.trials import alarm_hash
 from flgpr_ground.card import CARD, RECORD, entered_card
 from flgpr_ground.entries import Entry
-from flgpr_ground.ground import Ground
+from flgpr_ground.ground import Ground, in_tier
 from flgpr_ground.leaderboard import refuse_other_page, write_leaderboard
 from flgpr_ground.running import ALARMS, begin_folder, read_ground, seal_tested, write_about
 from flgpr_ground.submission import (
     Submission,
     check_submission,
-    in_tier,
 )
 from flgpr_ground.table import write_score_tables
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,8 @@ from flgpr.recipe.radar_setup import RadarSetup, radar_setup
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.simulate.scene.world import draw_track
 from flgpr.store import open_run
-from flgpr_ground.ground import Ground
+from flgpr.toml_text import parse_toml
+from flgpr_ground.ground import Ground, packaged_text
 
 ORACLES = {
     "oracle": (
@@ -52,8 +51,7 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         If what is to be replaced does not stand exactly once in a recipe, or the ground names
         entries that are not packaged.
     """
-    packaged = resources.files("flgpr_ground") / "entries.toml"
-    rows = tomllib.loads(packaged.read_text("utf-8"))
+    rows = parse_toml(packaged_text("entries.toml"))
     entries = {}
     own_recipe = ground.table.recipe
     chosen = ground.table.entries or tuple(rows)

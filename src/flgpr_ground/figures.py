@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Sequence
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,8 +20,6 @@ from flgpr_ground.ground import BODY, MINES, Ground
 
 KINDS = ("metal", "plastic", "ap", "simulant")
 """Kinds of targets in the order of their panels; others come after them."""
-MARKS = (("o", "C0", "C0"), ("s", "C1", "white"), ("^", "C2", "C2"), ("D", "C4", "white"))
-"""Marker, colour and filling of the tiers in turn: told apart in black and white, too."""
 SPREAD = 0.36  # of a row, between the marks of its first and of its last tier
 ROW = 0.21  # in, height of a row
 LONGEST_NAME = 24  # characters of a name beside a panel
@@ -28,18 +27,37 @@ PD_AXIS = (-0.03, 1.03)
 """Limits of the axis of Pd: marks at 0 and at 1 stand clear of the frame."""
 
 
-class _EntryStyle(NamedTuple):
-    """How entries of a sort are drawn on the leaderboard."""
+class _Mark(NamedTuple):
+    """How a Pd with its interval is drawn: told apart in black and white, too."""
 
     marker: str
-    colour: str
-    filling: str
-    label: str
+    color: str
+    mfc: str  #: colour of its filling
+
+    def draw(self, panel: Axes, heights: Any, score: Any, size: float = 5) -> None:
+        """Draw one score, or those of a table, at heights of a panel."""
+        panel.hlines(heights, score["pd_low"], score["pd_high"], color=self.color, lw=1.4, zorder=2)
+        panel.plot(score["pd"], heights, ls="", ms=size, mew=1.2, zorder=3, **self._asdict())
+
+    def handle(self, label: str, size: float = 5) -> Line2D:
+        """Return its entry of a legend."""
+        return Line2D([], [], ms=size, label=label, **self._asdict())
 
 
-_SUBMISSION = _EntryStyle("D", "C3", "C3", "submission")
-_PACKAGED = _EntryStyle("o", "C0", "C0", "packaged, or run here")
-_NOT_RANKED = _EntryStyle("o", "0.45", "white", "not ranked")
+TIER_MARKS = (
+    _Mark("o", "C0", "C0"),
+    _Mark("s", "C1", "white"),
+    _Mark("^", "C2", "C2"),
+    _Mark("D", "C4", "white"),
+)
+"""Of the tiers in turn."""
+BOARD_MARKS = {
+    "submission": _Mark("D", "C3", "C3"),
+    "packaged, or run here": _Mark("o", "C0", "C0"),
+    "not ranked": _Mark("o", "0.45", "white"),
+}
+"""Of the entries of a leaderboard by what they are."""
+SMALL = 4  # points, size of a mark among those of several tiers
 
 
 def opening_split(ground: Ground) -> str:
@@ -130,7 +148,7 @@ def _draw_kind(
 ) -> None:
     """Draw the panel of one kind of target, whose scores are given."""
     row_heights = np.arange(len(entries), dtype=float)
-    _shade_every_second_row(panel, row_heights, "0.95")
+    _set_rows(panel, row_heights, entries)
     highest_chance = float(scores["chance"].max())
     panel.axvspan(PD_AXIS[0], highest_chance, color="0.8", zorder=1, lw=0)
 
@@ -138,61 +156,35 @@ def _draw_kind(
     if len(tiers) > 1:
         shifts = np.linspace(SPREAD / 2, -SPREAD / 2, len(tiers))
     target_counts = []
-    for number, (tier, shift) in enumerate(zip(tiers, shifts, strict=True)):
-        marker, colour, filling = MARKS[number % len(MARKS)]
+    for tier, shift, mark in zip(tiers, shifts, cycle(TIER_MARKS), strict=False):
         scores_of_tier = scores[scores["tier"] == tier]
         rows = scores_of_tier.set_index("entry").reindex(entries)
-        heights = row_heights + shift
-        low = rows["pd_low"]
-        high = rows["pd_high"]
-        panel.hlines(heights, low, high, color=colour, lw=1.2, zorder=2)
-        panel.plot(
-            rows["pd"],
-            heights,
-            marker,
-            color=colour,
-            mfc=filling,
-            ms=4,
-            mew=1.1,
-            zorder=3,
-        )
+        mark.draw(panel, row_heights + shift, rows, SMALL)
         target_counts.append(f"{rows['n_targets'].max():.0f}")
 
     kind_label = "AP" if kind == "ap" else kind
-    counts_of_tiers = " | ".join(target_counts)
-    panel.set_title(f"{kind_label} ({counts_of_tiers})", fontsize=9)
-    panel.set(xlim=PD_AXIS, ylim=(-0.5, len(entries) - 0.5), xticks=(0, 0.5, 1))
-    panel.set_yticks(row_heights, entries, fontsize=8)
-    panel.tick_params(axis="x", labelsize=8, labelbottom=True)
+    panel.set_title(f"{kind_label} ({' | '.join(target_counts)})", fontsize=9)
+    panel.set_xticks((0, 0.5, 1))
+    panel.tick_params(axis="x", labelbottom=True)
+
+
+def _set_rows(panel: Axes, row_heights: NDArray[np.float64], names: Sequence[str]) -> None:
+    """Set the axes of a panel with a row per entry; every second is shaded for the eye to follow."""
+    left, right = PD_AXIS
+    panel.barh(row_heights[::2], right - left, left=left, height=1.0, color="0.95", zorder=0)
+    panel.set(xlim=PD_AXIS, ylim=(-0.5, len(names) - 0.5))
+    panel.set_yticks(row_heights, names, fontsize=8)
+    panel.tick_params(axis="x", labelsize=8)
     panel.tick_params(axis="y", length=0)
     panel.grid(axis="x", alpha=0.4)
-
-
-def _shade_every_second_row(panel: Axes, row_heights: NDArray[np.float64], shade: str) -> None:
-    """Shade every second row of a panel, so that the eye can follow it."""
-    left, right = PD_AXIS
-    width = right - left
-    panel.barh(row_heights[::2], width, left=left, height=1.0, color=shade, zorder=0)
 
 
 def _legend(ground: Ground, tiers: Sequence[str]) -> list[Line2D | Patch]:
     """Return the entries of the legend."""
     handles: list[Line2D | Patch] = []
-    for number, tier in enumerate(tiers):
-        marker, colour, filling = MARKS[number % len(MARKS)]
-        handle = Line2D(
-            [],
-            [],
-            marker=marker,
-            color=colour,
-            mfc=filling,
-            ms=4,
-            lw=1.2,
-            label=ground.table.tiers[tier].title,
-        )
-        handles.append(handle)
-    chance = Patch(color="0.8", label="what chance finds, at most")
-    return [*handles, chance]
+    for tier, mark in zip(tiers, cycle(TIER_MARKS), strict=False):
+        handles.append(mark.handle(ground.table.tiers[tier].title, SMALL))
+    return [*handles, Patch(color="0.8", label="what chance finds, at most")]
 
 
 def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
@@ -287,57 +279,23 @@ def leaderboard_figure(
 def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Container[str]) -> None:
     """Draw the panel of a tier, the first row on top."""
     row_heights = np.arange(len(rows), dtype=float)[::-1]
-    _shade_every_second_row(panel, row_heights, "0.96")
+    _set_rows(panel, row_heights, [_short_name(row.entry) for row in rows])
     first = next((row for row in rows if row.first), None)
     if first is not None:
         low = first.score["pd_low"]
         high = first.score["pd_high"]
         panel.axvspan(low, high, color="C0", alpha=0.13, lw=0, zorder=1)
 
-    for height, row in zip(row_heights, rows, strict=True):
-        _draw_board_row(panel, height, row, row.entry in submitted)
-
-    names = [_short_name(row.entry) for row in rows]
-    panel.set_yticks(row_heights, names, fontsize=8)
-    for label, row in zip(panel.get_yticklabels(), rows, strict=True):
+    for height, row, label in zip(row_heights, rows, panel.get_yticklabels(), strict=True):
+        kind = "submission" if row.entry in submitted else "packaged, or run here"
+        BOARD_MARKS[kind if row.first else "not ranked"].draw(panel, height, row.score)
+        panel.plot(row.score["chance"], height, "|", color="0.25", ms=8, mew=1.5, zorder=2)
         label.set_fontweight("bold" if row.entry in submitted else "normal")
     targets = rows[0].score["n_targets"] if rows else 0
     title = tier.tier_title or tier.title
     panel.set_title(f"{title} ({targets:.0f} mines)", fontsize=9)
-    panel.set(xlim=PD_AXIS, ylim=(-0.6, len(rows) - 0.4), xticks=(0, 0.25, 0.5, 0.75, 1))
+    panel.set_xticks((0, 0.25, 0.5, 0.75, 1))
     panel.set_xlabel("Pd", fontsize=8)
-    panel.tick_params(axis="x", labelsize=8)
-    panel.tick_params(axis="y", length=0)
-    panel.grid(axis="x", alpha=0.4)
-
-
-def _draw_board_row(panel: Axes, height: float, row: Any, is_submitted: bool) -> None:
-    """Draw Pd of an entry with its interval, and chance, at a height of the panel."""
-    style = _PACKAGED
-    if not row.first:
-        style = _NOT_RANKED
-    elif is_submitted:
-        style = _SUBMISSION
-    score = row.score
-    panel.hlines(
-        height,
-        score["pd_low"],
-        score["pd_high"],
-        color=style.colour,
-        lw=1.5,
-        zorder=2,
-    )
-    panel.plot(
-        score["pd"],
-        height,
-        style.marker,
-        color=style.colour,
-        mfc=style.filling,
-        ms=5,
-        mew=1.2,
-        zorder=3,
-    )
-    panel.plot(score["chance"], height, "|", color="0.25", ms=8, mew=1.5, zorder=2)
 
 
 def _short_name(name: str) -> str:
@@ -347,18 +305,7 @@ def _short_name(name: str) -> str:
 
 def _board_legend() -> list[Line2D | Patch]:
     """Return the entries of the legend of the leaderboard."""
-    lines = []
-    for style in (_SUBMISSION, _PACKAGED, _NOT_RANKED):
-        line = Line2D(
-            [],
-            [],
-            marker=style.marker,
-            color=style.colour,
-            mfc=style.filling,
-            ms=5,
-            label=style.label,
-        )
-        lines.append(line)
+    lines = [mark.handle(label) for label, mark in BOARD_MARKS.items()]
     chance = Line2D([], [], marker="|", color="0.25", ls="", ms=8, mew=1.5, label="chance")
     shaded = Patch(color="C0", alpha=0.13, label="interval of the first")
     return [*lines, chance, shaded]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pandas as pd
 from flgpr.door import Folder
 from flgpr.store.files import existing
 from flgpr.store.tables import parse_columns, parse_csv
-from flgpr_ground.ground import Ground
+from flgpr_ground.ground import Ground, packaged_text
 from flgpr_ground.running import PRINTS
 
 
@@ -90,8 +89,7 @@ def packaged_fingerprints(ground: Ground) -> pd.DataFrame:
         By the name of the lane: ``sha256`` and the rms of the echoes of every polarization. There
         are no rows for a ground of somebody else.
     """
-    packaged = resources.files("flgpr_ground") / "fingerprints.csv"
-    table = parse_csv(io.StringIO(packaged.read_text("utf-8")))
+    table = parse_csv(io.StringIO(packaged_text("fingerprints.csv")))
     title_and_lane = table["lane"].str.split(" ", n=1, expand=True)
     rows = table.assign(lane=title_and_lane[1])[title_and_lane[0] == ground.title]
     return rows.set_index("lane")

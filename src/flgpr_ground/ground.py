@@ -379,6 +379,16 @@ class Ground:
         return Scene.model_validate({**table.scene, **entries})
 
 
+def in_tier(alarms: pd.DataFrame, tier: Ground) -> pd.DataFrame:
+    """Return the alarms, by their column ``lane``, in the lanes of a tier.
+
+    On a ground without tiers these are all alarms.
+    """
+    if not tier.tier:
+        return alarms
+    return alarms[alarms["lane"].isin(tier.lanes)].reset_index(drop=True)
+
+
 def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) -> GroundLane:
     """Return a lane of a run store and a truth that are there."""
     if row.borders is None:
@@ -446,13 +456,17 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
 def _description_text(name: str, source: str | Path | None) -> str:
     """Return the TOML text of a description: a packaged one, a file, or the text itself."""
     if name in GROUNDS:
-        packaged = resources.files("flgpr_ground") / f"{name}.toml"
-        with faults_of(name):
-            return packaged.read_text("utf-8")
+        return packaged_text(f"{name}.toml")
     if isinstance(source, str):
         return source
     with faults_of(name):
         return read_named(existing(name, "proving ground")).decode("utf-8")
+
+
+def packaged_text(name: str) -> str:
+    """Return a text file of the package."""
+    with faults_of(name):
+        return (resources.files("flgpr_ground") / name).read_text("utf-8")
 
 
 def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -11,13 +11,11 @@ import pandas as pd
 
 from flgpr.door import read_named
 from flgpr.report import render
-from flgpr.store import write_whole
-from flgpr.store.outputs import log_finished
 from flgpr_ground.board import Board, ranked_rows, read_board, scores_at
 from flgpr_ground.citing import DATA_LICENCE, cite_ground, cite_submission
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import leaderboard_figure, opening_split
-from flgpr_ground.table import paired_in_words
+from flgpr_ground.table import paired_in_words, write_page
 
 _KINDS = ("metal", "plastic", "ap")  # with a column of their own
 _MARK = b'<meta name="generator" content="flgpr leaderboard">'
@@ -51,10 +49,8 @@ def write_leaderboard(folders: Sequence[str | Path], output: str | Path) -> Path
     path = Path(output)
     page = leaderboard_html(board)
     refuse_other_page(path)
-    if path.exists() and read_named(path) == page.encode():
-        log_finished(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, page)
+    write_page(path, page)
     return path
 
 

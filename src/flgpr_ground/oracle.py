@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,14 +113,14 @@ def run_oracle(
 
 def _check_lanes(ground: Ground, benchmark: Path) -> None:
     """Refuse a ground without target-free test lanes, and lanes that are not there yet."""
-    needed = _needed(ground)
-    if not needed:
+    lanes_of_sites = _lanes_of_sites(ground)
+    if not lanes_of_sites:
         raise ValueError(
             "sites must have test lanes without targets, whose false alarms count, got none "
             f"in {benchmark}"
         )
     missing = []
-    for name in needed:
+    for name in itertools.chain(*lanes_of_sites.values()):
         run = benchmark / "lanes" / f"{name}.zarr"
         if not run.is_dir():
             missing.append(name)
@@ -128,13 +129,13 @@ def _check_lanes(ground: Ground, benchmark: Path) -> None:
         raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {names}")
 
 
-def _needed(ground: Ground) -> list[str]:
-    """Return the names of the lanes that the oracle looks at."""
-    names = []
+def _lanes_of_sites(ground: Ground) -> dict[str, list[str]]:
+    """Return the names of the lanes that the oracle looks at by site, those without targets first."""
+    names = {}
     for site in ground.sites:
         bare, tested = lanes_of_site(ground, site)
         if bare is not None and tested:
-            names += [lane.name for lane in (bare, *tested)]
+            names[site] = [lane.name for lane in (bare, *tested)]
     return names
 
 
@@ -143,15 +144,10 @@ def _look_at_tier(
 ) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
     jobs: list[tuple[Any, ...]] = []
-    sites = []
-    for site in ground.sites:
-        bare, tested = lanes_of_site(ground, site)
-        if bare is None or not tested:
-            continue
-        names = [lane.name for lane in (bare, *tested)]
+    lanes_of_sites = _lanes_of_sites(ground)
+    for site, names in lanes_of_sites.items():
         targets = truth[truth["lane"].isin(names)].to_dict("list")
         description = (ground.quick, ground.text)
-        sites.append(site)
         jobs.append((description, str(folder.resolve()), recipe, site, names, targets))
     label = f"oracle, {ground.tier}" if ground.tier else "oracle"
     rows_of_site = {}
@@ -159,7 +155,7 @@ def _look_at_tier(
         for report in options.track(executor.run(_look_at_site, jobs), label, len(jobs)):
             rows_of_site[report["lane"]] = report["found"]
     rows = []
-    for site in sites:
+    for site in lanes_of_sites:
         rows += rows_of_site[site]
     table = pd.DataFrame(rows)
     if ground.tier:

@@ -30,7 +30,7 @@ from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import seal_truth
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
-from flgpr_ground.ground import Ground, GroundLane, load_ground
+from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
 
 SEALED = "truth.sealed.json"
 PRINTS = "fingerprints.csv"
@@ -48,6 +48,15 @@ def read_ground(folder: Path) -> Ground:
         raise ValueError(f"folders must be those of `flgpr benchmark run`, got {folder}")
     quick = bool(Folder(folder).json(MARK)["quick"])
     return load_ground(quick, folder / "ground.toml")
+
+
+def common_ground(folders: Sequence[Path]) -> Ground:
+    """Read the ground that all folders are of; several are a ValueError."""
+    grounds = [read_ground(folder) for folder in folders]
+    if any(ground != grounds[0] for ground in grounds):
+        titles = ", ".join(ground.title for ground in grounds)
+        raise ValueError(f"folders must all be of one ground, got {titles}")
+    return grounds[0]
 
 
 def passphrase(ground: Ground) -> str:
@@ -236,9 +245,9 @@ class _EntryRun:
         with self._counting_costs(results) as (options, costs):
             text = recipe_text(self.file)
             jobs = []
-            for run, lane in zip(runs, borders, strict=True):
+            for run, border in zip(runs, borders, strict=True):
                 output = results / run.stem
-                jobs.append(make_job(run, text, lane, output, False, model, options=options))
+                jobs.append(make_job(run, text, border, output, False, model, options=options))
             detect_survey(jobs, results, options=options)
         self.costs |= costs
         tables = []
@@ -360,14 +369,8 @@ def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
                 f"{split}.csv must name the lanes of {split} in the column lane: "
                 f"{', '.join(sorted(lanes_of_split))}"
             )
-    if not ground.tier:
-        return tables
-    of_tier = {}
-    for split, table in tables.items():
-        in_tier = table[table["lane"].isin(ground.lanes)]
-        if len(in_tier):
-            of_tier[split] = in_tier.reset_index(drop=True)
-    return of_tier
+    of_tier = {split: in_tier(table, ground) for split, table in tables.items()}
+    return {split: table for split, table in of_tier.items() if len(table) or not ground.tier}
 
 
 def made_of(entry: Entry) -> str:

@@ -417,23 +417,3 @@ def _forms_of(source: str | Path) -> dict[str, Ground]:
         quick = load_ground(True, source)
         forms[quick.title] = quick
     return forms
-
-
-def in_tier(alarms: pd.DataFrame, tier: Ground) -> pd.DataFrame:
-    """Return the alarms in the lanes of a tier.
-
-    Parameters
-    ----------
-    alarms : pandas.DataFrame
-        Alarms with the column ``lane``.
-    tier : Ground
-        The tier.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Its alarms; all of them on a ground without tiers.
-    """
-    if not tier.tier:
-        return alarms
-    return alarms[alarms["lane"].isin(tier.lanes)].reset_index(drop=True)

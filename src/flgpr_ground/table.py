@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from flgpr.door import Folder, read_named
 from flgpr.report import render
@@ -41,10 +40,10 @@ from flgpr_ground.running import (
     ABOUT,
     ALARMS,
     SEALED,
+    common_ground,
     entry_folder,
     passphrase,
     read_costs,
-    read_ground,
 )
 
 _COUNTS = ("n_detected", "n_targets", "n_false")
@@ -82,7 +81,7 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         If a folder is no benchmark's, or they are of different grounds.
     """
     benchmarks = [Path(folder) for folder in folders]
-    ground = _ground_of(benchmarks)
+    ground = common_ground(benchmarks)
     rows: list[dict[str, Any]] = []
     costs: list[dict[str, Any]] = []
     for tier in ground.chosen_tiers():
@@ -122,15 +121,6 @@ def _score_tier(
             table = parse_columns(Folder(folder).read(oracle_name))
             rows += _oracle_rows(ground, table)
     return rows, costs
-
-
-def _ground_of(folders: Sequence[Path]) -> Ground:
-    """Return the ground that all folders are of."""
-    grounds = [read_ground(folder) for folder in folders]
-    if any(ground != grounds[0] for ground in grounds):
-        titles = ", ".join(ground.title for ground in grounds)
-        raise ValueError(f"folders must all be of one ground, got {titles}")
-    return grounds[0]
 
 
 def _entries(folders: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str]]:
@@ -198,20 +188,15 @@ def _rows(
     ground: Ground, split: str, matched: Match, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
-    kind = matched.truth["kind"].astype(str)
-    mines = _mines(ground, split, kind).to_numpy()
     level = chance(matched)
-    groups = {MINES: mines}
-    for name in sorted(kind.unique()):
-        groups[str(name)] = (kind == name).to_numpy()
-    for group, rows in _body_groups(matched.truth).items():
-        groups[group] = rows.to_numpy()
-    for group, rows in groups.items():
+    groups = _groups(ground, split, matched.truth)
+    mines = groups[MINES]
+    for group, of_group in groups.items():
         paired = reference if group == MINES else None
-        yield from _points(ground, group, matched, level, rows, paired)
+        yield from _points(ground, group, matched, level, of_group.to_numpy(), paired)
 
     site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
-    site_of_target = matched.truth["lane"].map(site_of_lane).to_numpy()
+    site_of_target = matched.truth["lane"].map(site_of_lane)
     for site in ground.sites:
         lanes = [name for name, site_of in site_of_lane.items() if site_of == site]
         has_mines = (mines & (site_of_target == site)).any()
@@ -219,21 +204,28 @@ def _rows(
             continue
         # Matched again: false alarms and area are those of the site's lanes alone.
         at_site = _match_of_lanes(matched, lanes)
-        kind_at_site = at_site.truth["kind"].astype(str)
-        rows = _mines(ground, split, kind_at_site).to_numpy()
+        rows = _mines(ground, split, at_site.truth).to_numpy()
         yield from _points(ground, site, at_site, chance(at_site), rows, None)
 
 
-def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
-    """Return which targets have each packaged body; empty where the truth does not name bodies."""
-    if "body" not in targets.columns:
-        return {}
-    body = targets["body"].fillna("").astype(str)
-    groups = {}
-    for name in sorted(body.unique()):
-        if name:
+def _groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return which targets are in each group: all mines, every kind, every packaged body."""
+    kind = targets["kind"].astype(str)
+    groups = {MINES: _mines(ground, split, targets)}
+    for name in sorted(kind.unique()):
+        groups[name] = kind == name
+    if "body" in targets.columns:
+        body = targets["body"].fillna("").astype(str)
+        for name in sorted(set(body) - {""}):
             groups[f"{BODY}{name}"] = body == name
     return groups
+
+
+def _mines(ground: Ground, split: str, targets: pd.DataFrame) -> pd.Series:
+    """Return which targets are the mines that a split is scored on, by their kinds."""
+    kind = targets["kind"].astype(str)
+    kinds = ground.table.splits[split].kinds
+    return kind.isin(kinds) if kinds else kind != "simulant"
 
 
 def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -249,7 +241,9 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
             continue
         column, _ = ORACLES[name]
         area = float(targets.drop_duplicates("site")["area"].sum())
-        groups = _oracle_groups(ground, split, targets)
+        groups = _groups(ground, split, targets)
+        for site in ground.sites:
+            groups[site] = groups[MINES] & (targets["site"] == site)
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
             detected = int((targets.loc[rows, column] <= allowed).sum())
             total = int(rows.sum())
@@ -270,24 +264,6 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
                 "n_false": int(allowed * area),
                 "area": area,
             }
-
-
-def _oracle_groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, Any]:
-    """Return which targets of an oracle are in each group: mines, kinds, bodies and sites."""
-    mines = _mines(ground, split, targets["kind"])
-    groups = {MINES: mines}
-    for kind in sorted(targets["kind"].unique()):
-        groups[str(kind)] = targets["kind"] == kind
-    groups |= _body_groups(targets)
-    for site in ground.sites:
-        groups[site] = mines & (targets["site"] == site)
-    return groups
-
-
-def _mines(ground: Ground, split: str, kind: Any) -> Any:
-    """Return which targets, by their kinds, are the mines that a split is scored on."""
-    kinds = ground.table.splits[split].kinds
-    return kind.isin(kinds) if kinds else kind != "simulant"
 
 
 def _match_of_lanes(matched: Match, lanes: Sequence[str]) -> Match:
@@ -362,16 +338,7 @@ def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
     if card_text is None:
         return None
     card, _ = parse_card(card_text)
-    if card is None:
-        return None
-    seconds = card.cost.training_seconds
-    peak_mib = card.cost.peak_mib
-    return {
-        "entry": name,
-        "seconds_per_km": card.cost.seconds_per_km,
-        "training_seconds": math.nan if seconds is None else seconds,
-        "peak_bytes": math.nan if peak_mib is None else peak_mib * 2**20,
-    }
+    return None if card is None else {"entry": name, **card.cost.declared()}
 
 
 def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
@@ -473,7 +440,7 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     benchmarks = [Path(folder) for folder in folders]
     target = Path(output)
     scores, costs = score_entries(benchmarks)
-    ground = _ground_of(benchmarks)
+    ground = common_ground(benchmarks)
     target.mkdir(parents=True, exist_ok=True)
     write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
@@ -481,12 +448,12 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     for name, (_, title) in ORACLES.items():
         if name in set(scores["entry"]):
             titles[name] = title
-    _write_page(target / "index.html", _page(ground, scores, costs, titles))
+    write_page(target / "index.html", _page(ground, scores, costs, titles))
     return "\n".join([table_text(ground, scores, costs), *faults])
 
 
-def _write_page(path: Path, page: str) -> None:
-    """Write the page, and report if it was there."""
+def write_page(path: Path, page: str) -> None:
+    """Write a page, and report if it was there."""
     if path.is_file() and read_named(path).decode("utf-8", "replace") == page:
         log_finished(path)
     write_whole(path, page)  # leaves a file of the same bytes as it is
@@ -513,80 +480,45 @@ def _page(
     ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
 ) -> str:
     """Return the page of all tiers."""
+    opening = {}
+    if ground.table.tiers:
+        opening["wide"] = tiers_figure(ground, scores)
+        opening["narrow"] = tiers_figure(ground, scores, narrow=True)
     tiers = []
     for tier in ground.chosen_tiers():
         tier_scores = of_tier(scores, tier)
-        if len(tier_scores):
-            tiers.append((tier, list(_page_splits(tier, tier_scores))))
-    heads = ["entry"]
-    heads += [f"Pd at {far:g} per m²" for far in ground.table.fars]
-    heads.append(f"against {ground.table.reference}")
-    cost_heads = ["entry"]
-    if ground.table.tiers:
-        cost_heads.append("tier")
-    cost_heads += [">processor seconds per km", ">training, s", ">largest process, MiB"]
+        splits = []
+        for split in ground.table.splits:
+            if (tier_scores["split"] == split).any():
+                figure = split_figure(tier, tier_scores, split)
+                splits.append((split, figure, _scores_of_entries(tier, tier_scores, split)))
+        if splits:
+            tiers.append((tier, splits))
     return render(
         "benchmark.html",
         package="flgpr_ground",
         ground=ground,
-        opening=_opening(ground, scores),
+        opening=opening,
         opening_split=opening_split(ground),
         tiers=tiers,
-        heads=heads,
         titles=titles,
-        cost_heads=cost_heads,
-        costs=[_cost_cells(cost) for cost in costs.to_dict("records")],
+        costs=costs.to_dict("records"),
+        pd_in_words=pd_in_words,
+        paired_in_words=paired_in_words,
     )
 
 
-def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
-    """Return the figure that opens the page of a ground with tiers, for wide and narrow screens."""
-    if not ground.table.tiers:
-        return {}
-    return {
-        "wide": tiers_figure(ground, scores),
-        "narrow": tiers_figure(ground, scores, narrow=True),
-    }
-
-
-def _cost_cells(cost: Mapping[Any, Any]) -> list[str]:
-    """Return a row of the table of costs."""
-    cells = [cost["entry"]]
-    if "tier" in cost:
-        cells.append(cost["tier"])
-    for name in ("seconds_per_km", "training_seconds"):
-        cells.append(f"{cost[name]:.0f}")
-    cells.append(f"{cost['peak_bytes'] / 2**20:.0f}")
-    return cells
-
-
-def _page_splits(
-    ground: Ground, scores: pd.DataFrame
-) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
-    """Yield name, title, figure and rows of the table of every split that was run."""
-    for split, row in ground.table.splits.items():
-        if (scores["split"] == split).any():
-            figure = split_figure(ground, scores, split)
-            yield split, row.title, figure, list(_page_rows(ground, scores, split))
-
-
-def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table of a split, the largest Pd at the FAR of comparison first."""
+def _scores_of_entries(
+    ground: Ground, scores: pd.DataFrame, split: str
+) -> dict[str, dict[float, dict[Any, Any]]]:
+    """Return the scores of all mines by entry and FAR, the largest Pd at that of comparison first."""
     mines = scores[(scores["split"] == split) & (scores["group"] == MINES)]
     compared = mines[mines["far_allowed"] == ground.table.far]
     ranked = compared.sort_values("pd", ascending=False, kind="stable")
-    order = list(ranked["entry"])
-    mines = mines.set_index("entry", drop=False).loc[order].rename_axis(None)
-    for entry, rows in mines.groupby("entry", sort=False):
-        by_far = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        cells = [str(entry)]
-        for far in ground.table.fars:
-            cells.append(pd_in_words(by_far[far]))
-        if entry == ground.table.reference:
-            cells.append("reference")
-        else:
-            cells.append(paired_in_words(by_far[ground.table.far]))
-        yield tuple(cells)
+    by_entry: dict[str, dict[float, dict[Any, Any]]] = {str(name): {} for name in ranked["entry"]}
+    for row in mines.to_dict("records"):
+        by_entry[str(row["entry"])][row["far_allowed"]] = row
+    return by_entry
 
 
 def listing(

@@ -4,10 +4,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from alone import needs
 from flgpr.commands.app import COMMANDS, HELP_PANELS, app
 from flgpr.commands.options import ANCHOR_HELP, LANE_HELP, OUTPUT_HELP, OVERWRITE_HELP
 
-LONG = ("detect", "train", "score", "image", "simulate", "live", "import gpr", "import mapped")
+IMPORT_GPR = pytest.param("import gpr", marks=needs("flgpr_exchange"))
+LONG = ("detect", "train", "score", "image", "simulate", "live", IMPORT_GPR, "import mapped")
 """Commands of many options, which the help shows in several boxes."""
 
 

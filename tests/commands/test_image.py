@@ -2,6 +2,7 @@
 
 import pytest
 
+from alone import needs
 from flgpr.commands.image import image
 from flgpr.commands.radargram import Radargram
 from flgpr.store import sample_lane
@@ -33,12 +34,14 @@ def test_options_that_do_not_fit_a_run_are_refused(options, rule, tmp_path):
     assert not (tmp_path / "a.png").exists()
 
 
+@needs("flgpr_exchange")
 def test_options_that_do_not_fit_a_recording_are_named(recording, tmp_path):
     with pytest.raises(ValueError, match="x, spacing: a recording is drawn as it is"):
         image(recording, tmp_path / "a.png", x=(0.0, 1.0), spacing=0.1)
     assert not (tmp_path / "a.png").exists()
 
 
+@needs("flgpr_exchange")
 def test_a_recording_is_drawn_as_far_as_it_is_asked_for(recording, tmp_path):
     drawn = image(recording, tmp_path / "a.npz", scans=(2, 11), dewow=True)
     assert isinstance(drawn, Radargram)

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from alone import needs
 from flgpr.commands.app import app
 from flgpr.commands.importing import check_parent_folder, store_with_tables
 from flgpr.commands.imports import import_mapped
@@ -77,6 +78,7 @@ def test_what_an_import_writes_is_a_track_for_the_next(tmp_path):
     np.testing.assert_array_equal(runs[0]["pose"], runs[1]["pose"])
 
 
+@needs("flgpr_exchange")
 def test_a_take_of_motion_capture_by_command(tmp_path):
     np.savez(tmp_path / "a.npz", s=np.ones((3, 3), complex), t=np.array([0.5, 1.0, 2.0]))
     (tmp_path / "m.toml").write_text(MAPPING)

@@ -3,6 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
+from alone import needs
 from flgpr.commands.app import app
 from flgpr.commands.simulate import simulate_lane
 from flgpr.store import open_run
@@ -34,7 +35,11 @@ def test_a_scene_is_drawn_or_simulated(tmp_path):
     ("options", "rule"),
     [
         ({"body": "m19.toml"}, "only simulate signature takes a second argument, got 'm19.toml'"),
-        ({"engine": "rays"}, "engine must be one of flgpr, gprmax, got 'rays'"),
+        pytest.param(
+            {"engine": "rays"},
+            "engine must be one of flgpr, gprmax, got 'rays'",
+            marks=needs("flgpr_exchange"),
+        ),
         ({}, "simulate needs --output or --preview, got neither"),
     ],
 )
@@ -51,3 +56,16 @@ def test_bodies_are_listed_where_none_is_named():
     shown = call("simulate", "signature")
     assert shown.exit_code == 0, shown.output
     assert shown.stdout.splitlines() == listed.lines
+
+
+def test_where_the_solvers_are_not_installed_a_signature_names_the_package_that_has_them(
+    tmp_path, monkeypatch
+):
+    from flgpr.simulate.bodies import signature
+
+    monkeypatch.delitem(vars(signature), "build_table", raising=False)
+    monkeypatch.delattr(signature, "__getattr__")
+    failed = call("simulate", "signature", "tm-62p", "-o", tmp_path / "tm-62p.npz")
+    assert failed.exit_code == 2
+    assert "package flgpr_ground" in failed.stderr
+    assert not (tmp_path / "tm-62p.npz").exists()

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from flgpr.design.point_spread import PointSpread, half_power
+from flgpr.design.point_spread import PointSpread
 from flgpr.imaging import ImagingOperator
+from flgpr.kernels.widths import half_power
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
 
 WIDE = {"start": 600e6, "step": 20e6, "count": 64}

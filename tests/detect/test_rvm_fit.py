@@ -81,9 +81,8 @@ def test_candidates_have_the_textbook_gain(problem):
     rows = np.ascontiguousarray(design.T)
     posterior = relevance.laplace(rows[active], t.astype(float), 0.0, alpha, np.zeros(2))
     allowed = np.ones(81, bool)
-    best, gain, s_best, q_best = relevance.candidates(
-        rows, relevance.single(rows), allowed, active, posterior, 0.0, 1e-5
-    )
+    fixed = relevance.Problem(rows, relevance.single(rows), t.astype(float), 0.0, allowed, 0.0)
+    best, gain, s_best, q_best = relevance.candidates(fixed, allowed, active, posterior, 1e-5)
     s, q = tipping2001.sparsity_and_quality(design, t, active, alpha)
     gains = np.where(q**2 > s, 0.5 * (q**2 / s - 1 - np.log(np.maximum(q**2 / s, 1e-9))), 0)
     gains[active] = 0
@@ -91,18 +90,19 @@ def test_candidates_have_the_textbook_gain(problem):
     assert (gain, s_best, abs(q_best)) == pytest.approx(
         (gains.max(), s[best], abs(q[best])), rel=1e-6
     )
-    every = relevance.entries(rows, allowed, active, posterior, 0.0)[0]
+    every = relevance.entries(fixed, active, posterior)[0]
     np.testing.assert_allclose(every, gains, rtol=1e-5, atol=1e-8)
-    ranked = relevance.ranking(relevance.single(rows), allowed, active, posterior, 0.0)
+    ranked = relevance.ranking(fixed, allowed, active, posterior)
     np.testing.assert_allclose(ranked, gains, rtol=1e-3, atol=1e-4)
 
 
 def test_single_actions_end_where_none_is_left(problem):
     design, t = problem
     rows = np.ascontiguousarray(design.T)
-    active, alpha, _ = relevance.climb(
-        rows, relevance.single(rows), t.astype(float), 0.0, np.ones(81, bool), 0.0, 1000
+    fixed = relevance.Problem(
+        rows, relevance.single(rows), t.astype(float), 0.0, np.ones(81, bool), 0.0
     )
+    active, alpha, _ = relevance.climb(fixed, 1000)
     w, covariance, *_ = tipping2001.mode_and_covariance(design[:, active], t, alpha)
     np.testing.assert_allclose(alpha, (1 - alpha * np.diag(covariance)) / w**2, rtol=5e-3)
     s, q = tipping2001.sparsity_and_quality(design, t, active, alpha)

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.slow("imports all that the pages name")
 
 SOURCES = (ROOT / "src", ROOT / "benchmarks", ROOT / "evidence", ROOT / "docs")
 HOMES = (
+    ROOT / "src",
     ROOT,
     ROOT / "src" / "flgpr",
     ROOT / "src" / "flgpr_papers",

@@ -188,7 +188,7 @@ FOLLOWED = {
 }
 """Pages that a reader follows one after the other, in the same folder."""
 NOT_HERE = (
-    "flgpr info line7",  # tests/commands/test_picture_lines.py goes from recordings to pictures
+    "flgpr info line7",  # tests/exchange/test_picture_lines.py goes from recordings to pictures
     "flgpr import gpr",
     "flgpr prepare",
     "flgpr calibrate permittivity",

@@ -10,8 +10,8 @@ import xarray as xr
 
 from flgpr.geo.anchor import fit_anchor
 from flgpr.geo.geotiff import RUN_VIEW_QUANTITY, write_geotiff
-from flgpr.geo.points import STATEMENT, georeference, write_earth_geojson
-from flgpr_exchange.maps.points import write_earth_csv, write_geopackage, write_kml
+from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
+from flgpr_exchange.maps.points import write_geopackage, write_kml
 from io_geodesy import LANE, distance, on_the_ellipsoid
 
 ALARMS = pd.DataFrame(

@@ -5,7 +5,7 @@ import xarray as xr
 
 from flgpr.features import ContrastSums, PatchShape, local_contrast
 from flgpr.model import Grid
-from reference.wang2007 import equation_7_contrast
+from reference.wang2007 import equation_7_contrast, equation_7_mean_over_scans
 
 X = -2.0 + 0.1 * np.arange(41)
 Y = 1.0 + 0.1 * np.arange(61)
@@ -61,15 +61,26 @@ def test_an_alarm_nobody_sees_has_no_contrast_and_no_alarms_no_rows(images):
     assert local_contrast(images, far.iloc[:0], "HH", "F1", 10).empty
 
 
-def test_gathered_scan_by_scan_it_is_the_same(images):
+def test_patches_that_reach_over_the_border_count_by_what_is_left_of_them(images):
     rng = np.random.default_rng(8)
     alarms = pd.DataFrame(
         {"x": rng.uniform(-2.5, 2.5, 40), "y": rng.uniform(0.5, 8.5, 40)}, index=np.arange(40) + 7
     )
-    whole = local_contrast(images, alarms, "HH", "F1", y_max=4.5)
+    plain = [(Y, X, np.abs(one.values[0, 0]), one.attrs["pose"]) for one in images]
+    contrast, scans = equation_7_mean_over_scans(plain, alarms, y_max=4.5)
+    got = local_contrast(images, alarms, "HH", "F1", y_max=4.5)
+    np.testing.assert_allclose(got["contrast"], contrast, rtol=1e-5)
+    np.testing.assert_array_equal(got["scans"], scans)
+    assert 0 < got["scans"].gt(0).sum() < 40
+    assert got.index.tolist() == alarms.index.tolist()
     sums = ContrastSums(alarms, Grid(X[0], Y[0], X.size, Y.size, 0.1, 0.1), 4.5)
     for one in images:
         sums.add(np.abs(one.values[0, 0]), np.asarray(one.attrs["pose"]))
-    pd.testing.assert_frame_equal(sums.table(), whole, rtol=1e-5)
-    assert 0 < whole["scans"].gt(0).sum() < 40
-    assert sums.table().index.tolist() == alarms.index.tolist()
+    pd.testing.assert_frame_equal(sums.table(), got, rtol=1e-5)
+
+
+def test_without_an_image_no_scan_counts():
+    alarms = pd.DataFrame({"x": [0.0], "y": [4.0]})
+    table = local_contrast([], alarms, "HH", "F1", y_max=10)
+    assert np.isnan(table["contrast"].item())
+    assert table["scans"].item() == 0

@@ -3,6 +3,7 @@ import re
 import numpy as np
 import pytest
 
+from alone import needs
 from flgpr.formats import import_fullwave
 from flgpr.formats.explain import explain_file, propose_mapping
 from flgpr.formats.mapped import import_mapped
@@ -60,6 +61,7 @@ def test_content_is_told_in_words(tmp_path):
         explain_file(tmp_path / "no")
 
 
+@needs("flgpr_exchange")
 def test_a_cphd_file_is_told(small_run, tmp_path):
     pytest.importorskip("sarkit")
     from flgpr.geo.anchor import fit_anchor

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from alone import needs
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapped import import_mapped
 from flgpr.model.track import make_track
@@ -373,6 +374,7 @@ def test_files_that_hang_or_crash_a_library_are_refused(
         open_arrays(write(arrays, tmp_path / name))
 
 
+@needs("flgpr_exchange")
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "skrf", None)
     with pytest.raises(MissingExtraError, match=r"flgpr\[vna\]"):

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import eye_array
 
+from alone import needs
 from bag import drive
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file, propose_mapping
@@ -60,6 +61,7 @@ def test_parts_of_an_hdf5_that_are_no_numbers_are_named(odd_hdf5):
     np.testing.assert_array_equal(opened.read("radar/data"), np.arange(12.0).reshape(3, 4))
 
 
+@needs("flgpr_exchange")
 def test_a_file_without_a_signal_and_one_without_a_mapping_are_told_apart(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["names"] = np.array(["left", "right"], dtype=h5py.string_dtype())
@@ -98,6 +100,7 @@ def damaged_messages(path, *numbers, compression="none"):
     return path
 
 
+@needs("flgpr_exchange")
 def test_a_damaged_message_is_left_out_and_counted(tmp_path):
     pytest.importorskip("mcap_ros2")
     for numbers in ((2,), (0,), (0, 4)):
@@ -116,6 +119,7 @@ def test_a_damaged_message_is_left_out_and_counted(tmp_path):
     assert open_arrays(lost).read("/pose/pose.position.x").size == 40
 
 
+@needs("flgpr_exchange")
 def test_an_import_keeps_the_notes_of_its_files(tmp_path):
     pytest.importorskip("mcap_ros2")
     from bag import MAPPING

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from alone import needs
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapped import import_mapped
 from flgpr.formats.tracks import read_nmea, read_survey, read_track
@@ -193,6 +194,7 @@ def touchstone(path, factor):
     return put("\n".join(lines) + "\n", path)
 
 
+@needs("flgpr_exchange")
 def test_touchstone_one_file_per_pair(tmp_path):
     pytest.importorskip("skrf")
     files = [touchstone(tmp_path / "a.s2p", 1.0), touchstone(tmp_path / "b.s2p", 2.0)]
@@ -201,6 +203,7 @@ def test_touchstone_one_file_per_pair(tmp_path):
     np.testing.assert_allclose(run["signal"].values[0, 0, 1], 2 * np.arange(4) + 2j)
 
 
+@needs("flgpr_exchange")
 def test_touchstone_of_many_ports(tmp_path):
     pytest.importorskip("skrf")
     s = np.arange(9).reshape(3, 3) + 0.5

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from alone import needs
 from flgpr.commands.app import app
 from flgpr.formats import nmea_places
 from flgpr.geo import anchor_from_fixes
@@ -89,6 +90,7 @@ def timed_line(folder, traces=40, every=5):
     return path
 
 
+@needs("flgpr_exchange")
 def test_a_line_without_a_wheel_gets_its_distances_from_its_fixes(tmp_path):
     path = timed_line(tmp_path)
     refused = run("import", "gpr", path, "-o", tmp_path / "a.zarr")
@@ -110,6 +112,7 @@ def test_a_line_without_a_wheel_gets_its_distances_from_its_fixes(tmp_path):
     )
 
 
+@needs("flgpr_exchange")
 def test_two_anchors_and_a_line_without_fixes_are_refused(tmp_path):
     path = write_mala(tmp_path / "bare.rd3", section(10))
     done = run("import", "gpr", path, "-o", tmp_path / "a.zarr", "--anchor-from-track")

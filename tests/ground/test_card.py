@@ -20,13 +20,16 @@ def test_a_card_is_read_as_it_stands():
     assert card.date.isoformat() == "2026-11-20"
     assert card.parameters == {"threshold": 0.5, "window": "hann"}
     assert card.cost.training_seconds == 30
-    assert card.is_blind
+    assert card.why_not_ranked == ""
 
 
-@pytest.mark.parametrize("what", ["test_lanes_seen", "test_truth_seen"])
-def test_a_card_that_says_that_something_was_seen_is_not_blind(what):
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [("test_lanes_seen", "test lanes were seen"), ("test_truth_seen", "test truth was seen")],
+)
+def test_a_card_that_says_that_something_was_seen_is_not_ranked(what, reason):
     card, _ = parse_card(CARD.replace(f"{what} = false", f"{what} = true").encode())
-    assert not card.is_blind
+    assert card.why_not_ranked == f"its card says that {reason}"
 
 
 @pytest.mark.parametrize(

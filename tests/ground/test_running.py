@@ -366,7 +366,7 @@ def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_p
     packaged.loc[2, "sha256"] = "0" * 64
     packaged.loc[2, "VV"] *= 1.001
     packaged.drop(index=3).to_csv(tmp_path / "fingerprints.csv", index=False)
-    monkeypatch.setattr(fingerprints.resources, "files", lambda _: tmp_path)
+    monkeypatch.setattr(fingerprints, "packaged_text", lambda name: (tmp_path / name).read_text())
     told = same_lanes(ground, field / "out" / "lanes")
     assert list(told.values()) == [
         "same bits",

@@ -12,8 +12,8 @@ from flgpr.simulate import Scene
 from flgpr.simulate.bodies.signature import load_body, packaged_bodies, packaged_table
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.build import cells_for
-from flgpr.simulate.bodies.signature.revolution import solve_round
+from flgpr_ground.signatures.build import cells_for
+from flgpr_ground.signatures.revolution import solve_round
 from flgpr_papers.kit.mines import MIXES, Mix, find_mix, mix_counts, mix_draws, mix_draws_at_depths
 from reading import ROOT, read
 

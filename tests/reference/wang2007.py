@@ -5,6 +5,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from flgpr.kernels.sampling import bilinear
 from reference.wang2007_polarimetry import (
     equation_10_entropy_alpha,
     equation_15_tau,
@@ -96,6 +97,34 @@ def equation_7_contrast(patch, inner, guard):
     mu = sum(outs) / len(outs)
     sigma = np.std(outs)
     return m_in, (m_in - mu) / sigma
+
+
+def equation_7_mean_over_scans(images, alarms, y_max, inner=(5, 3), guard=(9, 7)):
+    """Take magnitudes (y, x, values, pose) scan by scan, patches cut at the border; weigh C by the peaks."""
+    along = 0.1 * np.arange(-12, 13)
+    total = np.zeros(len(alarms))
+    weight = np.zeros(len(alarms))
+    scans = np.zeros(len(alarms))
+    for y, x, values, pose in images:
+        for i, (u, v) in enumerate(zip(alarms["x"] - pose[0], alarms["y"] - pose[1], strict=True)):
+            if v > y_max:
+                continue
+            row, column = np.meshgrid(
+                (v + along - y[0]) / (y[1] - y[0]),
+                (u + along - x[0]) / (x[1] - x[0]),
+                indexing="ij",
+            )
+            patch = bilinear(values, row, column).astype(float)
+            dy, dx = np.abs(np.mgrid[-12:13, -12:13])
+            inside = patch[(dx <= inner[0] // 2) & (dy <= inner[1] // 2)]
+            outside = patch[(dx > guard[0] // 2) | (dy > guard[1] // 2)]
+            outside = outside[np.isfinite(outside)]
+            if np.isfinite(inside).all() and outside.size > 1 and outside.std() > 0:
+                peak = inside.max()
+                total[i] += peak * (peak - outside.mean()) / outside.std()
+                weight[i] += peak
+                scans[i] += 1
+    return total / np.where(scans > 0, weight, np.nan), scans
 
 
 def _inner(patch, size):

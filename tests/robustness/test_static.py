@@ -136,10 +136,8 @@ BROWSER = "the browser opens a page that this process wrote"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 THROUGH_FOLDER = "the door's own folder opens it, under another name than the check knows"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
-    "flgpr_ground/ground.py _description_text": ({"read_text"}, OWN),
-    "flgpr_ground/entries.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
+    "flgpr_ground/ground.py packaged_text": ({"read_text"}, OWN),
     "flgpr_ground/board.py packaged_board": ({"read_bytes"}, OWN),
-    "flgpr_ground/fingerprints.py packaged_fingerprints": ({"read_text"}, OWN),
     "recipe/schema.py recipe_text": ({"read_text"}, OWN),
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
@@ -166,7 +164,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
-    "simulate/bodies/signature/build.py _solve_and_store": ({"open"}, JUST_WRITTEN),
     "flgpr_exchange/commands/exporting.py _pack": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exports.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
     "flgpr_exchange/cphd/phase_history.py read_cphd": ({"open"}, RECORDING),

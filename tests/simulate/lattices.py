@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flgpr.simulate.bodies.signature.dipoles import Lattice
+from flgpr_ground.signatures.dipoles import Lattice
 
 
 def own_axis_means(fine, sub):

@@ -11,11 +11,11 @@ from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.bodies.signature import packaged_table
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.build import cells_for
-from flgpr.simulate.bodies.signature.dipoles import Waves, scattering_amplitudes, solve_box
-from flgpr.simulate.bodies.signature.revolution import solve_round
 from flgpr.simulate.bodies.signature.table import SignatureTable, load_table, save_table
 from flgpr.simulate.bodies.targets import node_weights
+from flgpr_ground.signatures.build import cells_for
+from flgpr_ground.signatures.dipoles import Waves, scattering_amplitudes, solve_box
+from flgpr_ground.signatures.revolution import solve_round
 from simulate.lattices import sample_round
 
 SHAPE = (

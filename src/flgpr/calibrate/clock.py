@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.model.aperture import synthetic_aperture
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
+from flgpr.model.run import with_signal
 from flgpr.model.track import poses_at
 
 Operator = Callable[..., Any]
@@ -69,7 +70,7 @@ def with_track(
 def remove_range_bias(run: xr.Dataset, bias: float) -> xr.Dataset:
     """Shorten all one-way ranges of a run by ``bias`` (m), by which they are measured too long."""
     signal = lengthen(run["signal"].values, run["frequency"].values, -2.0 * bias)
-    return run.assign(signal=(run["signal"].dims, signal))
+    return with_signal(run, signal)
 
 
 def sharpness(image: ArrayLike) -> float:

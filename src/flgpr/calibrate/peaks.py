@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from flgpr.calibrate.clock import brightest_points
+from flgpr.kernels.widths import half_power
 from flgpr.model import SPEED_OF_LIGHT
 
 
@@ -65,23 +66,5 @@ def _widths(
         if axes[axis].size > 1:
             through_peak: dict[str, int | slice] = {**pixel, axis: slice(None)}
             line = level[tuple(through_peak.values())]
-            widths[f"width_{axis}"] = _width(axes[axis], line, pixel[axis])
+            widths[f"width_{axis}"] = half_power(axes[axis], line / line[pixel[axis]], pixel[axis])
     return widths
-
-
-def _width(axis: NDArray[np.float64], line: NDArray[np.float64], top: int) -> float:
-    """Return the width of a peak at half its power, m; NaN where it does not fall so far.
-
-    Its ends are interpolated linearly between pixels.
-    """
-    half = line[top] / math.sqrt(2)
-    ends = []
-    for step in (-1, 1):
-        k = top
-        while 0 <= k + step < line.size and line[k + step] > half:
-            k += step
-        if not 0 <= k + step < line.size:
-            return math.nan
-        fraction = (line[k] - half) / (line[k] - line[k + step])
-        ends.append(axis[k] + fraction * (axis[k + step] - axis[k]))
-    return float(ends[1] - ends[0])

@@ -13,6 +13,7 @@ from flgpr.model import check_run
 from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import pose_matrix
 from flgpr.model.phase import lengthen
+from flgpr.model.run import with_signal
 from flgpr.model.track import check_track, poses_at
 
 
@@ -168,7 +169,7 @@ def remove_in_scan_motion(
             longer += displaced - np.linalg.norm(antenna - point, axis=-1)
         sweeps = run["signal"][scan].values
         signal[scan] = lengthen(sweeps[..., None], frequency[:, None], -longer)[..., 0]
-    return run.assign(signal=(run["signal"].dims, signal))
+    return with_signal(run, signal)
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

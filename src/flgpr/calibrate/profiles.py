@@ -10,9 +10,10 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.kernels.biases import sum_over_biases
-from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans, way_weights
+from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, way_weights
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
+from flgpr.model.run import complete_scan_numbers
 
 _SAMPLES_AT_ONCE = 1 << 23  # of the profiles, 64 MiB
 
@@ -55,11 +56,7 @@ def fields_over_bias(
     tones = run["frequency"].values
     signal = run["signal"].values
     positions = np.asarray(points, dtype=np.float64)
-    scans = np.flatnonzero(complete_scans(run))
-    if not scans.size:
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
-        )
+    scans = complete_scan_numbers(run)
 
     # Profiles of four times as many bins as the spectrum has slots, or more; a bias of half a bin
     # of path shifts all values by one bin.

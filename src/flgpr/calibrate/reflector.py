@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, check_run, complete_scans, vehicle_to_lane
 from flgpr.model.phase import lengthen, path_phase
+from flgpr.model.run import with_signal
 
 SLOPES = {"sphere": 0.0, "corner": 1.0}
 """Power of frequency in the echo's amplitude: a wide sphere, a trihedral corner."""
@@ -174,7 +175,7 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
             path = -fit.delay[k] * SPEED_OF_LIGHT
             shifted = lengthen(signal[:, row], run["frequency"].values, path)
             signal[:, row] = shifted * (scale / fit.gain[k])[:, None]
-    return run.assign(signal=(run["signal"].dims, signal))
+    return with_signal(run, signal)
 
 
 TRIHEDRAL = ((1.0, 0.0), (0.0, 1.0))
@@ -304,7 +305,7 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
         row, column = _ELEMENT[str(label)]
         elements.append(clean[..., row, column])
     signal = np.stack(elements, axis=1)
-    return run.assign(signal=(run["signal"].dims, signal.astype(run["signal"].dtype)))
+    return with_signal(run, signal)
 
 
 def _fit_side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]:

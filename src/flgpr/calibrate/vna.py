@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT, check_run
 from flgpr.model.phase import lengthen
+from flgpr.model.run import with_signal
 
 
 def subtract_standard(run: xr.Dataset, standard: xr.Dataset) -> xr.Dataset:
@@ -62,7 +63,7 @@ def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 
         )
     path = np.broadcast_to(np.asarray(length, dtype=np.float64), (run.sizes["pair"],))
     signal = lengthen(run["signal"].values / mean, run["frequency"].values, path)
-    return run.assign(signal=(run["signal"].dims, signal.astype(np.complex64)))
+    return with_signal(run, signal)
 
 
 def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
@@ -93,7 +94,7 @@ def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
         )
     path = np.broadcast_to(-SPEED_OF_LIGHT * value, (run.sizes["pair"],))
     signal = lengthen(run["signal"].values, run["frequency"].values, path)
-    return run.assign(signal=(run["signal"].dims, signal))
+    return with_signal(run, signal)
 
 
 def _mean(run: xr.Dataset, standard: xr.Dataset) -> xr.DataArray:

@@ -1,4 +1,4 @@
-"""The background by the paper, to read and compare with (Wang et al. 2007, Sec. II-A, Eq. 2-5).
+"""The background of a run's images, step by step (Wang et al. 2007, Sec. II-A, Eq. 2-5).
 
 With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean
 and the standard deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
@@ -9,45 +9,35 @@ and the standard deviation of m_k over its pixels, and r_k the rms of the lowest
 - m''_k = |(v_k/r_k - B1)/B2|  (Eq. 5) is the modulus of :func:`remove_background`.
 
 Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is.
-A detection runs :mod:`flgpr.clutter.streaming`, which computes the same for all channels at once,
-with one scan in memory at a time; its loops over pixels are in :mod:`flgpr.kernels.background`.
+These functions take the steps of :mod:`flgpr.clutter.streaming`, which a detection runs, for all
+scans and any channels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import chain, islice
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.filters import mean_filter, median_filter
-
-ComplexArray = NDArray[np.complex64]
-SelfSignature = Literal["none", "mean", "median"]
-
-
-def check_method(method: str) -> None:
-    """Refuse an unknown method of estimating the self-signature."""
-    if method not in get_args(SelfSignature):
-        raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
-
-
-def check_windows(median_size: tuple[int, int], mean_size: tuple[int, int]) -> None:
-    """Refuse windows (y, x) of the gain background whose sides are not odd numbers of pixels."""
-    for name, size in (("median_size", median_size), ("mean_size", mean_size)):
-        if any(n < 1 or n % 2 == 0 for n in size):
-            raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
+from flgpr.clutter.streaming import (
+    BackgroundEstimator,
+    ComplexArray,
+    SelfSignature,
+    check_method,
+    check_windows,
+    clean,
+    mean_filtered,
+    measure,
+    smoothed_residual,
+)
+from flgpr.kernels.background import subtract_and_divide
 
 
-def check_gain(gain: NDArray[np.float64]) -> None:
-    """Refuse a scan without a gain r_k."""
-    if not (np.isfinite(gain).all() and (gain > 0).all()):
-        raise ValueError(
-            "image must be finite and not zero everywhere to have a gain, "
-            f"got a gain of {gain.min()}"
-        )
+def _in_subbands(image: NDArray[Any]) -> ComplexArray:
+    """Return an image (..., y, x) with all its channels as sub-bands of one polarization."""
+    return np.asarray(image, np.complex64).reshape(1, -1, *np.shape(image)[-2:])
 
 
 def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
@@ -70,11 +60,9 @@ def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
     ValueError
         If a channel is zero or not finite.
     """
-    magnitude = np.sort(np.abs(image).reshape(*image.shape[:-2], -1).astype(np.float64), axis=-1)
-    lowest = magnitude[..., : max(1, int(0.75 * magnitude.shape[-1]))]
-    r_k = np.sqrt(np.mean(lowest**2, axis=-1))
-    check_gain(r_k)
-    return np.asarray(r_k[..., None, None])
+    v_k = _in_subbands(image)
+    r_k, _ = measure(v_k, slice(None), v_k.shape)
+    return r_k.reshape(*image.shape[:-2], 1, 1)
 
 
 def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean") -> ComplexArray:
@@ -117,36 +105,14 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     1.0
     """
     check_method(method)
-    scans = iter(images)
-    first = list(islice(scans, 2))
-    if not first:
+    estimator = BackgroundEstimator(method=method)
+    shape: tuple[int, ...] | None = None
+    for v_k in images:
+        estimator.add_signature(_in_subbands(v_k))
+        shape = np.shape(v_k)
+    if shape is None:
         raise ValueError("images must hold at least one scan, got none")
-    if method == "none":
-        return np.zeros(np.shape(first[0]), np.complex64)
-    if len(first) == 1:
-        raise ValueError(
-            f"self_signature by {method} needs at least two scans, got one: "
-            "it would be all of the image"
-        )
-    scans = chain(first, scans)
-    if method == "median":
-        return complex_median(np.stack([v_k / scan_gain(v_k) for v_k in scans]))
-    total = np.zeros(np.shape(first[0]), np.complex128)
-    count = 0
-    for v_k in scans:
-        m_k = np.abs(v_k).astype(np.float64)
-        limit = m_k.mean(axis=(-2, -1), keepdims=True) + 5 * m_k.std(axis=(-2, -1), keepdims=True)
-        clipped = v_k * np.minimum(1.0, limit / np.maximum(m_k, np.finfo(np.float64).tiny))
-        total += clipped / scan_gain(v_k)
-        count += 1
-    return (total / count).astype(np.complex64)
-
-
-def complex_median(stack: NDArray[Any]) -> ComplexArray:
-    """Compute the median of the real and of the imaginary part over the first axis."""
-    return np.asarray(
-        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64
-    )
+    return estimator.signature().reshape(shape)
 
 
 def gain_background(
@@ -181,23 +147,17 @@ def gain_background(
         If a window is not odd, there is no scan, or B2 is zero at a pixel.
     """
     check_windows(median_size, mean_size)
-    total = np.zeros(signature.shape)
+    B1 = _in_subbands(signature)
+    total: Any = 0.0
     count = 0
-    for v_k in images:
-        m_k = np.abs(v_k / scan_gain(v_k) - signature)  # Eq. 3
-        channels = m_k.reshape(-1, *m_k.shape[-2:])
-        smooth = [mean_filter(median_filter(m, median_size), mean_size) for m in channels]
-        total += np.stack(smooth).reshape(m_k.shape)
+    for image in images:
+        v_k = _in_subbands(image)
+        r_k, _ = measure(v_k, slice(None), B1.shape)
+        total = total + smoothed_residual(v_k, r_k, B1, median_size, 1)
         count += 1
     if not count:
         raise ValueError("images must hold at least one scan, got none")
-    B2 = total / count
-    if not (B2 > 0).all():
-        raise ValueError(
-            "gain background must be positive everywhere, got zero: "
-            "the images equal their self-signature"
-        )
-    return B2.astype(np.float32)
+    return mean_filtered(total / count, B1.shape, mean_size, 1).reshape(signature.shape)
 
 
 def remove_background(
@@ -222,4 +182,8 @@ def remove_background(
     ValueError
         If the image is zero or not finite.
     """
-    return ((image / scan_gain(image) - signature) / gain).astype(np.complex64)
+    out = np.empty(np.shape(image), np.complex64)
+    level = np.asarray(gain, np.float32)
+    v_k = _in_subbands(image)
+    clean(subtract_and_divide, v_k, scan_gain(image), _in_subbands(signature), level, out)
+    return out

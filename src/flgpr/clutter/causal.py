@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.clutter.background import ComplexArray
 from flgpr.clutter.streaming import (
     Background,
+    ComplexArray,
     FloatArray,
     by_channel,
     check_smoothing,

@@ -19,8 +19,10 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.clutter.recorded import has_data
+from flgpr.clutter.streaming import complex_median
 from flgpr.model import complete_scans
 from flgpr.model.aperture import half_steps
+from flgpr.model.run import with_signal
 
 ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
@@ -53,10 +55,7 @@ def standing_field(signal: ArrayLike) -> ComplexArray:
             f"signal must hold at least three scans to tell what stands still, got {len(data)}"
         )
     # One polarization at a time: the median copies what it sorts.
-    medians = []
-    for channel in data.swapaxes(0, 1):
-        medians.append(np.median(channel.real, axis=0) + 1j * np.median(channel.imag, axis=0))
-    return np.stack(medians)
+    return np.stack([complex_median(channel) for channel in data.swapaxes(0, 1)])
 
 
 def subtract_standing(data: ArrayLike, field: ComplexArray) -> ComplexArray:
@@ -122,7 +121,7 @@ def remove_standing(run: xr.Dataset, scans: int | None = None) -> xr.Dataset:
             start = int(np.clip(number - scans // 2, 0, len(known) - scans))
             field = standing_field(known[start : start + scans])
             signal[scan] = subtract_standing(known[number], field)
-    return run.assign(signal=(run["signal"].dims, signal.astype(np.complex64, copy=False)))
+    return with_signal(run, signal)
 
 
 def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
@@ -157,7 +156,7 @@ def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
     change = [np.linalg.norm(signal[b] - signal[a]) for a, b in pairwise(scans)]
     weight = half_steps(np.array(change)) / scans.size
     field = np.tensordot(weight, signal[scans], axes=1).astype(signal.dtype)
-    return run.assign(signal=(run["signal"].dims, signal - field))
+    return with_signal(run, signal - field)
 
 
 def remove_mean_trace(traces: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """The background that a detection computes: all channels, in two passes, one scan in memory.
 
-:mod:`flgpr.clutter.background` has the equations one by one, to be read and used by themselves; a
-detection runs those of this module. :mod:`flgpr.kernels.background` has the loops over pixels.
+The equations are written in :mod:`flgpr.clutter.background`, which takes the same steps one by one;
+:mod:`flgpr.kernels.background` has the loops over pixels.
 
 There are two normalisations. Each polarization and sub-band has its *own* gain, self-signature and
 background (Wang et al. 2007, Eq. 2-5), which serve magnitudes. The *shared* ones are common to the
@@ -12,19 +12,11 @@ uses, survive.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.clutter.background import (
-    ComplexArray,
-    SelfSignature,
-    check_gain,
-    check_method,
-    check_windows,
-    complex_median,
-)
 from flgpr.kernels.background import (
     add_clipped,
     gain_and_limit,
@@ -36,7 +28,9 @@ from flgpr.kernels.background import (
 )
 from flgpr.kernels.filters import median_stack
 
+ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
+SelfSignature = Literal["none", "mean", "median"]
 MagnitudeArray = NDArray[np.float32]
 _LOWEST_SHARE = 0.75  # of the pixels, whose rms is r_k
 _CLIP_DEVIATIONS = 5.0  # above the mean, at which Eq. 2 clips magnitudes
@@ -84,13 +78,7 @@ class Background:
             Cleaned magnitudes.
         """
         out = np.empty(_shape_of_rows(image, rows), np.float32)
-        magnitude_over_background(
-            by_channel(image),
-            gain.ravel(),
-            by_channel(self.signature),
-            by_channel(self.gain),
-            by_channel(out),
-        )
+        clean(magnitude_over_background, image, gain, self.signature, self.gain, out)
         return out
 
     def own_coherent(
@@ -101,13 +89,7 @@ class Background:
         The modulus is :meth:`magnitude`, whose parameters it takes.
         """
         out = np.empty(_shape_of_rows(image, rows), np.complex64)
-        subtract_and_divide(
-            by_channel(image),
-            gain.ravel(),
-            by_channel(self.signature),
-            by_channel(self.gain),
-            by_channel(out),
-        )
+        clean(subtract_and_divide, image, gain, self.signature, self.gain, out)
         return out
 
     def coherent(
@@ -118,14 +100,8 @@ class Background:
         The parameters are those of :meth:`magnitude`.
         """
         out = np.empty(_shape_of_rows(image, rows), np.complex64)
-        shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
-        subtract_and_divide(
-            by_channel(image),
-            shared,
-            by_channel(self.shared_signature),
-            by_channel(self.shared_gain),
-            by_channel(out),
-        )
+        shared = np.broadcast_to(shared_gain(gain), gain.shape)
+        clean(subtract_and_divide, image, shared, self.shared_signature, self.shared_gain, out)
         return out
 
 
@@ -384,11 +360,33 @@ class BackgroundEstimator:
 # The steps of an estimate, of all scans (above) and of the scans so far (``causal.py``)
 
 
+def check_method(method: str) -> None:
+    """Refuse an unknown method of estimating the self-signature."""
+    if method not in get_args(SelfSignature):
+        raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
+
+
+def check_windows(median_size: tuple[int, int], mean_size: tuple[int, int]) -> None:
+    """Refuse windows (y, x) of the gain background whose sides are not odd numbers of pixels."""
+    for name, size in (("median_size", median_size), ("mean_size", mean_size)):
+        if any(n < 1 or n % 2 == 0 for n in size):
+            raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
+
+
 def check_smoothing(median_size: tuple[int, int], mean_size: tuple[int, int], step: int) -> None:
     """Refuse windows (y, x) that are not odd, and a step that is too long for the mean."""
     check_windows(median_size, mean_size)
     if not 1 <= step <= max(1, min(mean_size) // 2):
         raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
+
+
+def check_gain(gain: NDArray[np.float64]) -> None:
+    """Refuse a scan without a gain r_k."""
+    if not (np.isfinite(gain).all() and (gain > 0).all()):
+        raise ValueError(
+            "image must be finite and not zero everywhere to have a gain, "
+            f"got a gain of {gain.min()}"
+        )
 
 
 def measure(
@@ -421,6 +419,13 @@ def measure(
     if not np.isfinite(limit).all():
         raise ValueError("image must be finite, got pixels that are not")
     return gain, limit
+
+
+def complex_median(stack: NDArray[Any]) -> ComplexArray:
+    """Compute the median of the real and of the imaginary part over the first axis."""
+    return np.asarray(
+        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64
+    )
 
 
 def smoothed_residual(
@@ -524,6 +529,24 @@ def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray
     first = -(-np.maximum(centre - half, 0) // step)
     end = np.minimum(centre + half, count - 1) // step + 1
     return first, end
+
+
+def clean(
+    kernel: Any,
+    image: ComplexArray,
+    gain: FloatArray,
+    signature: ComplexArray,
+    level: MagnitudeArray,
+    out: NDArray[Any],
+) -> None:
+    """Fill ``out`` (..., y, x) by a kernel of Eq. 5, with one gain for every channel."""
+    kernel(
+        by_channel(image),
+        gain.ravel(),
+        by_channel(signature),
+        by_channel(level),
+        by_channel(out),
+    )
 
 
 def by_channel(array: NDArray[Any]) -> NDArray[Any]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.phase import lengthen
+from flgpr.model.run import with_signal
 
 FloatArray = NDArray[np.float64]
 GAINS = ("power", "agc")
@@ -25,7 +26,7 @@ _LEAST_LEVEL = 1e-4  # of a trace's greatest level: an automatic gain amplifies 
 def shift_time(run: xr.Dataset, delay: float) -> xr.Dataset:
     """Move time zero ``delay`` (s) later: every echo then comes that much earlier."""
     signal = lengthen(run["signal"].values, run["frequency"].values, -SPEED_OF_LIGHT * delay)
-    return _with_signal(run, signal)
+    return with_signal(run, signal)
 
 
 def dewow(run: xr.Dataset, length: float) -> xr.Dataset:
@@ -37,7 +38,7 @@ def dewow(run: xr.Dataset, length: float) -> xr.Dataset:
     if not length > 0:
         raise ValueError(f"dewow must be a positive time, got {length:g} s")
     factor = 1.0 - np.sinc(run["frequency"].values * length)
-    return _with_signal(run, run["signal"].values * factor)
+    return with_signal(run, run["signal"].values * factor)
 
 
 def band_pass(run: xr.Dataset, low: float, high: float, taper: float = 0.1) -> xr.Dataset:
@@ -79,7 +80,7 @@ def band_pass(run: xr.Dataset, low: float, high: float, taper: float = 0.1) -> x
     weight = np.ones(from_edge.size)
     if taper != 0:
         weight = np.sin(np.pi / 2 * np.clip(2 * from_edge / taper, 0, 1)) ** 2
-    return _with_signal(band, band["signal"].values * weight)
+    return with_signal(band, band["signal"].values * weight)
 
 
 def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
@@ -121,7 +122,7 @@ def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
         if not complete.any():
             raise ValueError("subtract must be a run with a scan without missing sweeps, got none")
         background = background[complete].mean(axis=0)
-    return _with_signal(run, run["signal"].values - background)
+    return with_signal(run, run["signal"].values - background)
 
 
 def _same_labels(axis: str, labels: NDArray[Any], other: NDArray[Any]) -> bool:
@@ -238,9 +239,4 @@ def _weight_in_time(
     for scan in np.flatnonzero(complete_scans(run)):
         profile = np.fft.ifft(signal[scan], axis=-1)
         signal[scan] = np.fft.fft(profile * weight(time, profile), axis=-1)
-    return _with_signal(run, signal)
-
-
-def _with_signal(run: xr.Dataset, signal: NDArray[Any]) -> xr.Dataset:
-    """Return a run with another signal of the same shape, as complex64."""
-    return run.assign(signal=(run["signal"].dims, signal.astype(np.complex64, copy=False)))
+    return with_signal(run, signal)

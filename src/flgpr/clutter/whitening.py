@@ -7,10 +7,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from flgpr.jit.threads import blas_on_one_thread
-from flgpr.kernels.moments import ESTIMATORS
+from flgpr.kernels.moments import check_samples, moments_estimator
 
 BASES = ("eigen", "cholesky", "symmetric")
 
@@ -113,32 +113,16 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         ValueError
             If ``moments`` is unknown, or the covariance is singular.
         """
-        if self.moments not in ESTIMATORS:
-            raise ValueError(
-                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
-            )
-        samples = self._checked(X, reset=True, minimum=2)
+        estimate = moments_estimator(self.moments)
+        samples = check_samples(self, X, reset=True, minimum=2)
         with blas_on_one_thread():
-            self.mean_, self.covariance_ = ESTIMATORS[self.moments](samples)
+            self.mean_, self.covariance_ = estimate(samples)
         self.matrix_ = whitening_matrix(self.covariance_, self.basis)
         return self
 
     def transform(self, X: ArrayLike) -> NDArray[Any]:
         """Return whitened samples, ``W (x - mean)`` of every row of (n_samples, n_features)."""
         check_is_fitted(self)
-        samples = self._checked(X, reset=False)
+        samples = check_samples(self, X, reset=False)
         with blas_on_one_thread():
             return np.asarray((samples - self.mean_) @ self.matrix_.T)
-
-    def _checked(self, X: ArrayLike, reset: bool, minimum: int = 1) -> NDArray[Any]:
-        """Validate samples by scikit-learn, which refuses complex numbers: part by part."""
-        if not np.iscomplexobj(np.asarray(X)):
-            return np.asarray(
-                validate_data(self, X, reset=reset, dtype=np.float64, ensure_min_samples=minimum)
-            )
-        values = np.asarray(X, dtype=np.complex128)
-        real = validate_data(
-            self, values.real, reset=reset, dtype=np.float64, ensure_min_samples=minimum
-        )
-        imaginary = validate_data(self, values.imag, reset=False, dtype=np.float64)
-        return np.asarray(real + 1j * imaginary)

@@ -186,8 +186,8 @@ def detect(
     if not run_list:
         raise ValueError("runs must hold at least one run, got none")
     if len(lanes) != len(run_list):
-        number = "1 run" if len(run_list) == 1 else f"{len(run_list)} runs"
-        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {number}")
+        counted = "1 run" if len(run_list) == 1 else f"{len(run_list)} runs"
+        raise ValueError(f"lane must be given once per run, got {len(lanes)} for {counted}")
 
     def job_of(number: int, run: PathLike, text: str, to: Path, beside: Any) -> LaneJob:
         """Return the job of a run, by its number, whose result goes into a folder."""
@@ -210,8 +210,9 @@ def detect(
     survey = Path(output)
     names = lane_names(run_list)  # refuses runs of one name before a recipe is made
     text = recipe_or_fitted(recipe, run_list[0], model, options.max_memory)
-    jobs = []
-    for number, run in enumerate(run_list):
-        jobs.append(job_of(number, run, text, survey / names[number], other_runs[number]))
+    jobs = (
+        job_of(number, run_list[number], text, survey / name, other_runs[number])
+        for number, name in enumerate(names)
+    )
     folders = detect_survey(jobs, survey, section, lanes_at_once, options, overwrite)
     return Survey(survey, folders)

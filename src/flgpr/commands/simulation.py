@@ -20,7 +20,6 @@ from flgpr.simulate.bodies.signature import (
     PERMITTIVITY,
     Body,
     SignatureTable,
-    build_table,
     load_body,
     load_table,
     packaged_bodies,
@@ -153,6 +152,13 @@ def _is_table_of(body: Body, path: Path) -> bool:
 
 def _computed_table(body: Body, work_folder: Path, workers: int, track: Track) -> SignatureTable:
     """Compute a body's table with a progress bar that counts the pieces."""
+    try:
+        from flgpr.simulate.bodies.signature import build_table  # a name of flgpr_ground
+    except ImportError:
+        raise ValueError(
+            f"the table of {body.name} must be computed by the package flgpr_ground, "
+            "which is not installed"
+        ) from None
     pieces = PERMITTIVITY.size * FREQUENCY.size
     bar = iter(track(range(pieces), f"signature of {body.name}", pieces))
     shown = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -105,7 +105,7 @@ def train(
     parsed = parse_recipe(text, str(recipe))
     if not learns_detector(parsed, features) and not parsed.learning():
         raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
-    borders = lanes or [None] * len(runs)
+    borders: Sequence[PathLike | None] = lanes or [None] * len(runs)
 
     def train_at(target: Path) -> Model:
         """Train on the lanes, and write the model."""

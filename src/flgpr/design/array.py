@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.design.grounds import GroundModel, ground_model
+from flgpr.design.grounds import GroundModel, bare_lane, ground_model
 from flgpr.design.point_spread import PointSpread, ground_plane
 from flgpr.design.signal_to_clutter import Viewing, expected_signal_to_clutter
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.progress import Track, silent
-from flgpr.simulate import Scene, Simulator, sites
+from flgpr.simulate import sites
+from flgpr.simulate.scene.scene import Target
 
 FloatArray = NDArray[np.float64]
 Response = tuple[FloatArray, FloatArray, FloatArray]
@@ -274,12 +274,6 @@ def _simulate_ratio(
             ratio[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
 
 
-def _bare_scene(ground: GroundModel, surface: dict[str, Any], **tables: Any) -> Scene:
-    """Return a lane of a ground's soil and surface with nothing else but ``tables``."""
-    changed = ground.surface.model_copy(update=surface)
-    return Scene.model_validate({"soil": ground.soil, "surface": changed} | tables)
-
-
 def _clutter(
     design: Design,
     sensor: Sensor,
@@ -290,13 +284,9 @@ def _clutter(
     """Return the mean power (polarization, y, x) of bare ground around positions of the ratio."""
     # So far apart that no two looks share ground.
     apart = design.y[-1] + 60.0
-    scene = _bare_scene(
-        ground,
-        {"texture_shape": None},
-        length=_LOOKS * apart,
-        track={"positions": tuple(k * apart for k in range(_LOOKS))},
-    )
-    run = Simulator(scene, sensor, 1, errors=False).run()
+    positions = tuple(k * apart for k in range(_LOOKS))
+    surface = {"texture_shape": None}
+    run = bare_lane(ground, sensor, 1, _LOOKS * apart, positions, surface).run()
 
     x_edges = (float(design.ratio_x[0] - _REACH), float(design.ratio_x[-1] + _REACH))
     y_edges = (float(design.ratio_y[0] - _REACH), float(design.ratio_y[-1] + _REACH))
@@ -328,14 +318,11 @@ def _peaks(
     ``x`` is its cross-track position, m.
     """
     far = float(design.ratio_y[-1]) + 5.0
-    scene = _bare_scene(
-        ground,
-        {"phase_screen": False},
-        length=far + 10.0,
-        targets=[{"kind": kind, "x": x, "y": far, "depth": asked.depth}],
-        track={"positions": tuple(far - float(y) for y in design.ratio_y)},
-    )
-    run = Simulator(scene, sensor, 1, errors=False).run(bodies=True)
+    positions = tuple(far - float(y) for y in design.ratio_y)
+    mine = Target(kind=kind, x=x, y=far, depth=asked.depth)
+    surface = {"phase_screen": False}
+    lane = bare_lane(ground, sensor, 1, far + 10.0, positions, surface, (mine,))
+    run = lane.run(bodies=True)
 
     narrowest = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross)))
     step = max(narrowest / 3, 0.01)

@@ -7,9 +7,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from flgpr.model import Sensor
 from flgpr.model.faults import first_fault
-from flgpr.simulate import Scene
-from flgpr.simulate.scene.scene import Soil, Surface
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.scene.scene import Soil, Surface, Target, Track
 
 
 @dataclass(frozen=True)
@@ -87,3 +88,41 @@ def _ground_name(site: str | None, permittivity: float | None, loss_tangent: flo
     if not constants:
         return name
     return f"{name} of {' and '.join(constants)}"
+
+
+def bare_lane(
+    ground: GroundModel,
+    sensor: Sensor,
+    seed: int,
+    length: float,
+    positions: tuple[float, ...],
+    surface: dict[str, Any],
+    targets: tuple[Target, ...] = (),
+) -> Simulator:
+    """Return the simulator, without errors, of a lane with nothing but a ground and targets.
+
+    Parameters
+    ----------
+    ground : GroundModel
+        Its soil and surface, of which ``surface`` changes entries.
+    sensor : Sensor
+        The array.
+    seed : int
+        Of the surface.
+    length : float
+        Length of the lane, m.
+    positions : tuple of float
+        Of the array along the lane, a scan each, m.
+    surface : dict
+        Entries of the surface that are not the ground's.
+    targets : tuple of Target
+        What lies in the ground.
+    """
+    scene = Scene(
+        length=length,
+        soil=ground.soil,
+        surface=ground.surface.model_copy(update=surface),
+        track=Track(positions=positions),
+        targets=targets,
+    )
+    return Simulator(scene, sensor, seed, errors=False)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.kernels.widths import half_power
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Sensor
 
@@ -218,36 +219,6 @@ class PointSpread:
         line = np.repeat(centre[None], offset.size, axis=0)
         line[:, axis] += offset
         return half_power(offset, self(line, centre))
-
-
-def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
-    """Return the full width between the first half-power points on both sides of offset zero.
-
-    Parameters
-    ----------
-    offset : (n,) ndarray
-        Increasing positions, the middle one zero.
-    amplitude : (n,) ndarray
-        Amplitudes relative to the peak, interpolated linearly.
-
-    Returns
-    -------
-    float
-        Width in units of the offset; NaN where a side does not fall to half power.
-    """
-    middle = offset.size // 2
-    level = math.sqrt(0.5)
-    edges = []
-    for side in (1, -1):
-        values = amplitude[middle::side]
-        offsets = offset[middle::side]
-        below = np.flatnonzero(values < level)
-        if not below.size or below[0] == 0:
-            return math.nan
-        k = int(below[0])
-        fraction = (values[k - 1] - level) / (values[k - 1] - values[k])
-        edges.append(offsets[k - 1] + fraction * (offsets[k] - offsets[k - 1]))
-    return float(abs(edges[0] - edges[1]))
 
 
 def ground_plane(x: FloatArray, y: FloatArray) -> FloatArray:

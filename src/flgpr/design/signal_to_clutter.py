@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from flgpr.design.grounds import GroundModel
+from flgpr.design.grounds import GroundModel, bare_lane
 from flgpr.design.point_spread import PointSpread
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.windows import WINDOWS, band_weights
@@ -26,13 +26,12 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import apparent_shift
 from flgpr.progress import Track as Progress
 from flgpr.progress import silent
-from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.echoes import LayeredGround, incidence
 from flgpr.simulate.bodies.signature import FREQUENCY, find_table
 from flgpr.simulate.bodies.targets import mean_amplitude
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.radar.spread import ArrayState
-from flgpr.simulate.scene.scene import Soil, Target, Track
+from flgpr.simulate.scene.scene import Soil, Target
 from flgpr.simulate.simulator import array_state, system_response
 
 Subbands = Mapping[str, tuple[float, float]]
@@ -459,32 +458,13 @@ def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float
     return table.iloc[order].reset_index(drop=True)
 
 
-def _simulator(
-    view: _View,
-    ground: GroundModel,
-    seed: int,
-    *,
-    echo: bool,
-    positions: tuple[float, ...] = (0.0,),
-    targets: tuple[Target, ...] = (),
-) -> Simulator:
-    """Return the simulator of a bare lane with a ground's soil and surface, without errors."""
-    scene = Scene(
-        length=positions[-1] + view.distance + 10.0,
-        soil=ground.soil,
-        surface=ground.surface.model_copy(update={"echo": echo}),
-        track=Track(positions=positions),
-        targets=targets,
-    )
-    return Simulator(scene, view.sensor, seed, errors=False)
-
-
 def _clutter_power(
     view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator
 ) -> FloatArray:
     """Return the mean power (polarization, subband) of images of bare ground around the body."""
     positions = tuple(_LOOKS_APART * look for look in range(looks))
-    simulator = _simulator(view, ground, seed, echo=True, positions=positions)
+    length = positions[-1] + view.distance + 10.0
+    simulator = bare_lane(ground, view.sensor, seed, length, positions, {"echo": True})
     powers = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
     return np.asarray(np.mean(powers, axis=0))
 
@@ -505,7 +485,8 @@ def _peak_power(
 
     The surface itself does not echo.
     """
-    simulator = _simulator(view, ground, seed, echo=False, targets=(target,))
+    length = view.distance + 10.0
+    simulator = bare_lane(ground, view.sensor, seed, length, (0.0,), {"echo": False}, (target,))
     return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
 
 

@@ -7,16 +7,14 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted
 
 from flgpr.detect.linear_quadratic import (
     LinearQuadraticForm,
+    QuadraticDetector,
     as_moments,
-    check_samples,
     hermitian_form,
 )
-from flgpr.kernels.moments import ESTIMATORS, sample_moments
+from flgpr.kernels.moments import check_samples, moments_estimator, sample_moments
 
 
 def deflection_form(
@@ -110,7 +108,7 @@ def standardize(form: LinearQuadraticForm) -> LinearQuadraticForm:
     )
 
 
-class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
+class DeflectionDetector(QuadraticDetector):
     """Maximise the deflection, trained on a few whitened target examples.
 
     ``Â = Σ x x^H / (N - ddof) - I``, ``b̂ = mean x``, and the score is ``Σ σ_j |u_j^H x|² + 2
@@ -214,12 +212,6 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         self.labels_ = np.empty(0)
         return self
 
-    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Return the scores of whitened samples (Cosgrove et al. 2004, Eq. 12)."""
-        check_is_fitted(self)
-        samples = check_samples(self, X, reset=False)
-        return np.asarray(np.max([form(samples) for form in self.forms_], axis=0))
-
     def _check_parameters(self) -> None:
         if self.rank is not None and self.rank < 0:
             raise ValueError(f"rank must be at least 0, or not given, got {self.rank}")
@@ -227,10 +219,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"ddof must be at least 0, got {self.ddof}")
         if not 0 <= self.gamma <= 1:
             raise ValueError(f"gamma must lie between 0 and 1, got {self.gamma}")
-        if self.moments not in ESTIMATORS:
-            raise ValueError(
-                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
-            )
+        moments_estimator(self.moments)
         if self.classes not in ("pooled", "separate"):
             raise ValueError(f"classes must be pooled or separate, got {self.classes!r}")
         _warn_of_unused_ddof(self.moments, self.ddof)
@@ -247,7 +236,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
             b_hat = x.mean(axis=0)  # Eq. 8
             second_moment = x.T @ x.conj() / (N - self.ddof)
         else:
-            b_hat, covariance = ESTIMATORS[self.moments](x)
+            b_hat, covariance = moments_estimator(self.moments)(x)
             second_moment = covariance + np.outer(b_hat, b_hat.conj())
         A_hat = second_moment - np.eye(M)  # Eq. 7
         sigma, u = np.linalg.eigh(A_hat)  # Eq. 9, ascending
@@ -334,7 +323,7 @@ def _from_eigenvectors(
     return LinearQuadraticForm(values / (1 + values), rows, mu, rows.conj() @ mu, -energy)
 
 
-class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
+class NeymanPearsonDetector(QuadraticDetector):
     """Score by the Gaussian likelihood ratio (Cosgrove et al. 2004, Eq. 2).
 
     Its moments are estimated from whitened target examples. The covariance of the examples less I
@@ -376,10 +365,7 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"rank must be at least 0, or not given, got {self.rank}")
         if not 0 <= self.shrinkage <= 1:
             raise ValueError(f"shrinkage must lie between 0 and 1, got {self.shrinkage}")
-        if self.moments not in ESTIMATORS:
-            raise ValueError(
-                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
-            )
+        estimate = moments_estimator(self.moments)
         _warn_of_unused_ddof(self.moments, self.ddof)
         samples = check_samples(self, X, reset=True)
         if not 0 <= self.ddof < samples.shape[0]:
@@ -389,7 +375,7 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         if self.moments == "sample":
             mean, covariance = sample_moments(samples, self.ddof)
         else:
-            mean, covariance = ESTIMATORS[self.moments](samples)
+            mean, covariance = estimate(samples)
         values, vectors = np.linalg.eigh(covariance - np.eye(mean.size))
         self.eigenvalues_ = values[::-1].copy()
         used = np.flatnonzero(values > 0)[::-1][: self.rank]
@@ -397,18 +383,14 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         self.forms_ = (_from_eigenvectors(mean, shrunk, vectors[:, used]),)
         return self
 
-    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Return the log-likelihood ratio of whitened samples, up to a constant (Eq. 2)."""
-        check_is_fitted(self)
-        return self.forms_[0](check_samples(self, X, reset=False))
 
-
-class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
+class PolarimetricWhiteningFilter(QuadraticDetector):
     """Score pixels by the energy of decorrelated polarizations, ``x^H Σ^-1 x`` (Novak et al. 1993).
 
     Σ, ``covariance_``, is the second moment of clutter pixels, as the clutter is taken to have no
-    mean. Any set of polarizations will do; Cosgrove et al. 2004 (Sec. III-C and IV-B) use HH and
-    VV. The form, for chips of one pixel, is the only one in ``forms_``.
+    mean; the mean score of clutter is the number of features. Any set of polarizations will do;
+    Cosgrove et al. 2004 (Sec. III-C and IV-B) use HH and VV. The form, for chips of one pixel, is
+    the only one in ``forms_``.
 
     Parameters
     ----------
@@ -421,12 +403,9 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
         """Fit the filter to pixels of clutter, (n_samples, n_features): one per polarization."""
-        if self.moments not in ESTIMATORS:
-            raise ValueError(
-                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
-            )
+        estimate = moments_estimator(self.moments)
         samples = check_samples(self, X, reset=True)
-        mean, covariance = ESTIMATORS[self.moments](samples)
+        mean, covariance = estimate(samples)
         self.covariance_: NDArray[Any] = covariance + np.outer(mean, mean.conj())
         values, vectors = np.linalg.eigh(self.covariance_)
         if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
@@ -438,11 +417,6 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
         zero = np.zeros(values.size)
         self.forms_ = (LinearQuadraticForm(1 / values, vectors.T.copy(), zero, zero),)
         return self
-
-    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Return the whitened energy of pixels; its mean over clutter is the number of features."""
-        check_is_fitted(self)
-        return self.forms_[0](check_samples(self, X, reset=False))
 
 
 def magnitude_form(channels: int, channel: int = 0) -> LinearQuadraticForm:

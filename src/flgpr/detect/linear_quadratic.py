@@ -8,41 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.utils.validation import validate_data
+from sklearn.utils.validation import check_is_fitted
 
-from flgpr.kernels.correlate import correlate_bank
-
-
-def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]:
-    """Return checked samples, real or complex, in double precision.
-
-    Scikit-learn's own check refuses complex numbers: their parts are checked one by one.
-
-    Parameters
-    ----------
-    estimator : BaseEstimator
-        Estimator that is fitted or used.
-    X : (n_samples, n_features) array_like
-        Samples.
-    reset : bool
-        Whether the estimator takes its number of features from these samples, as in a fit.
-
-    Returns
-    -------
-    (n_samples, n_features) ndarray
-        Samples, float64 or complex128.
-
-    Raises
-    ------
-    ValueError
-        If the shape does not fit, or a value is not finite.
-    """
-    if not np.iscomplexobj(np.asarray(X)):
-        return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64))
-    values = np.asarray(X, dtype=np.complex128)
-    real = validate_data(estimator, values.real, reset=reset, dtype=np.float64)
-    imaginary = validate_data(estimator, values.imag, reset=False, dtype=np.float64)
-    return np.asarray(real + 1j * imaginary)
+from flgpr.kernels.correlate import chip_sums, correlate_bank
+from flgpr.kernels.moments import check_samples
 
 
 @dataclass(frozen=True)
@@ -198,15 +167,23 @@ def _around_middles(inner: tuple[int, ...], shape: tuple[int, int]) -> tuple[sli
 
 
 def _chip_holds(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Mark the pixels whose chip holds a broken pixel, by a summed-area table."""
-    v, u = shape
-    rows, columns = broken.shape
-    table = np.zeros((rows + 1, columns + 1), dtype=np.int64)
-    table[1:, 1:] = broken.cumsum(0).cumsum(1)
-    count = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
+    """Mark the pixels whose chip holds a broken pixel."""
+    count = chip_sums(broken, shape)
     holds = np.zeros(broken.shape, dtype=bool)
     holds[_around_middles(count.shape, shape)] = count > 0
     return holds
+
+
+class QuadraticDetector(BaseEstimator):  # type: ignore[misc]
+    """A detector whose score is the largest of its forms, ``forms_``."""
+
+    forms_: tuple[LinearQuadraticForm, ...]
+
+    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Return the scores (n_samples,) of samples (n_samples, n_features), real or complex."""
+        check_is_fitted(self)
+        samples = check_samples(self, X, reset=False)
+        return np.asarray(np.max([form(samples) for form in self.forms_], axis=0))
 
 
 @dataclass(frozen=True)

@@ -195,22 +195,22 @@ def _ascend(
 ) -> SparseFit:
     """Ascend the evidence from several starts and return the best model (Tipping & Faul 2003)."""
     every = np.ones(len(rows), np.bool_)
-    fixed = (rows, relevance.single(rows), t, offset, every, rate)
+    problem = relevance.Problem(rows, relevance.single(rows), t, offset, every, rate)
 
     def penalised(fit: relevance.Ascent) -> float:
         return float(relevance.penalised(fit, rate))
 
     # The best single action at a time, and then all precisions together.
-    climbed = relevance.climb(*fixed, max_iter)
-    fits = [relevance.ascend(*fixed, *climbed, every, tol, max_iter)]
+    climbed = relevance.climb(problem, max_iter)
+    fits = [relevance.ascend(problem, *climbed, every, tol, max_iter)]
     if start is not None:
         fits.append(
-            relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter)
+            relevance.ascend(problem, start.active, start.alpha, start.mean, every, tol, max_iter)
         )
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
         for first in _first_functions(len(rows), n_starts - 1):
-            fits.append(relevance.ascend(*fixed, *empty, first, tol, max_iter))
+            fits.append(relevance.ascend(problem, *empty, first, tol, max_iter))
     iterations = sum(fit.iterations for fit in fits)
     fits.sort(key=lambda fit: -penalised(fit))
     # Starts often end in the same model: it is improved once only.
@@ -218,20 +218,20 @@ def _ascend(
     different = list(models.values())[::-1][: max(1, n_starts // 3)]
     improved = []
     for fit in different:
-        improved.append(_exchange(fixed, fit, tol, max_iter))
+        improved.append(_exchange(problem, fit, tol, max_iter))
         iterations += improved[-1].iterations - fit.iterations
-    best = _complete(fixed, max(improved, key=penalised), tol, max_iter)
+    best = _complete(problem, max(improved, key=penalised), tol, max_iter)
     return _sorted(best, iterations, rate)
 
 
 def _exchange(
-    fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int
+    problem: relevance.Problem, fit: relevance.Ascent, tol: float, max_iter: int
 ) -> relevance.Ascent:
     """Leave a local maximum by an exchange of basis functions.
 
     One after another is removed, and the ascent begins anew with another one entering first.
     """
-    *_, allowed, rate = fixed
+    rate = problem.rate
     tried = 0
     number = 0
     iterations = fit.iterations
@@ -239,10 +239,10 @@ def _exchange(
     while tried < len(best.active):
         number %= len(best.active)
         remaining = np.arange(len(best.active)) != number
-        first = allowed.copy()
+        first = problem.allowed.copy()
         first[best.active[number]] = False
         start = (best.active[remaining], best.alpha[remaining], best.mean[remaining])
-        trial = relevance.ascend(*fixed, *start, first, tol, max_iter)
+        trial = relevance.ascend(problem, *start, first, tol, max_iter)
         iterations += trial.iterations
         rise = relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE
         if trial.converged and rise:
@@ -255,22 +255,30 @@ def _exchange(
 
 
 def _complete(
-    fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int
+    problem: relevance.Problem, fit: relevance.Ascent, tol: float, max_iter: int
 ) -> relevance.Ascent:
     """Add functions whose gain shows in double precision only: the ascent ranks them in single."""
-    rows, _, t, offset, every, rate = fixed
+    rate = problem.rate
     for _ in range(LATE):
         active = fit.active
         alpha = fit.alpha
         mean = fit.mean
-        posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
-        gain, s, q = relevance.entries(rows, every, active, posterior, rate)
+        posterior = relevance.laplace(
+            problem.rows[active], problem.target, problem.offset, alpha, mean
+        )
+        gain, s, q = relevance.entries(problem, active, posterior)
         new = int(gain.argmax())
         if gain[new] <= tol:
             break
         more = np.append(alpha, 1 / relevance.best_variance(s[new], q[new], rate))
         trial = relevance.ascend(
-            *fixed, np.append(active, new), more, np.append(mean, 0.0), every, tol, max_iter
+            problem,
+            np.append(active, new),
+            more,
+            np.append(mean, 0.0),
+            problem.allowed,
+            tol,
+            max_iter,
         )
         if relevance.penalised(trial, rate) <= relevance.penalised(fit, rate):
             break
@@ -318,8 +326,8 @@ def _prune(
         if remains.all() and change < SETTLED:
             break
     none_enters = np.zeros(len(rows), np.bool_)
-    fixed = (rows, relevance.single(rows), t, offset, none_enters, rate)
-    fit = relevance.ascend(*fixed, active, alpha, mean, none_enters, tol, max_iter)
+    problem = relevance.Problem(rows, relevance.single(rows), t, offset, none_enters, rate)
+    fit = relevance.ascend(problem, active, alpha, mean, none_enters, tol, max_iter)
     return _sorted(fit, iteration + fit.iterations, rate)
 
 

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from flgpr.features.patch import PatchShape
 from flgpr.features.regions import patch_statistics
 from flgpr.kernels.patches import OUTER_MEAN, OUTER_STD, PEAK
-from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, ground_points, lane_to_scan
 
 
 class ContrastSums:
-    """Compute :func:`local_contrast` scan by scan from plain arrays.
+    """Compute the local contrast of alarms scan by scan from plain arrays (:func:`local_contrast`).
 
     Parameters
     ----------
@@ -119,41 +118,15 @@ def local_contrast(
         ``contrast``, NaN where no scan sees the alarm, and ``scans``, how many count, with the
         index of ``alarms``.
     """
-    shape = patch or PatchShape()
-    inner = shape.region(shape.inner)
-    outer = ~shape.region(shape.guard)
-    weighted = np.zeros(len(alarms))
-    weight = np.zeros(len(alarms))
-    scans = np.zeros(len(alarms))
+    sums: ContrastSums | None = None
     for image in images:
-        values = np.abs(image.sel(polarization=polarization, subband=subband).values)
-        y = image["y"].values
-        x = image["x"].values
-        centres = lane_to_scan(ground_points(alarms), np.asarray(image.attrs["pose"]))
-        local = centres[:, None, None, :2] + shape.offsets()
-        row = (local[..., 1] - y[0]) / (y[1] - y[0])
-        column = (local[..., 0] - x[0]) / (x[1] - x[0])
-        patches = bilinear(values, row, column)
-        too_far = local[:, shape.size // 2, shape.size // 2, 1] > y_max
-        for i in np.flatnonzero(~too_far):
-            peak, contrast = _contrast(np.asarray(patches[i], dtype=np.float64), inner, outer)
-            if np.isfinite(contrast):
-                weighted[i] += peak * contrast
-                weight[i] += peak
-                scans[i] += 1
-    with np.errstate(invalid="ignore"):
-        return pd.DataFrame({"contrast": weighted / weight, "scans": scans}, index=alarms.index)
-
-
-def _contrast(
-    patch: NDArray[np.float64], inner: NDArray[np.bool_], outer: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return the peak of the inner region and its contrast to the outer one; NaN if undefined."""
-    around = patch[outer & np.isfinite(patch)]
-    if not np.isfinite(patch[inner]).all() or around.size < 2:
-        return np.nan, np.nan
-    peak = float(patch[inner].max())
-    deviation = float(around.std())
-    if not deviation > 0:
-        return peak, np.nan
-    return peak, (peak - float(around.mean())) / deviation
+        if sums is None:
+            x = image["x"].values
+            y = image["y"].values
+            grid = Grid(x[0], y[0], x.size, y.size, x[1] - x[0], y[1] - y[0])
+            sums = ContrastSums(alarms, grid, y_max, patch)
+        channel = image.sel(polarization=polarization, subband=subband).values
+        sums.add(np.abs(channel).astype(np.float32), np.asarray(image.attrs["pose"]))
+    if sums is None:
+        return pd.DataFrame({"contrast": np.nan, "scans": 0.0}, index=alarms.index)
+    return sums.table()

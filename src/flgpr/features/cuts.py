@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
-from flgpr.kernels.correlate import chips
+from flgpr.kernels.correlate import chip_sums, chips
 
 ComplexArray = NDArray[np.complex64]
 
@@ -290,11 +290,8 @@ def _strongest(
     """
     power = np.abs(image).astype(np.float64) ** 2
     power /= np.maximum(power.mean(axis=(1, 2), keepdims=True), np.finfo(np.float64).tiny)
-    # A summed-area table: the energy of a chip from its four corners.
-    table = np.zeros((power.shape[1] + 1, power.shape[2] + 1))
-    table[1:, 1:] = power.sum(axis=0).cumsum(0).cumsum(1)
     v, u = shape
-    energy = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
+    energy = chip_sums(power.sum(axis=0), shape)
     rows = rows.copy()
     columns = columns.copy()
     for k, (row, column) in enumerate(zip(rows - v // 2, columns - u // 2, strict=True)):

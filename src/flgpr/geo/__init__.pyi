@@ -5,9 +5,9 @@ from flgpr.geo.anchor import read_anchor as read_anchor
 from flgpr.geo.basemap import map_backdrop as map_backdrop
 from flgpr.geo.geotiff import write_geotiff as write_geotiff
 from flgpr.geo.points import georeference as georeference
+from flgpr.geo.points import write_earth_csv as write_earth_csv
 from flgpr.geo.points import write_earth_geojson as write_earth_geojson
 from flgpr.geo.track_anchor import anchor_from_fixes as anchor_from_fixes
-from flgpr_exchange.maps.points import write_earth_csv as write_earth_csv
 from flgpr_exchange.maps.points import write_geopackage as write_geopackage
 from flgpr_exchange.maps.points import write_gpx as write_gpx
 from flgpr_exchange.maps.points import write_kml as write_kml

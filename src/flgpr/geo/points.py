@@ -1,4 +1,4 @@
-"""Alarms and truth on the Earth: points with where they lie, as a table and as GeoJSON.
+"""Alarms and truth on the Earth: points with where they lie, as a table, CSV and GeoJSON.
 
 Alarms are exported as evidence points: positions where the radar saw something, with the confidence
 and the processing that they came from. They are never drawn as areas, and ground without a point is
@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.geo.anchor import Anchor
-from flgpr.store.tables import write_features
+from flgpr.store.tables import write_features, write_table
 
 STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground "
@@ -108,6 +108,26 @@ def write_earth_geojson(
         coordinates.append(point)
     head = {"flgpr": {"statement": STATEMENT, **dict(about or {})}}
     write_features(path, coordinates, points.drop(columns=names), head)
+
+
+def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
+    """Write points as CSV.
+
+    Cells that a spreadsheet would take for formulas are quoted (:func:`flgpr.store.write_table`).
+
+    Parameters
+    ----------
+    points : DataFrame
+        Points of :func:`georeference`.
+    path : str or Path
+        The file, which holds its old content or all of the new one.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    write_table(points, path)
 
 
 def _stamp(time: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ PathLike = str | Path
 
 
 def detect_survey(
-    jobs: Sequence[LaneJob],
+    jobs: Iterable[LaneJob],
     output: PathLike,
     section: float | None = None,
     at_once: int | None = None,
@@ -35,8 +35,8 @@ def detect_survey(
 
     Parameters
     ----------
-    jobs : sequence of LaneJob
-        The detection on each lane.
+    jobs : iterable of LaneJob
+        The detection on each lane. Each is checked before the next is made.
     output : str or path
         Folder of the summary, and usually of the lanes' results.
     section : float, optional
@@ -69,10 +69,12 @@ def detect_survey(
         raise ValueError(
             f"lanes_at_once needs workers or a scheduler to be more than 1, got {at_once}"
         )
+    checked = []
     for job in jobs:
         check_job(job, section, overwrite)
+        checked.append(job)
     survey.mkdir(parents=True, exist_ok=True)
-    unfinished = [job for job in jobs if not is_done(job)]
+    unfinished = [job for job in checked if not is_done(job)]
     if not unfinished:
         log_finished(survey, OVERWRITE)
 
@@ -87,8 +89,8 @@ def detect_survey(
                 detect(job)
         else:
             _detect_at_once(detect, unfinished, at_once, executor)
-    _write_summary(survey, jobs)
-    return [job.folder for job in jobs]
+    _write_summary(survey, checked)
+    return [job.folder for job in checked]
 
 
 def _detect_at_once(

@@ -111,15 +111,15 @@ def compile_training() -> None:
     rows = np.eye(2)
     target = np.array([0.0, 1.0])
     every = np.ones(2, np.bool_)
-    fixed = (rows, relevance.single(rows), target, 0.0, every, 0.0)
-    relevance.climb(*fixed, 1)
+    problem = relevance.Problem(rows, relevance.single(rows), target, 0.0, every, 0.0)
+    relevance.climb(problem, 1)
 
     active = np.arange(2)
     alpha = np.ones(2)
     mean = np.zeros(2)
-    relevance.ascend(*fixed, active, alpha, mean, every, 1e-3, 0)
+    relevance.ascend(problem, active, alpha, mean, every, 1e-3, 0)
     posterior = relevance.laplace(rows, target, 0.0, alpha, mean)
-    relevance.entries(rows, every, active, posterior, 0.0)
+    relevance.entries(problem, active, posterior)
 
 
 def compile_tolerances() -> None:

@@ -67,3 +67,10 @@ def chips(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     """
     windows = np.lib.stride_tricks.sliding_window_view(image, shape, axis=(1, 2))
     return np.moveaxis(windows, 0, 2)
+
+
+def chip_sums(pixels: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Sum pixels (y, x) over every chip, (y - v + 1, x - u + 1), by a summed-area table."""
+    v, u = shape
+    table = np.pad(pixels.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    return np.asarray(table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u])

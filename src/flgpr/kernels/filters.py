@@ -1,10 +1,12 @@
-"""Median and mean over a rectangular window that shrinks at the image border.
+"""Median over a rectangular window that shrinks at the image border.
 
 Every column has a histogram of the pixels it adds to the window (Perreault & Hébert 2007), in three
 levels of 16 bins that are one vector of the machine each: at every level the window's bins are the
 sum of its columns', and the median is searched below one of them. The histograms count ranks, not
 values: a bin holds equally many pixels of the image, so that the few of them inside the window can
-be compared and the median is exact.
+be compared and the median is exact. Numba has no vector type: the sums of bins and the comparisons
+are built as LLVM vectors. As plain loops they take 1.5 to 4.1 and 1.2 to 1.5 times as long as all
+of the filter does now (``docs/evidence/speed.md``).
 """
 
 from __future__ import annotations
@@ -348,22 +350,6 @@ def _sort(images, orders, begin, end):  # type: ignore[no-untyped-def]
             orders[i, k] = order[k]
 
 
-def _medians(
-    orders: NDArray[np.int32], images: NDArray[Any], size: tuple[int, int], step: int
-) -> NDArray[Any]:
-    """Return the medians of images whose pixels are ranked, on as many threads as are useful."""
-    count, ny, nx = images.shape
-    out = np.empty((count, -(-ny // step), -(-nx // step)), images.dtype)
-    half_y = size[0] // 2
-    half_x = size[1] // 2
-    # About eight tasks, also of few images: every section fills its first window anew.
-    sections = max(1, min(8 // max(count, 1), ny))
-    most = np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
-    medians = partial(median_of_ranks, orders, images, half_y, half_x, step, sections, most, out)
-    share(count * sections, medians)
-    return out
-
-
 def median_stack(
     images: NDArray[np.float32], size: tuple[int, int], step: int = 1
 ) -> NDArray[np.float32]:
@@ -384,49 +370,15 @@ def median_stack(
         Medians.
     """
     stack = np.ascontiguousarray(images, dtype=np.float32)
-    orders = np.empty((len(stack), stack.shape[1] * stack.shape[2]), np.int32)
+    count, ny, nx = stack.shape
+    orders = np.empty((count, ny * nx), np.int32)
     _sort(stack.reshape(orders.shape), orders)
-    return _medians(orders, stack, size, step)
-
-
-def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the exact median of an image in a window.
-
-    Parameters
-    ----------
-    image : (y, x) ndarray of float
-        Finite image.
-    size : tuple of int
-        Window (y, x), odd numbers of pixels; it shrinks at the border.
-
-    Returns
-    -------
-    (y, x) ndarray
-        Medians.
-    """
-    stack = np.ascontiguousarray(image, dtype=np.float64)[None]
-    order = np.argsort(stack.ravel(), kind="stable").astype(np.int32)[None]
-    return _medians(order, stack, size, 1)[0]
-
-
-def mean_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the mean of an image in a window, whose parameters are :func:`median_filter`'s."""
-    total = np.asarray(image, dtype=np.float64)
-    count = np.ones(image.shape)
-    for axis in (0, 1):
-        total = _running_sum(total, size[axis] // 2, axis)
-        count = _running_sum(count, size[axis] // 2, axis)
-    return np.asarray(total / count, dtype=np.float64)
-
-
-def _running_sum(array: NDArray[np.float64], half: int, axis: int) -> NDArray[np.float64]:
-    """Return the sums over windows along an axis, cut off at its ends."""
-    array = np.moveaxis(array, axis, 0)
-    length = array.shape[0]
-    # Differences of cumulative sums cost the same for any window.
-    none = np.zeros((1, *array.shape[1:]))
-    sums = np.concatenate([none, np.cumsum(array, axis=0)])
-    centre = np.arange(length)
-    first = np.maximum(centre - half, 0)
-    end = np.minimum(centre + half + 1, length)
-    return np.moveaxis(sums[end] - sums[first], 0, axis)
+    out = np.empty((count, -(-ny // step), -(-nx // step)), np.float32)
+    # About eight tasks, also of few images: every section fills its first window anew.
+    sections = max(1, min(8 // max(count, 1), ny))
+    most = np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
+    half_y = size[0] // 2
+    half_x = size[1] // 2
+    medians = partial(median_of_ranks, orders, stack, half_y, half_x, step, sections, most, out)
+    share(count * sections, medians)
+    return out

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
+from sklearn.base import BaseEstimator
 from sklearn.covariance import ledoit_wolf, oas
+from sklearn.utils.validation import validate_data
 
 Moments = tuple[NDArray[Any], NDArray[Any]]
 LEAST_OGK = 4
@@ -158,6 +160,48 @@ ESTIMATORS: dict[str, Callable[[NDArray[Any]], Moments]] = {
     "ogk": ogk_moments,
     "clipped": clipped_moments,
 }
+
+
+def moments_estimator(name: str) -> Callable[[NDArray[Any]], Moments]:
+    """Return the estimator of mean and covariance of a name; an unknown one is a ValueError."""
+    if name not in ESTIMATORS:
+        raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {name!r}")
+    return ESTIMATORS[name]
+
+
+def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 1) -> NDArray[Any]:
+    """Return checked samples, real or complex, in double precision.
+
+    Scikit-learn's own check refuses complex numbers: their parts are checked one by one.
+
+    Parameters
+    ----------
+    estimator : BaseEstimator
+        Estimator that is fitted or used.
+    X : (n_samples, n_features) array_like
+        Samples.
+    reset : bool
+        Whether the estimator takes its number of features from these samples, as in a fit.
+    minimum : int
+        Least number of samples.
+
+    Returns
+    -------
+    (n_samples, n_features) ndarray
+        Samples, float64 or complex128.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit, or a value is not finite.
+    """
+    rules = {"dtype": np.float64, "ensure_min_samples": minimum}
+    if not np.iscomplexobj(np.asarray(X)):
+        return np.asarray(validate_data(estimator, X, reset=reset, **rules))
+    values = np.asarray(X, dtype=np.complex128)
+    real = validate_data(estimator, values.real, reset=reset, **rules)
+    imaginary = validate_data(estimator, values.imag, reset=False, **rules)
+    return np.asarray(real + 1j * imaginary)
 
 
 def _composite(X: NDArray[Any]) -> NDArray[np.float64]:

@@ -21,6 +21,17 @@ _STILL = 1e-3  # change of log α that is no action any more
 _CONFIRM = 3  # candidates looked at in double precision
 
 
+class Problem(NamedTuple):
+    """Examples, basis functions and prior of a model: what stays the same all through a fit."""
+
+    rows: Any  #: (M, N): all basis functions at the examples
+    coarse: Any  #: (2, M, N) of float32: the same and their squares (:func:`single`)
+    target: Any  #: (N,): labels, 0 or 1
+    offset: float  #: log odds where all weights are zero
+    allowed: Any  #: (M,) of bool: functions that may enter
+    rate: float  #: of the prior, as in :func:`best_variance`
+
+
 class Posterior(NamedTuple):
     """Laplace's approximation: mode (k,), covariance (k, k), residual t - y, curvature y(1 - y).
 
@@ -181,7 +192,7 @@ def _gains(s: Any, q: Any, allowed: Any, active: Any, rate: float) -> Any:
     return gain
 
 
-def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
+def entries(problem: Problem, active: Any, posterior: Any) -> Any:
     """Return gain, sparsity S and quality Q of all basis functions.
 
     At the mode Q = φᵀ(t - y): the term of the model vanishes with the gradient (Tipping & Faul
@@ -189,16 +200,12 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
 
     Parameters
     ----------
-    rows : (M, N) ndarray
-        All basis functions at the examples.
-    allowed : (M,) ndarray of bool
-        Functions that may enter.
+    problem : Problem
+        Examples, basis functions and prior.
     active : (k,) ndarray of int
         Functions that are in the model.
     posterior : Posterior
         Laplace's approximation of the model.
-    rate : float
-        Rate of the prior, as in :func:`best_variance`.
 
     Returns
     -------
@@ -206,6 +213,7 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
         Rise of the log evidence when the function enters, zero for those that are in the model or
         not allowed; sparsity; quality.
     """
+    rows = problem.rows
     covariance = posterior.covariance
     residual = posterior.residual
     curvature = posterior.curvature
@@ -213,12 +221,16 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
     cross = (rows[active] * curvature) @ rows.T
     s -= (cross * (covariance @ cross)).sum(axis=0)
     q = rows @ residual
-    return _gains(s, q, allowed, active, rate), s, q
+    return _gains(s, q, problem.allowed, active, problem.rate), s, q
 
 
 @njit(cache=True)
-def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
-    """Return the gain of all basis functions as :func:`entries` has it, in single precision."""
+def ranking(problem: Problem, allowed: Any, active: Any, posterior: Any) -> Any:
+    """Return the gain of all basis functions as :func:`entries` has it, in single precision.
+
+    ``allowed`` (M,) are those that may enter.
+    """
+    coarse = problem.coarse
     covariance = posterior.covariance
     residual = posterior.residual
     curvature = posterior.curvature
@@ -235,12 +247,13 @@ def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float)
         for j in range(k):
             total += sums[j, i] * explained[j, i]
         s[i] -= total
-    return _gains(s, sums[k], allowed, active, rate)
+    return _gains(s, sums[k], allowed, active, problem.rate)
 
 
 @njit(cache=True)
-def entry(rows: Any, function: int, active: Any, posterior: Any, rate: float) -> Any:
+def entry(problem: Problem, function: int, active: Any, posterior: Any) -> Any:
     """Return gain, S and Q of a basis function in double precision."""
+    rows = problem.rows
     covariance = posterior.covariance
     residual = posterior.residual
     curvature = posterior.curvature
@@ -248,20 +261,20 @@ def entry(rows: Any, function: int, active: Any, posterior: Any, rate: float) ->
     cross = rows[active] @ weighted
     s = (rows[function] * weighted).sum() - (cross * (covariance @ cross)).sum()
     q = (rows[function] * residual).sum()
-    return _gain(s, q, rate), s, q
+    return _gain(s, q, problem.rate), s, q
 
 
 @njit(cache=True)
 def candidates(
-    rows: Any, coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float, tolerance: float
-) -> Any:  # fmt: skip
+    problem: Problem, allowed: Any, active: Any, posterior: Any, tolerance: float
+) -> Any:
     """Return the best function to enter, or -1, with its gain, S and Q, in double precision."""
-    gain = ranking(coarse, allowed, active, posterior, rate)
+    gain = ranking(problem, allowed, active, posterior)
     for _ in range(_CONFIRM):
         best = int(gain.argmax())
         if gain[best] <= tolerance:
             break
-        exact, s, q = entry(rows, best, active, posterior, rate)
+        exact, s, q = entry(problem, best, active, posterior)
         if exact > tolerance:
             return best, exact, s, q
         gain[best] = 0
@@ -302,10 +315,14 @@ def _sweep(alpha: Any, mean: Any, covariance: Any, rate: float) -> float:
 
 
 @njit(cache=True)
-def _step(
-    rows: Any, target: Any, offset: float, rate: float,
-    active: Any, alpha: Any, goal: Any, mean: Any, floor: float,
-) -> Any:  # fmt: skip
+def _laplace_of(problem: Problem, active: Any, alpha: Any, mean: Any) -> Any:
+    """Return Laplace's approximation of some of the functions, and its evidence less penalty."""
+    posterior = laplace(problem.rows[active], problem.target, problem.offset, alpha, mean)
+    return posterior, posterior.evidence - 0.5 * problem.rate * (1 / alpha).sum()
+
+
+@njit(cache=True)
+def _step(problem: Problem, active: Any, alpha: Any, goal: Any, mean: Any, floor: float) -> Any:
     """Move the precisions towards their goal, in halved steps if the evidence fell below a floor.
 
     A goal of inf removes the function.
@@ -325,26 +342,18 @@ def _step(
             trial = alpha * (np.minimum(goal, 1e3 * alpha) / alpha) ** share
             chosen = active
             begin = mean
-        posterior = laplace(rows[chosen], target, offset, trial, begin)
-        value = posterior.evidence - 0.5 * rate * (1 / trial).sum()
+        posterior, value = _laplace_of(problem, chosen, trial, begin)
         if value >= floor:
             return chosen, trial, posterior, value, True
         share *= 0.5
-    posterior = laplace(rows[active], target, offset, alpha, mean)
-    return (
-        active,
-        alpha.copy(),
-        posterior,
-        posterior.evidence - 0.5 * rate * (1 / alpha).sum(),
-        False,
-    )
+    posterior, value = _laplace_of(problem, active, alpha, mean)
+    return active, alpha.copy(), posterior, value, False
 
 
 @njit(cache=True)
 def ascend(
-    rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float,
-    start: Any, alpha: Any, mean: Any, first: Any, tolerance: float, max_iter: int,
-) -> Any:  # fmt: skip
+    problem: Problem, start: Any, alpha: Any, mean: Any, first: Any, tolerance: float, max_iter: int
+) -> Any:
     """Raise the evidence until no basis function gains by a change (Tipping & Faul 2003).
 
     Unlike the paper's single actions, all active precisions are set in sweeps between two entries;
@@ -352,18 +361,8 @@ def ascend(
 
     Parameters
     ----------
-    rows : (M, N) ndarray
-        All basis functions at the examples.
-    coarse : (2, M, N) ndarray of float32
-        The same and their squares (:func:`single`).
-    target : (N,) ndarray
-        Labels, 0 or 1.
-    offset : float
-        Log odds where all weights are zero.
-    allowed : (M,) ndarray of bool
-        Functions that may enter.
-    rate : float
-        Rate of the prior, as in :func:`best_variance`.
+    problem : Problem
+        Examples, basis functions and prior.
     start : (k,) ndarray of int
         Functions of the model to begin with.
     alpha, mean : (k,) ndarray
@@ -382,25 +381,23 @@ def ascend(
     """
     active = start.copy()
     alpha = alpha.copy()
-    posterior = laplace(rows[active], target, offset, alpha, mean)
-    value = posterior.evidence - 0.5 * rate * (1 / alpha).sum()
+    posterior, value = _laplace_of(problem, active, alpha, mean)
     peak = value
     permitted = first
-    entries = np.zeros(rows.shape[0], np.int64)
+    entries = np.zeros(problem.rows.shape[0], np.int64)
     converged = False
     iteration = 0
     while iteration < max_iter:
         iteration += 1
         open_to = permitted & (entries < _ENTRIES)
-        entering, gain, s, q = candidates(rows, coarse, open_to, active, posterior, rate, tolerance)
-        permitted = allowed
+        entering, gain, s, q = candidates(problem, open_to, active, posterior, tolerance)
+        permitted = problem.allowed
         growing = gain > tolerance
         if growing:
             entries[entering] += 1
             grown = np.append(active, entering)
-            more = np.append(alpha, 1 / best_variance(s, q, rate))
-            trial = laplace(rows[grown], target, offset, more, np.append(posterior.mean, 0.0))
-            reached = trial.evidence - 0.5 * rate * (1 / more).sum()
+            more = np.append(alpha, 1 / best_variance(s, q, problem.rate))
+            trial, reached = _laplace_of(problem, grown, more, np.append(posterior.mean, 0.0))
             # The gain held for a quadratic likelihood only: the function does not come back.
             if reached < peak - _DROP:
                 entries[entering] = _ENTRIES
@@ -415,9 +412,9 @@ def ascend(
             peak = max(peak, value)
             goal = alpha.copy()
             mean = posterior.mean.copy()
-            change = _sweep(goal, mean, posterior.covariance.copy(), rate)
+            change = _sweep(goal, mean, posterior.covariance.copy(), problem.rate)
             active, alpha, posterior, value, moved = _step(
-                rows, target, offset, rate, active, alpha, goal, mean, peak - _DROP
+                problem, active, alpha, goal, mean, peak - _DROP
             )
             if not moved:
                 change = 0.0
@@ -441,9 +438,7 @@ def ascend(
 
 
 @njit(cache=True)
-def climb(
-    rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float, max_iter: int
-) -> Any:
+def climb(problem: Problem, max_iter: int) -> Any:
     """Take the single best action at a time, removals first (Tipping & Faul 2003, Sec. 4).
 
     It begins with the function whose sums over the examples of either label differ most, relative
@@ -452,8 +447,8 @@ def climb(
 
     Parameters
     ----------
-    rows, coarse, target, offset, allowed, rate
-        As in :func:`ascend`.
+    problem : Problem
+        Examples, basis functions and prior.
     max_iter : int
         Most actions.
 
@@ -464,10 +459,15 @@ def climb(
     alpha, mean : (k,) ndarray
         Its precisions and weights.
     """
+    rows = problem.rows
+    target = problem.target
+    rate = problem.rate
     slant = rows @ (target - 0.5)
     for i in range(slant.size):
         slant[i] = (
-            abs(slant[i]) / np.sqrt((rows[i] * rows[i]).sum() + _TINY) if allowed[i] else -1.0
+            abs(slant[i]) / np.sqrt((rows[i] * rows[i]).sum() + _TINY)
+            if problem.allowed[i]
+            else -1.0
         )
     first = int(slant.argmax())
     row = rows[first]
@@ -478,7 +478,7 @@ def climb(
     alpha = np.full(1, 1 / max(weight * weight, 1e-6))
     mean = np.full(1, weight)
     for _ in range(max_iter):
-        posterior = laplace(rows[active], target, offset, alpha, mean)
+        posterior, _ = _laplace_of(problem, active, alpha, mean)
         mean = posterior.mean
         covariance = posterior.covariance
         variance_j = np.diag(covariance)
@@ -517,7 +517,7 @@ def climb(
             alpha = alpha[remains]
             mean = mean[remains]
             continue
-        entering, _, s_new, q_new = candidates(rows, coarse, allowed, active, posterior, rate, most)
+        entering, _, s_new, q_new = candidates(problem, problem.allowed, active, posterior, most)
         if entering >= 0:
             active = np.append(active, entering)
             alpha = np.append(alpha, 1 / best_variance(s_new, q_new, rate))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
-from flgpr.model.run import check_run, complete_scans, make_run
+from flgpr.model.run import check_run, complete_scan_numbers, complete_scans, make_run
 
 LINE_STARTS = "line_starts"
 """Attribute of a run of several lines: the number of the first scan of each."""
@@ -59,11 +59,7 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
     The means are along the track of its complete scans. Without one, or with headings that do not
     go one way, it is a ValueError.
     """
-    pose = run["pose"].values[complete_scans(run)]
-    if not len(pose):
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
-        )
+    pose = run["pose"].values[complete_scan_numbers(run)]
     weights = way_weights(pose[:, :3])
     ahead = weights @ np.exp(1j * pose[:, 3]) / weights.sum()
     if not abs(ahead) > _LEAST_ALIGNMENT:
@@ -99,11 +95,7 @@ def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, Float
         If the run has no complete scan.
     """
     check_run(run)
-    scans = np.flatnonzero(complete_scans(run))
-    if not scans.size:
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
-        )
+    scans = complete_scan_numbers(run)
     pose = run["pose"].values[scans]
     return as_aperture(run.isel(scan=scans), way_weights(pose[:, :3]))
 

@@ -184,6 +184,21 @@ def complete_scans(run: xr.Dataset) -> NDArray[np.bool_]:
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)
 
 
+def complete_scan_numbers(run: xr.Dataset) -> NDArray[np.intp]:
+    """Return the numbers of the scans with every sweep; a run without one is a ValueError."""
+    numbers = np.flatnonzero(complete_scans(run))
+    if not numbers.size:
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
+        )
+    return numbers
+
+
+def with_signal(run: xr.Dataset, signal: NDArray[Any]) -> xr.Dataset:
+    """Return a run with another signal of the same shape, in the precision of its own."""
+    return run.assign(signal=(run["signal"].dims, signal.astype(run["signal"].dtype, copy=False)))
+
+
 def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
     """Return checked antenna positions (pair, 3)."""
     array = np.asarray(value, dtype=np.float64)

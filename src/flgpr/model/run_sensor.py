@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.model.frames import vehicle_to_scan
-from flgpr.model.run import complete_scans
+from flgpr.model.run import complete_scan_numbers
 from flgpr.model.sensor import Sensor, load_sensor, sensor_presets
 
 FloatArray = NDArray[np.float64]
@@ -82,11 +82,7 @@ def sensor_of_run(run: xr.Dataset, antennas: Sensor, footprint: Footprint | None
         If no scan is complete, the antennas are not above the ground, or the tones lie on no even
         raster.
     """
-    poses = run["pose"].values[complete_scans(run)]
-    if not len(poses):
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
-        )
+    poses = run["pose"].values[complete_scan_numbers(run)]
     pose = np.median(poses, axis=0)
     height = round(_HEIGHTS_PER_METRE * float(pose[2])) / _HEIGHTS_PER_METRE
     tx = run["tx_position"].values

@@ -22,61 +22,34 @@ class Column:
     missing: str = "NaN"
 
 
+def full_column(name: str, unit: str, meaning: str) -> Column:
+    """Return a column that every row fills: numbers of a unit, or text."""
+    return Column(name, "number" if unit else "text", unit, meaning, required=True, missing="")
+
+
+def _lane_of(what: str) -> Column:
+    """Return the column that names the lane of an alarm or a target."""
+    meaning = f"name of the lane the {what} lies in, for tables of several lanes"
+    return Column("lane", "text", "", meaning, missing="empty")
+
+
+_CENTRE = (
+    full_column("x", "m", "cross-track position of the centre in the lane frame"),
+    full_column("y", "m", "down-track position of the centre in the lane frame"),
+)
 ALARM_COLUMNS = (
     Column("alarm_id", "text", "", "name of the alarm, unique within its table", missing="empty"),
-    Column("x", "number", "m", "cross-track position in the lane frame", required=True, missing=""),
-    Column("y", "number", "m", "down-track position in the lane frame", required=True, missing=""),
-    Column(
-        "confidence",
-        "number",
-        "1",
-        "higher means more like a mine; no absolute scale",
-        required=True,
-        missing="",
-    ),
+    full_column("x", "m", "cross-track position in the lane frame"),
+    full_column("y", "m", "down-track position in the lane frame"),
+    full_column("confidence", "1", "higher means more like a mine; no absolute scale"),
     Column("magnitude", "number", "1", "run-view magnitude over the gain background at the alarm"),
     Column("scans", "number", "1", "number of scans that saw the alarm and entered its confidence"),
-    Column(
-        "lane",
-        "text",
-        "",
-        "name of the lane the alarm lies in, for tables of several lanes",
-        missing="empty",
-    ),
+    _lane_of("alarm"),
 )
 TRUTH_COLUMNS = (
-    Column(
-        "target_id",
-        "text",
-        "",
-        "name of the target, unique within its table",
-        required=True,
-        missing="",
-    ),
-    Column(
-        "x",
-        "number",
-        "m",
-        "cross-track position of the centre in the lane frame",
-        required=True,
-        missing="",
-    ),
-    Column(
-        "y",
-        "number",
-        "m",
-        "down-track position of the centre in the lane frame",
-        required=True,
-        missing="",
-    ),
-    Column(
-        "kind",
-        "text",
-        "",
-        "metal, plastic, simulant or another kind of target",
-        required=True,
-        missing="",
-    ),
+    full_column("target_id", "", "name of the target, unique within its table"),
+    *_CENTRE,
+    full_column("kind", "", "metal, plastic, simulant or another kind of target"),
     Column(
         "depth",
         "number",
@@ -86,47 +59,12 @@ TRUTH_COLUMNS = (
     ),
     Column("radius", "number", "m", "radius of the target"),
     Column("height", "number", "m", "height of the target's body"),
-    Column(
-        "lane",
-        "text",
-        "",
-        "name of the lane the target lies in, for tables of several lanes",
-        missing="empty",
-    ),
+    _lane_of("target"),
 )
 OBJECT_COLUMNS = (
-    Column(
-        "object_id",
-        "text",
-        "",
-        "name of the object, unique within its table",
-        required=True,
-        missing="",
-    ),
-    Column(
-        "x",
-        "number",
-        "m",
-        "cross-track position of the centre in the lane frame",
-        required=True,
-        missing="",
-    ),
-    Column(
-        "y",
-        "number",
-        "m",
-        "down-track position of the centre in the lane frame",
-        required=True,
-        missing="",
-    ),
-    Column(
-        "kind",
-        "text",
-        "",
-        "rock, post, bush, fiducial, hole or other non-target",
-        required=True,
-        missing="",
-    ),
+    full_column("object_id", "", "name of the object, unique within its table"),
+    *_CENTRE,
+    full_column("kind", "", "rock, post, bush, fiducial, hole or other non-target"),
     Column("radius", "number", "m", "radius of the object"),
     Column("height", "number", "m", "height above the mean surface"),
 )

@@ -8,18 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import POSE_COMPONENTS
 from flgpr.model.frames import pose_matrix
-from flgpr.model.tables import Column
+from flgpr.model.tables import full_column
 
 TRACK_COLUMNS = (
-    Column("time", "number", "s", "time on the clock of the positions", required=True, missing=""),
-    Column("x", "number", "m", "cross-track position in the lane frame", required=True, missing=""),
-    Column("y", "number", "m", "down-track position in the lane frame", required=True, missing=""),
-    Column("z", "number", "m", "height over the mean ground", required=True, missing=""),
-    Column(
-        "heading", "number", "rad", "clockwise from +y seen from above", required=True, missing=""
-    ),
-    Column("pitch", "number", "rad", "see the vehicle frame", required=True, missing=""),
-    Column("roll", "number", "rad", "see the vehicle frame", required=True, missing=""),
+    full_column("time", "s", "time on the clock of the positions"),
+    full_column("x", "m", "cross-track position in the lane frame"),
+    full_column("y", "m", "down-track position in the lane frame"),
+    full_column("z", "m", "height over the mean ground"),
+    full_column("heading", "rad", "clockwise from +y seen from above"),
+    full_column("pitch", "rad", "see the vehicle frame"),
+    full_column("roll", "rad", "see the vehicle frame"),
 )
 
 

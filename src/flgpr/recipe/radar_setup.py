@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.model import aperture_pose, complete_scans, lane_to_scan, vehicle_to_scan
+from flgpr.model.run import complete_scan_numbers
 
 FloatArray = NDArray[np.float64]
 Band = tuple[float, float]
@@ -83,11 +84,7 @@ def radar_setup(run: xr.Dataset, aperture: bool = False) -> RadarSetup:
     ValueError
         If no scan is complete.
     """
-    poses = run["pose"].values[complete_scans(run)]
-    if not len(poses):
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
-        )
+    poses = run["pose"].values[complete_scan_numbers(run)]
     pose = np.median(poses, axis=0)
     tx = vehicle_to_scan(run["tx_position"].values, pose)
     rx = vehicle_to_scan(run["rx_position"].values, pose)

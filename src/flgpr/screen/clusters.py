@@ -16,6 +16,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from flgpr.screen.views import grid_of
+
 FloatArray = NDArray[np.float64]
 Rule = Literal["and", "or", "and-or"]
 RULES = ("and", "or", "and-or")
@@ -81,6 +83,7 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
     if not radius > 0:
         raise ValueError(f"radius must be positive, got {radius}")
     values = np.asarray(image.values, dtype=np.float64)
+    grid = grid_of(image)
     x = image["x"].values
     y = image["y"].values
     rows, columns = np.nonzero(values > threshold)
@@ -89,7 +92,9 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
     columns = columns[order]
     amplitude = values[rows, columns]
     position = np.column_stack([x[columns], y[rows]])
-    pixel_area = _pixel_area(image)
+    # Rounded, so that it is the same wherever along the lane the image begins: areas are compared
+    # with limits.
+    pixel_area = round(grid.dx * grid.dy, 9)
     clusters = []
     for members in _groups_about_leaders(position, radius):
         marked = amplitude[members]
@@ -270,17 +275,6 @@ def _clusters_of_mines(
     table = clusters.iloc[rows]
     ratio = energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse)
     return table.assign(energy_ratio=ratio)
-
-
-def _pixel_area(image: xr.DataArray) -> float:
-    """Return the area of a pixel, m².
-
-    It is rounded, so that it is the same wherever along the lane the image begins: areas are
-    compared with limits.
-    """
-    dy = float(image["y"].values[1] - image["y"].values[0])
-    dx = float(image["x"].values[1] - image["x"].values[0])
-    return round(dx * dy, 9)
 
 
 def _peaks(image: xr.DataArray, places: ArrayLike, reach: float) -> FloatArray:

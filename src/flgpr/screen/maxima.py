@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
 from flgpr.model import Grid, Lane
+from flgpr.screen.views import grid_of
 
 Count = Literal["lane", "view"]
 _ALL_MAXIMA = 10.0  # alarms per disc of their radius: more than there can be maxima
@@ -66,6 +67,7 @@ def prescreen(
     >>> import numpy as np
     >>> import xarray as xr
     >>> from flgpr.model import Grid, Lane
+    from flgpr.screen.views import grid_of
     >>> from flgpr.screen import prescreen
     >>> grid = Grid.spanning((-2.0, 2.0), (0.0, 10.0), 0.1)
     >>> x, y = np.meshgrid(grid.x, grid.y)
@@ -81,7 +83,9 @@ def prescreen(
     if count not in ("lane", "view"):
         raise ValueError(f"count must be lane or view, got {count!r}")
     table = local_maxima(view, radius)
-    threshold = view_threshold(table, lane, _area_seen(view), radius, density, count)
+    grid = grid_of(view)
+    area_seen = float(np.isfinite(view.values).sum()) * grid.dy * grid.dx
+    threshold = view_threshold(table, lane, area_seen, radius, density, count)
     return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
 
@@ -228,26 +232,15 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     )
 
 
-def _spacing(view: xr.DataArray) -> tuple[float, float]:
-    """Return the pixel spacing (y, x) of a view, m."""
-    dy = float(view["y"].values[1] - view["y"].values[0])
-    dx = float(view["x"].values[1] - view["x"].values[0])
-    return dy, dx
-
-
-def _area_seen(view: xr.DataArray) -> float:
-    """Return the area of all finite pixels, m²."""
-    dy, dx = _spacing(view)
-    return float(np.isfinite(view.values).sum()) * dy * dx
-
-
 def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return rows and columns of the local maxima, strongest first.
 
     Of equal pixels within the radius the first by row and column is taken.
     """
     values = np.asarray(view.values, dtype=np.float64)
-    dy, dx = _spacing(view)
+    grid = grid_of(view)
+    dy = grid.dy
+    dx = grid.dx
     known = np.isfinite(values)
     filled = np.where(known, values, -np.inf)
     rows, columns = _candidates(filled, known, (dy, dx), radius)

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -98,7 +98,7 @@ class Simulator:
         self.truth = self.world.truth()
         self.objects = self.world.objects_table()
         self._terrain = TerrainHeights(scene.terrain, scene.lane, seed)
-        self._height = _height_cache(self._terrain)
+        self._height = functools.cache(self._terrain.height)  # bodies stand in many scans
         level_pose, self.time = draw_track(scene, sensor.height, seed)
         self.pose = self._terrain.follow(level_pose)
         self._strips: list[Strip] = []
@@ -320,17 +320,6 @@ class Simulator:
             self.scene, self.world.holes, self._ground, density / 4, self.seed
         )
         return layers
-
-
-def _height_cache(terrain: TerrainHeights) -> Callable[[float, float], float]:
-    """Return the height of the ground at a place, computed once: bodies stand in many scans."""
-
-    @functools.cache
-    def height(x: float, y: float) -> float:
-        """Return the height of the ground, m."""
-        return float(terrain(x, y).item())
-
-    return height
 
 
 @functools.lru_cache(maxsize=16)

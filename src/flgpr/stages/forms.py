@@ -22,7 +22,7 @@ from flgpr.detect import (
 from flgpr.detect.scorers.checks import Checked
 from flgpr.engine import Accumulator, Arrays, append_accumulator
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
-from flgpr.kernels.moments import ESTIMATORS
+from flgpr.kernels.moments import moments_estimator
 from flgpr.model import ground_points, lane_to_scan
 from flgpr.stages import FloatArray, MapStage, Positive, Setup, Table
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
@@ -54,10 +54,7 @@ class SampleSettings(Table):
     @model_validator(mode="after")
     def _known(self) -> Self:
         """Refuse an estimator that there is not."""
-        if self.moments not in ESTIMATORS:
-            raise ValueError(
-                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
-            )
+        moments_estimator(self.moments)
         return self
 
 

@@ -224,14 +224,3 @@ def clear_change(settings: Any) -> Change:
     """
     default = type(settings).model_fields["clear"].default
     return Change("clear", min(settings.clear / 2, default), settings.clear)
-
-
-def kinds_change(settings: Any, views: Sequence[TrainingView]) -> list[Change]:
-    """Return the change to the kinds of targets that the truth holds.
-
-    None where a stage learns from all of them already.
-    """
-    kinds = sorted(set(pd.concat([lane.truth["kind"] for lane in views])))
-    if not set(kinds) - set(settings.kinds):
-        return []
-    return [Change("kinds", kinds, list(settings.kinds))]

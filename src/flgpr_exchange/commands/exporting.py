@@ -20,7 +20,7 @@ from flgpr.door import read_named
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.geotiff import write_geotiff
-from flgpr.geo.points import STATEMENT, georeference, write_earth_geojson
+from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
 from flgpr.method.detection import Detection
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
@@ -34,7 +34,6 @@ from flgpr_exchange.maps import qgis
 from flgpr_exchange.maps.imsma import imsma_table
 from flgpr_exchange.maps.points import (
     corners,
-    write_earth_csv,
     write_geopackage,
     write_gpx,
     write_kml,
@@ -66,7 +65,7 @@ def export_sigmf(wish: Wish) -> Path:
     """
     refuse_options(wish)
     target = check_parent_folder(wish.output)
-    begin = None if wish.time is None else _moment(wish.time)
+    begin = None if wish.time is None else moment_of(wish.time)
     run = open_run(wish.source)
     reference = run.attrs.get("georeference")
     anchor = None
@@ -82,15 +81,14 @@ def refuse_options(wish: Wish, *taken: str) -> None:
             raise ValueError(f"{name} goes with {format_name}, got to {wish.to!r}")
 
 
-def _moment(time: str) -> datetime:
-    """Return a time of ISO 8601 with a time zone."""
-    rule = f"time must be ISO 8601 with a time zone, got {time!r}"
+def moment_of(time: str, limits: str = "") -> datetime:
+    """Return a time of ISO 8601 with a time zone; ``limits`` are what the error says besides."""
     try:
         moment = datetime.fromisoformat(time)
     except ValueError:
-        raise ValueError(rule) from None
+        moment = datetime.min
     if moment.tzinfo is None:
-        raise ValueError(rule)
+        raise ValueError(f"time must be ISO 8601 with a time zone{limits}, got {time!r}")
     return moment
 
 

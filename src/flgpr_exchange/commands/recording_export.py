@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,12 @@ from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
 from flgpr_exchange.bags import foxglove
 from flgpr_exchange.bags.writer import McapWriter, mcap_file
-from flgpr_exchange.commands.exporting import alarm_channel, named_detection, refuse_options
+from flgpr_exchange.commands.exporting import (
+    alarm_channel,
+    moment_of,
+    named_detection,
+    refuse_options,
+)
 
 PathLike = str | Path
 TOPICS = {
@@ -43,6 +47,7 @@ TOPICS = {
 }
 """Topics of a recording and their schemas."""
 _SECOND = 10**9  # ns
+_FROM_1970 = ", from 1970 on"
 _LATEST = 2**63 // _SECOND  # s since 1970; later times do not fit
 _MOST_LINE = 64 * 2**20  # bytes of an event
 _MOST_EVENTS = 2**40  # bytes of the file of events
@@ -296,14 +301,10 @@ def _pose_messages(moment: int, pose: Sequence[float]) -> Iterator[tuple[str, fo
 
 def _nanoseconds(time: str) -> int:
     """Return a time of ISO 8601 with a time zone in ns since 1970."""
-    rule = f"time must be ISO 8601 with a time zone, from 1970 on, got {time!r}"
-    try:
-        moment = datetime.fromisoformat(time)
-    except ValueError:
-        raise ValueError(rule) from None
-    if moment.tzinfo is None or moment.timestamp() < 0:
-        raise ValueError(rule)
-    return round(moment.timestamp() * 1000) * (_SECOND // 1000)
+    seconds = moment_of(time, _FROM_1970).timestamp()
+    if seconds < 0:
+        raise ValueError(f"time must be ISO 8601 with a time zone{_FROM_1970}, got {time!r}")
+    return round(seconds * 1000) * (_SECOND // 1000)
 
 
 def _alarms_of(

@@ -80,7 +80,7 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     Returns
     -------
     dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
+        The entries of a :class:`~flgpr.formats.section.GprSection`.
 
     Raises
     ------

@@ -62,22 +62,7 @@ class _Head(NamedTuple):
 def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     """Read a DZT.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    limit : int
-        Bytes of memory to use.
-
-    Returns
-    -------
-    dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
-
-    Raises
-    ------
-    ValueError
-        If the file contradicts itself.
+    Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
     raw = first_bytes(path, _MOST_CHANNELS * _HEADER)
     if len(raw) < _HEADER:

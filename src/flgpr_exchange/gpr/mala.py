@@ -30,24 +30,7 @@ _MICROSECOND = 1e-6
 def read_mala(path: Path, limit: int) -> dict[str, Any]:
     """Read an RD3 or RD7.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    limit : int
-        Bytes of memory to use.
-
-    Returns
-    -------
-    dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
-
-    Raises
-    ------
-    ValueError
-        If header and file contradict one another.
-    MissingHeaderError
-        If there is no header.
+    Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
     notes: list[str] = []
     head = read_header(path, ".rad", ":", notes)

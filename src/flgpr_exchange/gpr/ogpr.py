@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
-from flgpr_exchange.gpr.parts import exact_floats, first_bytes, measured_distance
+from flgpr_exchange.gpr.parts import (
+    between_neighbours,
+    exact_floats,
+    first_bytes,
+    measured_distance,
+)
 
 FloatArray = NDArray[np.float64]
 _Shape = tuple[int, int, int]
@@ -51,22 +56,7 @@ class _PointLayout(NamedTuple):
 def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     """Read an OpenGPR file.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    limit : int
-        Bytes of memory to use.
-
-    Returns
-    -------
-    dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
-
-    Raises
-    ------
-    ValueError
-        If the file contradicts itself or its size, or takes more memory.
+    Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
     descriptor = _descriptor_of(path)
     main = _table(descriptor, "mainDescriptor")
@@ -298,9 +288,8 @@ def _geolocations(
         return None, _NO_FIXES
 
     positions = _first_points(path, offset, length // slices, slices, layout)
-    usable = np.isfinite(positions).all(axis=1)
-    magnitudes = np.abs(np.nan_to_num(positions))
-    usable &= (magnitudes <= _FARTHEST).all(axis=1)
+    magnitudes = np.abs(np.where(np.isfinite(positions), positions, np.inf))
+    usable = np.asarray((magnitudes <= _FARTHEST).all(axis=1))
     known = np.flatnonzero(usable)
     unusable = slices - known.size
     if known.size < 2 or not np.ptp(positions[usable, :2], axis=0).any():
@@ -313,9 +302,7 @@ def _geolocations(
         notes.append(
             f"{unusable} of {slices} {_GEOLOCATIONS} are no places: put between their neighbours"
         )
-        trace = np.arange(slices)
-        for column in range(3):
-            positions[:, column] = np.interp(trace, known, positions[usable, column])
+        positions = between_neighbours(positions, usable)
     if channels > 1 and length > _POINT * slices:
         notes.append(
             f"{_GEOLOCATIONS} of {channels - 1} further channels are not used: "

@@ -446,8 +446,7 @@ def measured_distance(
         if count > 1 and unusable:
             notes.append(f"{unusable} of {count} {where} are no places and are not used")
         return equal_steps(count, step, nominal, notes)
-    trace = np.arange(count)
-    filled = np.interp(trace, trace[usable], distance[usable])
+    filled = between_neighbours(distance[:, None], usable)[:, 0]
     if unusable:
         notes.append(f"{unusable} of {count} {where} are no numbers: put between their neighbours")
     steps = np.diff(filled)
@@ -457,6 +456,26 @@ def measured_distance(
         steps = -steps
     _note_motion(steps, where, notes)
     return np.asarray(filled, dtype=np.float64)
+
+
+def between_neighbours(values: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+    """Return values (trace, column), those that are not usable between those before and behind.
+
+    Parameters
+    ----------
+    values : (trace, column) ndarray
+        The values.
+    usable : (trace,) ndarray of bool
+        Which of them are kept; one at least.
+
+    Returns
+    -------
+    (trace, column) ndarray
+        All of them.
+    """
+    trace = np.arange(len(values))
+    columns = [np.interp(trace, trace[usable], column[usable]) for column in values.T]
+    return np.stack(columns, axis=1)
 
 
 def _note_motion(steps: FloatArray, where: str, notes: list[str]) -> None:

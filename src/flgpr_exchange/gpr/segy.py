@@ -38,22 +38,7 @@ _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 def read_segy(path: Path, limit: int) -> dict[str, Any]:
     """Read a SEG-Y file.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    limit : int
-        Bytes of memory to use.
-
-    Returns
-    -------
-    dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
-
-    Raises
-    ------
-    ValueError
-        If the file contradicts itself.
+    Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
     raw = first_bytes(path, HEAD + TRACE_HEAD)
     if len(raw) < HEAD:
@@ -183,22 +168,7 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     interval are those of the first trace header. The byte order is the one in which the file's size
     is a whole number of traces.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    limit : int
-        Bytes of memory to use.
-
-    Returns
-    -------
-    dict of str to Any
-        The entries of a :class:`flgpr_exchange.gpr.files.GprSection`.
-
-    Raises
-    ------
-    ValueError
-        If the file contradicts itself.
+    Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
     raw = first_bytes(path, TRACE_HEAD)
     if len(raw) < TRACE_HEAD:

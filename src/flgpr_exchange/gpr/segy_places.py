@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flgpr_exchange.gpr.parts import (
     FloatArray,
+    between_neighbours,
     float64,
     gather_note,
     gather_of_separations,
@@ -185,16 +186,7 @@ def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
         f"{missing} of {len(points)} traces are at 0, 0, far from all others, "
         "and are put between their neighbours"
     )
-    return _between_neighbours(points, is_set)
-
-
-def _between_neighbours(points: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-    """Return points (trace, 2), those that are not usable between those before and behind."""
-    trace = np.arange(len(points))
-    sides = []
-    for side in points.T:
-        sides.append(np.interp(trace, trace[usable], side[usable]))
-    return np.stack(sides, axis=1)
+    return between_neighbours(points, is_set)
 
 
 def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[str]) -> float | None:

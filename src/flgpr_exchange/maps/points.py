@@ -1,4 +1,4 @@
-"""Points on the Earth as GeoPackage, KML, GPX and CSV, and the outline of a lane.
+"""Points on the Earth as GeoPackage, KML and GPX, and the outline of a lane.
 
 Alarms are exported as evidence points: positions where the radar saw something, with the confidence
 and the processing that they came from. They are never drawn as areas, and ground without a point is
@@ -22,30 +22,10 @@ from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
-from flgpr.store.tables import json_value, write_table
+from flgpr.store.tables import json_value
 from flgpr_exchange.documents import document
 
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
-
-
-def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
-    """Write points as CSV.
-
-    Cells that a spreadsheet would take for formulas are quoted (:func:`flgpr.store.write_table`).
-
-    Parameters
-    ----------
-    points : DataFrame
-        Points of :func:`flgpr.geo.georeference`.
-    path : str or Path
-        The file, which holds its old content or all of the new one.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    write_table(points, path)
 
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:

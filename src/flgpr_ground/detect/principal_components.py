@@ -17,7 +17,8 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.detect.deflection import NeymanPearsonDetector
-from flgpr.detect.linear_quadratic import LinearQuadraticForm, check_samples
+from flgpr.detect.linear_quadratic import LinearQuadraticForm
+from flgpr.kernels.moments import check_samples
 
 
 class PrincipalComponentDetector(BaseEstimator):  # type: ignore[misc]

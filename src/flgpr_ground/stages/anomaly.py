@@ -17,7 +17,8 @@ from flgpr.kernels.moments import ledoit_wolf_moments
 from flgpr.screen import select
 from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
 from flgpr.stages.clusters import subset
-from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
+from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr_ground.stages.run_views import check_images, kinds_change
 
 _EDGE = 1e-9  # m; a pixel whose centre lies on a border lies within it
 _MOST = 50_000  # clutter pixels that give mean and covariance
@@ -171,12 +172,7 @@ class Matched(FeatureStage):
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Filter the brightest pixels of the alarms."""
         mean = self.learnt["mean"]
-        channels = math.prod(view.shape[:-2])
-        if channels != len(mean):
-            raise ValueError(
-                f"model must have been trained on run-views of {channels} images, as this one, "
-                f"got {len(mean)}"
-            )
+        check_images(view, len(mean))
         off = _brightest(view, points, self.settings.reach) - mean
         inverse = _inverse(self.learnt["covariance"])
         signature = self.learnt["signature"]

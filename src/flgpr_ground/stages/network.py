@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
@@ -16,10 +15,10 @@ from pydantic import Field
 from flgpr.detect.scorers.checks import Checked
 from flgpr.engine import Arrays
 from flgpr.features import cut_regions
-from flgpr.screen import local_maxima
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
-from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
+from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
 _BATCH = 256  # chips that are scored at once
@@ -86,13 +85,7 @@ class ChipNetwork(FeatureStage):
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Cut the chips of the alarms and run the networks."""
-        learnt_images = len(self.learnt["mean"])
-        images = math.prod(view.shape[:-2])
-        if images != learnt_images:
-            raise ValueError(
-                f"model must have been trained on run-views of {images} images, as this one, "
-                f"got {learnt_images}"
-            )
+        check_images(view, len(self.learnt["mean"]))
         networks = weights_of(self.learnt)
         scores = np.zeros(len(points))
         for begin in range(0, len(points), _BATCH):
@@ -250,9 +243,7 @@ def _examples(
 ) -> tuple[Chips, Chips]:
     """Cut the chips of a lane's mines, moved about a little, and of its clutter."""
     level = np.log(np.maximum(lane.view.values, _FLOOR)).mean(axis=(0, 1))
-    table = local_maxima(lane.view[0, 0].copy(data=level), settings.radius)
-    maxima = table[["x", "y"]].to_numpy(dtype=float)
-    maxima = maxima[lane.lane.contains(maxima[:, 0], maxima[:, 1])]
+    maxima = maxima_in_lane(lane, level, settings.radius)
     targets = lane.truth[["x", "y"]].to_numpy(dtype=float)
     mines = targets[lane.truth["kind"].isin(settings.kinds).to_numpy()]
 

@@ -19,7 +19,7 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.engine import Arrays
 from flgpr.features import cut_regions
 from flgpr.model import Grid
-from flgpr.screen import local_maxima, select
+from flgpr.screen import select
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
@@ -43,6 +43,7 @@ from flgpr_ground.features.patch_descriptors import (
     pixel_windows,
     split_grid,
 )
+from flgpr_ground.stages.run_views import maxima_in_lane
 
 _BATCH = 128  # patches that are described at once
 _KNOWN_SHARE = 0.999  # a cut pixel counts as seen if this much of what it was interpolated from was
@@ -245,7 +246,6 @@ class _LearntPatterns(PatchStage):
     """Features by a dictionary of local descriptors, learnt without labels."""
 
     learns = True
-    prefix: ClassVar[str] = ""
     size_entry: ClassVar[str] = ""  #: entry of the recipe that is the dictionary's size
 
     @classmethod
@@ -476,6 +476,4 @@ def _maxima_in_lane(lane: TrainingView, channels: _Channels, radius: float) -> F
     """Return the local maxima (n, 2) in a lane of the mean log-magnitude of its channels."""
     magnitudes = np.maximum(channels.values, np.finfo(np.float32).tiny)
     level = np.where(channels.has_value > 0, np.log(magnitudes), np.nan).mean(axis=0)
-    table = local_maxima(lane.view[0, 0].copy(data=level), radius)
-    places = table[["x", "y"]].to_numpy(dtype=np.float64)
-    return places[lane.lane.contains(places[:, 0], places[:, 1])]
+    return maxima_in_lane(lane, level, radius)

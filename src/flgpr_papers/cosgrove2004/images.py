@@ -11,8 +11,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.clutter import scan_gain, self_signature
-from flgpr.design.point_spread import half_power
 from flgpr.imaging import ImagingOperator, ScanImager
+from flgpr.kernels.widths import half_power
 from flgpr.kernels.windows import ramp
 from flgpr.model import (
     SPEED_OF_LIGHT,

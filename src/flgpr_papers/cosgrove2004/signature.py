@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import find_peaks
 
 from flgpr.clutter import ClutterWhitener
-from flgpr.design.point_spread import half_power
 from flgpr.features import range_cuts
+from flgpr.kernels.widths import half_power
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
 from flgpr_papers.cosgrove2004.detect import box_values

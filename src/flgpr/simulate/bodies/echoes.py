@@ -78,6 +78,8 @@ class LayeredGround:
     ----------
     wavenumber : ndarray (frequency,)
         In air, rad/m.
+    tops : ndarray (layer,)
+        Depths at which the layers begin, m.
     media : list of ndarray (frequency,)
         Complex permittivity of every layer.
     real : list of float
@@ -86,6 +88,7 @@ class LayeredGround:
 
     def __init__(self, soil: Soil, heights: HeightField | None, frequency: FloatArray) -> None:
         self.soil = soil
+        self.tops = np.cumsum([0.0, *(layer.thickness for layer in soil.layers)])
         self.heights = heights
         self.frequency = frequency
         self.wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
@@ -94,13 +97,13 @@ class LayeredGround:
         self.media = soil.media(frequency)
         self.real = [float(eps[0].real) for eps in soil.media(centre)]
 
+    def layer(self, depth: FloatArray) -> NDArray[np.intp]:
+        """Return the index of the layer that holds each depth, m."""
+        return np.searchsorted(self.tops[1:], depth, side="left").astype(np.intp)
+
     def medium(self, depth: float) -> int:
         """Return the index of the layer that holds a depth, m."""
-        deepest = 0
-        for index, thickness in enumerate(self.soil.thicknesses_above(depth)):
-            if thickness > 0:
-                deepest = index
-        return deepest
+        return int(self.layer(np.array(depth)))
 
     def reflection(self, sine: float) -> ComplexArray:
         """Return the reflection of the ground from above, H and V (2, frequency)."""

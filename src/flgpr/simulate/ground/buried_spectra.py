@@ -131,7 +131,6 @@ class BuriedSpectra:
         self._ground = ground
         self._deepest = deepest
         self._entry = _entry_table(ground)
-        self._tops = np.cumsum([0.0, *(layer.thickness for layer in ground.soil.layers)])
         # Depths lie closer where they are small, as losses change fastest there.
         depths = deepest * np.linspace(0, 1, _DEPTHS) ** 2
         nodes = np.unique(np.linspace(0, frequency.size - 1, _NODES).round().astype(int))
@@ -153,19 +152,16 @@ class BuriedSpectra:
             functions = CubicSpline(frequency[nodes], functions, axis=1)(frequency)
         self.basis = np.repeat(functions[:, None], 3, axis=1)
 
-    def layer(self, depth: FloatArray) -> NDArray[np.intp]:
-        """Return the index of the soil's layer that holds each depth, m."""
-        return np.searchsorted(self._tops[1:], depth, side="left").astype(np.intp)
-
     def permittivity(self, depth: FloatArray) -> FloatArray:
         """Return the real permittivity at the band's middle at each depth, m."""
-        return np.asarray(np.array(self._ground.real)[self.layer(depth)])
+        return np.asarray(np.array(self._ground.real)[self._ground.layer(depth)])
 
     def delay(self, depth: FloatArray, sine: FloatArray) -> FloatArray:
         """Return the electrical path from the surface to depths, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
-        bottoms = [*self._tops[1:], np.inf]
+        tops = self._ground.tops
+        bottoms = [*tops[1:], np.inf]
         path = np.zeros_like(depth)
-        for top, bottom, eps in zip(self._tops, bottoms, self._ground.real, strict=True):
+        for top, bottom, eps in zip(tops, bottoms, self._ground.real, strict=True):
             vertical = np.sqrt(eps - sine**2)
             path += np.clip(depth, top, bottom) * vertical - top * vertical
         return path
@@ -182,7 +178,7 @@ class BuriedSpectra:
         position = np.clip(position, 0, _SINES.size - 1.001)
         cell = position.astype(int)
         fraction = (position - cell)[:, None]
-        layer = self.layer(depth)
+        layer = self._ground.layer(depth)
         low = self._entry[layer, cell]
         high = self._entry[layer, cell + 1]
         return np.asarray(low * (1 - fraction) + high * fraction)

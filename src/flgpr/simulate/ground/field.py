@@ -175,12 +175,11 @@ class _Texture:
         # Quantiles of that distribution; importing scipy.stats for them takes half a second.
         self._power = gammaincinv(shape, ndtr(self._grid)) * (1 / shape)
         # Tiles of a column share their waves along x, tiles of a row those along y.
-        self._column = lru_cache(64)(self._waves_along_x)
-        self._row = lru_cache(64)(self._waves_along_y)
+        self._along = lru_cache(128)(self._waves_along)
 
     def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
         """Return the power (point,) at positions (point, 2) of the tile (ix, iy)."""
-        waves = self._row(iy) @ self._column(ix).T
+        waves = self._along(iy, 1) @ self._along(ix, 0).T
         nodes = waves.real * math.sqrt(2 / self._phase.size)
 
         # Bilinear between the nodes of the tile.
@@ -193,15 +192,8 @@ class _Texture:
         gaussian = low * (1 - fy) + high * fy
         return np.asarray(np.interp(gaussian, self._grid, self._power))
 
-    def _waves_along_x(self, ix: int) -> ComplexArray:
-        """Return the waves along x in a column of tiles."""
-        return self._waves_along(ix, self._waves[0], self._phase)
-
-    def _waves_along_y(self, iy: int) -> ComplexArray:
-        """Return the waves along y in a row of tiles."""
-        return self._waves_along(iy, self._waves[1], 0.0)
-
-    def _waves_along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:
-        """Return the waves (node, mode) at the nodes of a tile along one axis."""
+    def _waves_along(self, tile: int, axis: int) -> ComplexArray:
+        """Return the waves (node, mode) at the nodes of a tile along x (0) or y (1)."""
         nodes = tile * TILE + np.linspace(0, TILE, self._nodes)
-        return np.exp(1j * (nodes[:, None] * waves + phase))
+        phase = self._phase if axis == 0 else 0.0
+        return np.exp(1j * (nodes[:, None] * self._waves[axis] + phase))

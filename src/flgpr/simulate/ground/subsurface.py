@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +122,8 @@ class SubsurfaceField:
         size, corner = inclusions.stone(radius, body, soil, self._k)
         along, across = inclusions.spheroid(stretch, body, soil)
         axial = size * (along - across)
-        axis = _draw_directions(rng, count)
+        vectors = rng.standard_normal((count, 3))  # even over the sphere
+        axis = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
         return _points(xy, depth, size * across, shape_index(STONE, corner), axial, axis)
 
     def roots(self, ix: int, iy: int) -> Buried:
@@ -212,12 +213,6 @@ def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
 def _draw_places(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
     """Draw places (point, 2) in a tile, m."""
     return (rng.random((count, 2)) + np.array([ix, iy])) * TILE
-
-
-def _draw_directions(rng: np.random.Generator, count: int) -> FloatArray:
-    """Draw unit vectors (point, 3), even over the sphere."""
-    vectors = rng.standard_normal((count, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def _points(
@@ -411,11 +406,9 @@ def subsurface_layers(
     middle = ground.frequency.size // 2
     deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
 
-    def grass_cover(sine: FloatArray) -> FloatArray:
-        """Return the two-way factor of the grass."""
-        return through_grass(scene.grass, ground.frequency, sine)
-
-    cover = grass_cover if scene.grass.grown else None
+    cover = None
+    if scene.grass.grown:
+        cover = partial(through_grass, scene.grass, ground.frequency)
     spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), deepest, cover)
     field = SubsurfaceField(scene, spectra, float(ground.wavenumber[middle]), density, seed)
     layers: list[ScattererLayer] = []

@@ -71,6 +71,10 @@ class TerrainHeights:
         height = self.relief(positions)[:, 0]
         return np.asarray(height.reshape(x.shape))
 
+    def height(self, x: float, y: float) -> float:
+        """Return the height of the ground at a place, m."""
+        return float(self(x, y).item())
+
     def relief(self, xy: FloatArray) -> FloatArray:
         """Return height (m) and slopes of the ground.
 

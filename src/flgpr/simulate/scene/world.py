@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,16 +163,22 @@ def _draw_target(
     )
 
 
+def _places_beside(
+    scene: Scene, rng: np.random.Generator, density: float
+) -> Iterator[tuple[float, float]]:
+    """Draw positions on and beside the lane, m, of so many things per m², one after the other."""
+    side = scene.clutter.roadside[1]
+    count = rng.poisson(density * 2 * side * (scene.length + 2 * MARGIN))
+    for _ in range(count):
+        x = rng.uniform(-side, side)
+        yield x, rng.uniform(-MARGIN, scene.length + MARGIN)
+
+
 def _draw_rocks(scene: Scene, seed: int) -> list[SceneObject]:
     """Draw the rocks on and beside the lane; their radii are 2 cm and exponential above it."""
     rng = stream(seed, "rocks")
-    side = scene.clutter.roadside[1]
-    ends = (-MARGIN, scene.length + MARGIN)
-    count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * MARGIN))
     rocks = []
-    for _ in range(count):
-        x = rng.uniform(-side, side)
-        y = rng.uniform(*ends)
+    for x, y in _places_beside(scene, rng, scene.clutter.rocks):
         radius = min(0.02 + rng.exponential(0.02), 0.12)
         rocks.append(SceneObject(kind="rock", x=x, y=y, radius=radius))
     return rocks
@@ -216,13 +223,8 @@ def _draw_post(scene: Scene, rng: np.random.Generator) -> SceneObject:
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
     """Draw the wet patches on and beside the lane."""
     rng = stream(seed, "patches")
-    side = scene.clutter.roadside[1]
-    ends = (-MARGIN, scene.length + MARGIN)
-    count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * MARGIN))
     patches = []
-    for _ in range(count):
-        x = rng.uniform(-side, side)
-        y = rng.uniform(*ends)
+    for x, y in _places_beside(scene, rng, scene.clutter.patches):
         radius = rng.uniform(0.4, 1.5)
         gain_db = rng.uniform(2, 6)
         patches.append(Patch(x=x, y=y, radius=radius, gain_db=gain_db))

@@ -1,8 +1,6 @@
 """Signatures: what buried bodies scatter, by Maxwell's equations in and around them, in tables.
 
-Round bodies, metal and dielectric, are solved mode by mode on a grid, with the surface above them
-to all orders (``revolution``); boxes as lattices of dipoles (``dipoles``). ``build`` makes tables,
-``table`` reads them.
+``table`` reads tables; :mod:`flgpr_ground.signatures` makes them.
 """
 
 from flgpr.lazy import face

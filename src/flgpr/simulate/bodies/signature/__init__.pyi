@@ -2,7 +2,6 @@ from flgpr.simulate.bodies.signature.body import Body as Body
 from flgpr.simulate.bodies.signature.body import BodyLayer as BodyLayer
 from flgpr.simulate.bodies.signature.body import load_body as load_body
 from flgpr.simulate.bodies.signature.body import packaged_bodies as packaged_bodies
-from flgpr.simulate.bodies.signature.build import build_table as build_table
 from flgpr.simulate.bodies.signature.table import FREQUENCY as FREQUENCY
 from flgpr.simulate.bodies.signature.table import PERMITTIVITY as PERMITTIVITY
 from flgpr.simulate.bodies.signature.table import SEPARATION as SEPARATION
@@ -12,3 +11,4 @@ from flgpr.simulate.bodies.signature.table import find_table as find_table
 from flgpr.simulate.bodies.signature.table import load_table as load_table
 from flgpr.simulate.bodies.signature.table import packaged_table as packaged_table
 from flgpr.simulate.bodies.signature.table import save_table as save_table
+from flgpr_ground.signatures.build import build_table as build_table

@@ -6,9 +6,9 @@ from scipy.special import j1
 from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.bodies.signature import revolution
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.revolution import (
+from flgpr_ground.signatures import revolution
+from flgpr_ground.signatures.revolution import (
     ModalSolver,
     make_grid,
     solve_round,

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from flgpr.simulate.bodies.signature import build, packaged_bodies
+from flgpr.simulate.bodies.signature import packaged_bodies
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.build import build_table
+from flgpr_ground.signatures import build
+from flgpr_ground.signatures.build import build_table
 
 TINY = Body(name="tiny", layers=[{"thickness": 0.02, "zones": ((0.03, 2.0),)}])
 
@@ -81,7 +82,7 @@ def test_a_box_with_metal_is_refused(tmp_path):
 
 
 def test_the_manifest_lists_every_table_with_its_digest():
-    folder = Path(build.__file__).parent / "tables"
+    folder = Path(nodes.__file__).parent / "tables"
     listed = json.loads((folder / "manifest.json").read_text())["files"]
     assert (
         set(listed)

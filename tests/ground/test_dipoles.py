@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.dipoles import (
+from flgpr_ground.signatures.dipoles import (
     Lattice,
     Waves,
     choose_cell,

@@ -21,9 +21,9 @@ from flgpr.archive import array_bytes, npy_header
 from flgpr.door import Folder, open_own, refuse_links
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.bodies.signature.dipoles import solve_box
-from flgpr.simulate.bodies.signature.revolution import solve_round
 from flgpr.simulate.bodies.signature.table import SignatureTable
+from flgpr_ground.signatures.dipoles import solve_box
+from flgpr_ground.signatures.revolution import solve_round
 
 _CELL_DENSITY = 60e9  # cells per wavelength times frequency times refractive index
 _CELLS = (8, 40)  # per wavelength, at least and at most
