@@ -160,3 +160,16 @@ def test_a_track_has_positions_and_a_clock_of_a_length_of_their_own():
     assert names_of(roles.places.columns) == expected
     assert set(roles.antennas) == {"tx"}
     assert roles_in(gps=np.ones((95, 3))).places is None
+
+
+def test_a_damaged_array_keeps_no_other_from_its_place():
+    roles = roles_in(freq=MANY_TONES, tx=np.ones((8, 3)), x=CLOCK, y=CLOCK)
+
+    def read(name):
+        raise ValueError(name)
+
+    opened = replace(roles.data.opened, _read=read)
+    roles = Roles([FileGroup("data", [opened.path], opened)])
+    assert roles.frequency is None
+    assert roles.antennas["tx"].unit == "m?"
+    assert roles.position_unit() == ("m?", "")

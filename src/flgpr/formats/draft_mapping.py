@@ -258,36 +258,26 @@ class MappingDraft:
         columns = places.columns
         if places.are_geodetic:
             names: dict[str, Any] = {name: columns[name].info.name for name in places.form}
-            unit = columns["z"].unit("m") if "z" in columns else "m?"
-            if unit == "m?" and places.group is not self.roles.data:
-                unit = "m"  # as receivers tell heights
+            unit = "m?"
+            names["height"] = _component(places, "z")
+            if places.holds("z"):
+                names["height"] = columns["z"].info.name
+                unit = columns["z"].unit("m")
+            if places.is_table:
+                unit = unit.replace("m?", "m")  # as receivers tell heights
             degrees = _degrees(columns["longitude"], columns["latitude"])
-            entry = {**names, "height": self._component(places, "z")}
-            entry |= {"angle_unit": degrees, "unit": unit}
+            entry = {**names, "angle_unit": degrees, "unit": unit}
             return "geodetic", entry, "needs --anchor, or --anchor-from-track"
         if places.holds("position"):
             entry = {"variable": columns["position"].info.name}
             if columns["position"].info.shape[1] == 2:
-                entry["z"] = self._component(places, "z")
+                entry["z"] = _component(places, "z")
             return "position", entry | {"unit": columns["position"].unit("m")}, ""
         if not set("xyz") & set(columns):
             return "", {"x": "?", "y": "?", "z": "?", "unit": "m"}, ""
         unit, reason = self.roles.position_unit()
-        sides = {axis: self._component(places, axis) for axis in "xyz"}
+        sides = {axis: _component(places, axis) for axis in "xyz"}
         return "", {**sides, "unit": unit}, reason
-
-    def _component(self, places: Places, name: str) -> Any:
-        """Return what a component is: an array, or zero where none holds it.
-
-        In a table of fixes the words of a receiver are certain, and so is that it measured no
-        more. Beside the signal a name is a guess unless it is called just that.
-        """
-        is_table = places.group is not self.roles.data
-        if name not in places.columns:
-            return 0.0 if is_table else "0?"
-        variable = places.columns[name].info.name
-        last_word = re.split(r"[/.]", variable.lower())[-1].split("_")[0]
-        return variable if is_table or last_word == name else f"{variable}?"
 
     def _attitude(self, places: Places, table: str) -> dict[str, Any]:
         """Return the entries of heading, pitch and roll, or of a rotation."""
@@ -299,18 +289,31 @@ class MappingDraft:
             variable = {**self._file(places.group), "variable": rotation.info.name}
             self.comments[f"{table}.orientation"] = "of x forward, y left, z up"
             return {"orientation": InlineTable(variable, body=["-y?", "x?", "z?"])}
-        entries = {name: self._component(places, name) for name in ("heading", "pitch", "roll")}
+        entries = {name: _component(places, name) for name in ("heading", "pitch", "roll")}
         found = [columns[name] for name in entries if name in columns]
         if "heading" not in columns and (places.form or places.holds("y")):
             entries["heading"] = "course?"
             self.comments[f"{table}.heading"] = "along the way"
-        if table == "track" and places.are_geodetic and places.group is not self.roles.data:
+        if table == "track" and places.are_geodetic and places.is_table:
             for name in entries:
                 if name in columns:
                     entries[name] = InlineTable(self._file(places.group), variable=entries[name])
-        units = {source.unit(_usual_angle(source, self.roles.data)) for source in found}
+        units = {source.unit(_usual_angle(source, places)) for source in found}
         unit = units.pop() if len(units) == 1 else "?" if units else "deg"
         return {**entries, "angle_unit": unit}
+
+
+def _component(places: Places, name: str) -> Any:
+    """Return what a component is: an array, or zero where none holds it.
+
+    In a table of fixes the words of a receiver are certain, and so is that it measured no more.
+    Beside the signal a name is a guess unless it is called just that.
+    """
+    if name not in places.columns:
+        return 0.0 if places.is_table else "0?"
+    variable = places.columns[name].info.name
+    last_word = re.split(r"[/.]", variable.lower())[-1].split("_")[0]
+    return variable if places.is_table or last_word == name else f"{variable}?"
 
 
 def _degrees(longitude: ArraySource, latitude: ArraySource) -> str:
@@ -322,9 +325,9 @@ def _degrees(longitude: ArraySource, latitude: ArraySource) -> str:
     return "deg" if is_beyond else unit
 
 
-def _usual_angle(source: ArraySource, data: FileGroup) -> str:
+def _usual_angle(source: ArraySource, places: Places) -> str:
     """Return the unit that angles without one are in, rather."""
-    return "deg" if source.group is not data or _largest(source) > 2 * np.pi else "rad"
+    return "deg" if places.is_table or _largest(source) > 2 * np.pi else "rad"
 
 
 def _largest(source: ArraySource) -> float:

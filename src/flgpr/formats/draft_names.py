@@ -13,13 +13,13 @@ SAMPLES = re.compile(r"range|delay|t_ns|twt|fast")
 """What delays or ranges of samples are called; a time may be the scans' clock as well."""
 TIME = re.compile(r"time|stamp|(^|_)(t|utc|tow)($|_)")
 """What times of scans, of samples and of fixes are called."""
-CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
-"""What a time is called that is no delay of samples."""
 TRANSMITTER = re.compile(r"tx|trans(?!l)|source|sender")
 RECEIVER = re.compile(r"rx|(?<![a-z])rec(?!h)|recei|recep|empf")
 ANTENNA = re.compile(rf"{TRANSMITTER.pattern}|{RECEIVER.pattern}|ant|elem")
 WAY = re.compile(r"way|track|gps|gnss|rtk|traj|odom")
 """What only positions of a vehicle are called."""
+CLOCK = re.compile(rf"{WAY.pattern}|utc|epoch|stamp|scan|trace|pps|pose|slow")
+"""What a time is called that is no delay of samples."""
 POSITION = re.compile(rf"{WAY.pattern}|pos|xyz|coord|loc|place|transl|reference")
 ROTATION = re.compile(r"orientation|rotation|quat")
 COMPONENTS: dict[str, tuple[str, ...]] = {

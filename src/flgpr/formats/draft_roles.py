@@ -32,7 +32,6 @@ from flgpr.formats.draft_names import (
     SAMPLES,
     TIME,
     TRANSMITTER,
-    UNNAMED,
     WAY,
     component_of,
 )
@@ -49,7 +48,7 @@ _SHORTEST_STEP = 0.02
 _PER_SCAN = ("of every scan", 0)
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
 _FORMS = (("position",), ("x", "y"), ("longitude", "latitude"))
-"""Components that tell a place together; those in the lane stand for those on the globe."""
+"""Components that tell a place together."""
 _KINDS = {"t": "tx", "s": "tx", "r": "rx", "e": "rx"}
 """Kinds of antennas by the first letters of their words, also of sender and Empfänger."""
 _POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
@@ -79,6 +78,7 @@ class Places:
 
     group: FileGroup
     columns: dict[str, ArraySource]
+    is_table: bool  #: whether it is a table of fixes in a file of its own, not beside the signal
 
     @property
     def count(self) -> int:
@@ -91,8 +91,13 @@ class Places:
 
     @property
     def form(self) -> tuple[str, ...]:
-        """The components that tell where the vehicle was; empty where it is height or heading."""
-        return next((form for form in _FORMS if self.holds(*form)), ())
+        """The components that tell where the vehicle was; empty where it is height or heading.
+
+        Beside the signal, x and y are in the lane and stand for longitude and latitude. Those of a
+        table of fixes may be in any frame.
+        """
+        forms = _FORMS[:1] + _FORMS[:0:-1] if self.is_table else _FORMS
+        return next((form for form in forms if self.holds(*form)), ())
 
     @property
     def are_geodetic(self) -> bool:
@@ -206,11 +211,11 @@ class Roles:
         delays = [source for source in unused if source.is_called(SAMPLES)]
         times = []
         for source in unused:
-            is_clock = CLOCK.search(source.label) or source.group is not self.data
-            if "time" in source.label and (not is_clock or source.info.name in UNNAMED):
+            if "time" in source.label and not CLOCK.search(source.label):
                 times.append(source)
         fast = [time for time in times if is_fast_time(time.group.opened, time.info)]
-        for sources, are_certain in ((delays, True), (fast, True), (times, False)):
+        slow = [time for time in times if time.group is self.data or not _tells_places(time.group)]
+        for sources, are_certain in ((delays, True), (fast, True), (slow, False)):
             for sizes in (self.sizes[-1:], self.sizes):
                 samples = self._take_axis(sources, sizes)
                 if samples is not None:
@@ -242,7 +247,7 @@ class Roles:
         if ANTENNA.search(source.label):
             return False
         if source.group is not self.data:
-            return WAY.search(source.label) is not None
+            return WAY.search(f"{source.group.paths[0].stem.lower()} {source.label}") is not None
         # Those of another length than the axes are a track, if they have a clock.
         is_other = shape[1] == 3 and shape[0] not in self.sizes and not source.topic
         return is_other or POSITION.search(source.label) is not None
@@ -329,7 +334,8 @@ class Roles:
             yield sources[0], np.stack([source.numbers().ravel() for source in sources], axis=-1)
         for source in self._unused([group]):
             shape = source.info.shape
-            if len(shape) == 2 and shape[1] == 3:
+            is_named = POSITION.search(source.label) or ANTENNA.search(source.label)
+            if len(shape) == 2 and shape[1] == 3 and (is_named or group is not self.data):
                 yield source, source.numbers().reshape(-1, 3)
 
     def _length_unit(self, source: ArraySource, points: FloatArray) -> tuple[str, str]:
@@ -394,11 +400,11 @@ class Roles:
             by_length.setdefault(key, {}).setdefault(name, source)
         found = []
         for key, columns in by_length.items():
-            places = Places(group, columns)
+            places = Places(group, columns, group is not self.data)
             places.keep_form()
             is_track = places.form not in ((), ("x", "y")) and places.holds("time")
             is_per_scan = key == _PER_SCAN and bool(set(columns) - {"time", "orientation"})
-            if is_track or is_per_scan or (places.form and group is not self.data):
+            if is_track or is_per_scan or (places.form and places.is_table):
                 found.append(places)
         return found
 
@@ -505,8 +511,7 @@ class Roles:
         columns = {} if self.places is None else self.places.columns
         units = {columns[axis].unit("m") for axis in "xyz" if axis in columns}
         stated = units.pop() if len(units) == 1 else "?"
-        is_apart = self.places is not None and self.places.group is not self.data
-        if stated != "m?" or not is_apart:
+        if stated != "m?" or self.places is None or not self.places.is_table:
             return stated, ""
         steps = np.hypot(*(np.diff(columns[axis].numbers().ravel()) for axis in "xy"))
         finite = steps[np.isfinite(steps)]
@@ -519,6 +524,12 @@ class Roles:
 def _is_table(source: ArraySource) -> bool:
     """Return whether an array is all columns of a text, which have names of their own."""
     return source.info.name == "table" and len(source.group.opened.arrays) > 1
+
+
+def _tells_places(group: FileGroup) -> bool:
+    """Return whether a file has columns of places: its times are those of fixes."""
+    components = [component_of(name) for name in group.opened.arrays]
+    return any(found is not None and found[0] in ("x", "longitude") for found in components)
 
 
 def _is_guess(name: str) -> bool:
