@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.draft_names import RECORDING, UNNAMED
-from flgpr.formats.draft_units import small_values, unit_of
+from flgpr.formats.draft_units import largest, small_values, unit_of
 from flgpr.store.files import natural_order
 from flgpr.store.text_tables import text_columns
 
@@ -93,6 +93,10 @@ class ArraySource:
         """Return whether it holds numbers that increase from one to the next."""
         numbers = self.numbers().ravel()
         return numbers.size > 1 and bool((np.diff(numbers) > 0).all())
+
+    def largest(self) -> float:
+        """Return its largest finite magnitude; 0 where it is not read."""
+        return largest(self.group.opened, self.info)
 
     def unit(self, usual: str) -> str:
         """Return its unit; one that is guessed ends in a question mark."""

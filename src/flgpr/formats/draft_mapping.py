@@ -321,16 +321,10 @@ def _degrees(longitude: ArraySource, latitude: ArraySource) -> str:
     unit = latitude.unit("deg")
     if unit != "deg?":
         return unit
-    is_beyond = _largest(latitude) > np.pi / 2 or _largest(longitude) > np.pi
+    is_beyond = latitude.largest() > np.pi / 2 or longitude.largest() > np.pi
     return "deg" if is_beyond else unit
 
 
 def _usual_angle(source: ArraySource, places: Places) -> str:
     """Return the unit that angles without one are in, rather."""
-    return "deg" if places.is_table or _largest(source) > 2 * np.pi else "rad"
-
-
-def _largest(source: ArraySource) -> float:
-    """Return the largest magnitude of the finite values."""
-    values = np.abs(source.numbers())
-    return float(values[np.isfinite(values)].max(initial=0.0))
+    return "deg" if places.is_table or source.largest() > 2 * np.pi else "rad"

@@ -366,8 +366,7 @@ class Roles:
         if self.frequency is None:
             return "Hz?", ""
         unit = self.frequency.unit("Hz")
-        highest = float(np.max(self.frequency.numbers()))
-        if unit == "Hz?" and highest >= _CERTAIN_HERTZ:
+        if unit == "Hz?" and self.frequency.largest() >= _CERTAIN_HERTZ:
             return "Hz", "by their size"
         return unit, ""
 
