@@ -18,7 +18,8 @@ from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.draft_arrays import find_signal
 from flgpr.formats.draft_groups import ArraySource, FileGroup
 from flgpr.formats.draft_names import TIME
-from flgpr.formats.draft_roles import Antennas, Places, Roles
+from flgpr.formats.draft_places import Antennas, Places
+from flgpr.formats.draft_roles import Roles
 from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
 from flgpr.toml_text import InlineTable, toml_lines

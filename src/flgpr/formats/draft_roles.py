@@ -11,7 +11,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from operator import itemgetter
 from typing import NamedTuple
@@ -35,6 +34,7 @@ from flgpr.formats.draft_names import (
     WAY,
     component_of,
 )
+from flgpr.formats.draft_places import Antennas, Places
 from flgpr.formats.draft_units import is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
@@ -47,71 +47,9 @@ _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
 _PER_SCAN = ("of every scan", 0)
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
-_FORMS = (("position",), ("x", "y"), ("longitude", "latitude"))
-"""Components that tell a place together."""
 _KINDS = {"t": "tx", "s": "tx", "r": "rx", "e": "rx"}
 """Kinds of antennas by the first letters of their words, also of sender and Empfänger."""
 _POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
-
-
-@dataclass
-class Antennas:
-    """Antennas of one kind: where their positions lie, and how many they are."""
-
-    source: ArraySource
-    count: int
-    unit: str
-    reason: str = ""  #: why it is that unit
-    values: FloatArray | None = None  #: (antenna, 3) where they are some rows of a list
-    sides: Sequence[ArraySource] = ()  #: x, y and z where they lie apart
-
-    @property
-    def scans(self) -> int | None:
-        """How many scans have positions of their own, in the lane frame; None if one has all."""
-        shape = self.source.info.shape
-        return shape[0] if len(shape) == 3 else None
-
-
-@dataclass
-class Places:
-    """Where the vehicle was: arrays of one file by component, with times if there are any."""
-
-    group: FileGroup
-    columns: dict[str, ArraySource]
-    is_table: bool  #: whether it is a table of fixes in a file of its own, not beside the signal
-
-    @property
-    def count(self) -> int:
-        """How many fixes there are."""
-        return next(iter(self.columns.values())).rows
-
-    def holds(self, *names: str) -> bool:
-        """Return whether all of these components are there."""
-        return set(names) <= set(self.columns)
-
-    @property
-    def form(self) -> tuple[str, ...]:
-        """The components that tell where the vehicle was; empty where it is height or heading.
-
-        Beside the signal, x and y are in the lane and stand for longitude and latitude. Those of a
-        table of fixes may be in any frame.
-        """
-        forms = _FORMS[:1] + _FORMS[:0:-1] if self.is_table else _FORMS
-        return next((form for form in forms if self.holds(*form)), ())
-
-    @property
-    def are_geodetic(self) -> bool:
-        """Whether positions are longitudes and latitudes."""
-        return self.form == ("longitude", "latitude")
-
-    def keep_form(self) -> None:
-        """Take components out that others stand for."""
-        for name in {name for form in _FORMS for name in form}.difference(self.form or ("x", "y")):
-            self.columns.pop(name, None)
-
-    def precedence(self) -> tuple[bool, bool, int]:
-        """Return what makes one file's places go before another's."""
-        return bool(self.form), not self.are_geodetic, len(self.columns)
 
 
 class _Signal(NamedTuple):
