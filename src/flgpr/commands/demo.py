@@ -57,8 +57,10 @@ def _when(result: Result, score: Score) -> str:
 
 def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary:
     """Return the figures of the score."""
+    from flgpr.commands.scoring import Scored
+
     result, scores = returned
-    return score_summary(result.folder, scores)
+    return score_summary(Scored(result.folder, scores))
 
 
 @contextmanager
@@ -154,6 +156,7 @@ def demo(
         If something that is no result lies at the output, or another result that is not to be
         overwritten.
     """
+    from flgpr.commands.score_request import ScoreRequest
     from flgpr.commands.scoring import score_result
     from flgpr.method.method import detect
     from flgpr.progress import silent
@@ -194,10 +197,16 @@ def demo(
         else:
             if detections:
                 write_result(folder, detections, text, lane, description)
-            truth = lane_folder / "truth.csv"
-            objects = lane_folder / "objects.csv"
-            scored = score_result(folder, truth, objects, overwrite=overwrite)
-    return scored
+            request = ScoreRequest(
+                lists=[folder],
+                truth=lane_folder / "truth.csv",
+                objects=lane_folder / "objects.csv",
+                output=folder,
+                overwrite=overwrite,
+            )
+            scored = score_result(request)
+    result, scores = scored
+    return result, scores
 
 
 def _holds_demo(
