@@ -29,6 +29,10 @@ _TOML_MARKS = re.compile(r"[=,{}\[\]\n]")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
+class InlineTable(dict[str, Any]):
+    """A table that is written in one line, as the value of an entry."""
+
+
 def parse_toml(data: bytes | str) -> dict[str, Any]:
     """Parse TOML in UTF-8 of at most :data:`MOST_TOML` characters; anything else is a ValueError.
 
@@ -66,7 +70,7 @@ def toml_lines(
     for name, value in table.items():
         comment = comments.get(".".join([*path, name]), "")
         beside = f"  # {comment}" if comment else ""
-        if isinstance(value, dict):
+        if isinstance(value, dict) and not isinstance(value, InlineTable):
             header = ".".join(_toml_key(part) for part in (*path, name))
             inner_lines += ["", f"[{header}]{beside}"]
             inner_lines += toml_lines(value, comments, (*path, name))
@@ -82,6 +86,12 @@ def _toml_key(name: str) -> str:
 
 def toml_value(value: Any) -> str:
     """Return a value as TOML writes it; numbers from a million on, which are frequencies, in 1e9."""
+    if isinstance(value, dict):
+        entries = (f"{_toml_key(name)} = {toml_value(entry)}" for name, entry in value.items())
+        return f"{{{', '.join(entries)}}}"
+    if isinstance(value, list) and any(isinstance(member, list) for member in value):
+        rows = "".join(f"    {toml_value(member)},\n" for member in value)
+        return f"[\n{rows}]"
     if isinstance(value, list | tuple):
         return f"[{', '.join(toml_value(member) for member in value)}]"
     if isinstance(value, float) and abs(value) >= 1e6:

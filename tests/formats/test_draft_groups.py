@@ -5,7 +5,7 @@ import pytest
 
 from flgpr.formats import explain_files
 from flgpr.formats.arrays import LIMIT
-from flgpr.formats.draft_groups import group_files, name_token
+from flgpr.formats.draft_groups import group_files
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path):
@@ -43,8 +43,3 @@ def test_columns_of_text_are_kept_beside_the_numbers(tmp_path):
     path.write_text("kind;x\ntx;0.5\nrx;1.5\n")
     (group,) = group_files([path], LIMIT)
     assert group.texts == {"kind": ["tx", "rx"]}
-
-
-def test_a_word_of_a_name_is_a_whole_word():
-    assert name_token("pos.Lat_deg", {"lat"}) == "lat"
-    assert name_token("platform", {"lat"}) is None

@@ -189,3 +189,41 @@ def test_a_draft_is_for_files_and_never_written_over(tmp_path):
     assert done.exit_code == 2
     assert (tmp_path / "own.toml").read_text() == "mine"
     assert run("info", tmp_path, "--mapping", tmp_path / "b.toml").exit_code == 2
+
+
+def test_antennas_in_the_file_of_every_scan_join_no_pairs(tmp_path):
+    for k in range(2):
+        np.savez(tmp_path / f"a_{k}.npz", s=SIGNAL[k], tx=SENDERS, rx=RECEIVERS, freq=FREQUENCY)
+    draft = explain_files([tmp_path / "a_0.npz", tmp_path / "a_1.npz"]).mapping
+    assert 'join = "new scan"' in draft
+    assert 'dims = ["tx", "rx", "frequency"]' in draft
+
+
+def test_the_delays_of_the_samples_may_lie_in_another_file(tmp_path):
+    np.save(tmp_path / "traces.npy", np.ones((SCANS, 50)))
+    np.savez(tmp_path / "axis.npz", time=np.linspace(0, 50e-9, 50))
+    way = rows(tmp_path / "way.csv", "time,x_m,y_m,z_m", np.cumsum(np.ones((SCANS, 4)), axis=0))
+    draft = explain_files([tmp_path / "traces.npy", tmp_path / "axis.npz", way]).mapping
+    assert '[samples]\nfile = "axis"\nvariable = "time"' in draft
+    assert 'dims = ["scan", "sample"]' in draft
+
+
+def test_longitude_and_latitude_of_a_table_go_before_x_and_y_of_any_frame(tmp_path):
+    table = np.column_stack([geodetic()[:, :2], np.cumsum(np.ones((SCANS, 2)), axis=0)])
+    way = rows(tmp_path / "fixes.csv", "lat,lon,x,y", table)
+    np.savez(tmp_path / "array.npz", tx=SENDERS, rx=RECEIVERS, frequency=FREQUENCY)
+    draft = explain_files([*scans(tmp_path), tmp_path / "array.npz", way]).mapping
+    assert 'geodetic = {file = "fixes", longitude = "lon", latitude = "lat"' in draft
+
+
+def test_positions_in_an_array_of_their_own_file_are_the_vehicles(tmp_path):
+    np.save(tmp_path / "signal.npy", SIGNAL)
+    np.save(tmp_path / "way.npy", np.cumsum(np.ones((SCANS, 3)), axis=0))
+    np.savez(tmp_path / "array.npz", tx=SENDERS, rx=RECEIVERS, frequency=FREQUENCY)
+    paths = [tmp_path / name for name in ("signal.npy", "way.npy", "array.npz")]
+    draft = explain_files(paths).mapping
+    assert 'position = {file = "way", variable = "array", unit = "m?"}' in draft
+    assert 'dims = ["scan", "tx", "rx", "frequency"]' in draft
+    (tmp_path / "own.toml").write_text(draft.replace("?", ""))
+    made = import_mapped(tmp_path / "own.toml").run
+    np.testing.assert_allclose(made["pose"].values[:, 0], 1.0 + np.arange(SCANS))

@@ -14,7 +14,6 @@ from flgpr.formats.mapped import Imported
 from flgpr.geo import anchor_from_fixes
 from flgpr.geo.anchor import Anchor
 from flgpr.model.motion import judge_run
-from flgpr.model.track import reference_track
 from flgpr.store import save_run, write_geojson, write_table
 from flgpr.store.run_writer import is_stored
 
@@ -33,12 +32,15 @@ def refuse_two_anchors(anchor: PathLike | None) -> None:
         raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
 
 
-def with_doubts(run: xr.Dataset) -> xr.Dataset:
-    """Add positions that no vehicle reaches to ``import_notes``; all positions stay."""
+def finished_run(run: xr.Dataset, anchor: Anchor | None) -> xr.Dataset:
+    """Return an imported run with its georeference, where an anchor states it, and with doubts.
+
+    Positions that no vehicle reaches are told in ``import_notes``; all positions stay.
+    """
     doubts = judge_run(run).notes()
     if doubts:
         run.attrs.setdefault("import_notes", []).extend(doubts)
-    return run
+    return tied_run(run, anchor)
 
 
 def store_with_tables(
@@ -74,57 +76,50 @@ def store_with_tables(
     return written
 
 
-class MappedPositions:
-    """Track and anchor of an import by mapping, as options name them."""
-
-    def __init__(
-        self,
-        track: PathLike | None,
-        anchor: PathLike | None,
-        anchor_from_track: bool,
-        body: str | None,
-        axes: str | None,
-        max_gap: float,
-    ) -> None:
-        if anchor_from_track:
-            refuse_two_anchors(anchor)
-        self.notes: list[str] = []  #: what was assumed of the anchor
-        self.anchor = read_optional_anchor(anchor)
-        self._track: pd.DataFrame | None = None
-        if track is None:
-            return
-        path = Path(track)
-        if anchor_from_track and path.suffix.lower() != ".csv":
-            self.anchor, self.notes = anchor_from_fixes(nmea_places(path))
-        names = None if axes is None else axes.split(",")
-        self._track = track_of(path, self.anchor, body, names, max_gap)
-
-    def moved_track(
-        self, lever_arm: tuple[float, float, float], latency: float
-    ) -> pd.DataFrame | None:
-        """Return the track of the array's reference point; None without a track.
-
-        ``lever_arm`` is the position of the positioning antenna in the vehicle frame, m;
-        ``latency`` is the delay of its time stamps, s.
-        """
-        if self._track is None:
-            return None
-        return reference_track(self._track, lever_arm, latency)
-
-
-def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:
-    """Store a run that was imported by a mapping, and its track beside it.
+def track_and_anchor(
+    track: PathLike | None,
+    anchor: PathLike | None,
+    anchor_from_track: bool,
+    body: str | None,
+    axes: str | None,
+    max_gap: float,
+) -> tuple[pd.DataFrame | None, Anchor | None, list[str]]:
+    """Read track and anchor of an import by mapping, as options name them.
 
     Parameters
     ----------
-    imported : Imported
-        The run, and its track if it has one.
-    store : Path
-        Run store to write.
-    anchor : Anchor or None
-        States where the lane lies; stored with the run.
+    track : path or None
+        CSV, take of OptiTrack Motive or NMEA log.
+    anchor : path or None
+        TOML that ties the lane to the Earth.
+    anchor_from_track : bool
+        Whether the fixes of a log make their own anchor.
+    body, axes : str or None
+        Body of a take, and its axes that are the lane's, parted by commas.
+    max_gap : float
+        Longest gap of a take that is bridged, s.
+
+    Returns
+    -------
+    track, anchor, notes
+        What was read, and what was assumed of the anchor.
     """
-    run = tied_run(with_doubts(imported.run), anchor)
+    if anchor_from_track:
+        refuse_two_anchors(anchor)
+    lane_anchor = read_optional_anchor(anchor)
+    if track is None:
+        return None, lane_anchor, []
+    path = Path(track)
+    notes: list[str] = []
+    if anchor_from_track and path.suffix.lower() != ".csv":
+        lane_anchor, notes = anchor_from_fixes(nmea_places(path))
+    names = None if axes is None else axes.split(",")
+    return track_of(path, lane_anchor, body, names, max_gap), lane_anchor, notes
+
+
+def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:
+    """Store a run that was imported by a mapping, and its track beside it, if it has one."""
+    run = finished_run(imported.run, anchor)
     # The track is written before the run, which marks a complete import.
     if imported.track is not None and not is_stored(run, store):
         write_table(imported.track, store.with_name(f"{store.stem}-track.csv"))

@@ -137,12 +137,15 @@ def import_mapped(
     -----
     An interrupted import resumes with the next scan.
     """
-    from flgpr.commands.importing import MappedPositions, check_parent_folder, store_mapped
+    from flgpr.commands.importing import check_parent_folder, store_mapped, track_and_anchor
     from flgpr.formats.mapped import import_mapped as read_mapped
     from flgpr.formats.tracks import read_survey
+    from flgpr.model.track import reference_track
 
     target = check_parent_folder(output)
-    positions = MappedPositions(track, anchor, anchor_from_track, body, axes, max_gap)
+    fixes, lane_anchor, notes = track_and_anchor(
+        track, anchor, anchor_from_track, body, axes, max_gap
+    )
     poses = None if survey is None else read_survey(survey)
     imported = read_mapped(
         mapping,
@@ -150,17 +153,17 @@ def import_mapped(
         None,
         size_in_bytes(max_memory),
         poses,
-        positions.moved_track(lever_arm, latency),
+        None if fixes is None else reference_track(fixes, lever_arm, latency),
         clock_offset,
-        positions.anchor,
+        lane_anchor,
         anchor_from_track,
     )
-    imported.notes.extend(positions.notes)
-    if anchor_from_track and positions.anchor is None and imported.anchor is None:
+    imported.notes.extend(notes)
+    if anchor_from_track and lane_anchor is None and imported.anchor is None:
         raise ValueError(
             "anchor-from-track needs fixes by longitude and latitude, the positions are none"
         )
-    store_mapped(imported, target, imported.anchor or positions.anchor)
+    store_mapped(imported, target, imported.anchor or lane_anchor)
     return imported
 
 

@@ -106,8 +106,7 @@ def info(
 
 def _explain(paths: list[Path], mapping: Path | None) -> Any:
     """Describe files that are no run yet, and write the draft of their mapping to a path."""
-    from flgpr.formats.drafting import explain_files
-    from flgpr.formats.explain import explain_file
+    from flgpr.formats.explain import explain_file, explain_files
 
     is_group = len(paths) > 1
     described = explain_files(paths, mapping=mapping) if is_group else explain_file(paths[0])
@@ -117,9 +116,8 @@ def _explain(paths: list[Path], mapping: Path | None) -> Any:
         raise ValueError(
             f"{paths[0]}: a {described.kind} needs no mapping, none is written to {mapping}"
         )
-    if not mapping.parent.is_dir():
-        raise FileNotFoundError(f"the folder of the output must exist, got {mapping.parent}")
+    from flgpr.commands.importing import check_parent_folder
     from flgpr.store.outputs import write_new
 
-    write_new(mapping, described.mapping)
+    write_new(check_parent_folder(mapping), described.mapping)
     return described

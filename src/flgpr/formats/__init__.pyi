@@ -1,8 +1,8 @@
 from flgpr.formats.array_file import ArrayFile as ArrayFile
 from flgpr.formats.array_file import ArrayInfo as ArrayInfo
 from flgpr.formats.arrays import open_arrays as open_arrays
-from flgpr.formats.drafting import explain_files as explain_files
 from flgpr.formats.explain import explain_file as explain_file
+from flgpr.formats.explain import explain_files as explain_files
 from flgpr.formats.explain import propose_mapping as propose_mapping
 from flgpr.formats.fullwave import FullwaveLane as FullwaveLane
 from flgpr.formats.fullwave import import_fullwave as import_fullwave

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 import re
-from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import read_named
-from flgpr.formats.array_file import LIMIT, ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
+from flgpr.formats.draft_names import RECORDING, UNNAMED
+from flgpr.formats.draft_units import largest, small_values, unit_of
+from flgpr.store.files import natural_order
+from flgpr.store.text_tables import text_columns
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables, whose columns may hold text."""
@@ -45,16 +45,62 @@ class ArraySource:
         """How many values it has."""
         return math.prod(self.info.shape)
 
-    def values(self) -> NDArray[Any]:
-        """Return its values, those of the first file of the group."""
-        return self.group.opened.read(self.info.name)
+    @property
+    def is_vector(self) -> bool:
+        """Whether it has several values, all along one axis."""
+        return max(self.info.shape, default=0) == self.count > 1
 
-    def entry(self, unit: str | None = None) -> str:
-        """Return the inline table (TOML) by which a mapping names it."""
-        cells = [f"file = {json.dumps(self.group.key)}", f"variable = {json.dumps(self.info.name)}"]
-        if unit is not None:
-            cells.append(f'unit = "{unit}"')
-        return "{" + ", ".join(cells) + "}"
+    @property
+    def rows(self) -> int:
+        """How many values it has along its axis, or how many points (row, 3)."""
+        return self.count if self.is_vector else self.info.shape[-2]
+
+    @property
+    def topic(self) -> str:
+        """The topic that it is of, in a recording; else empty."""
+        if self.group.opened.kind != RECORDING:
+            return ""
+        return re.sub(r"@[^/]*$|/[^/@]*$", "", self.info.name)
+
+    @property
+    def is_log_time(self) -> bool:
+        """Whether it is when the messages of a topic were recorded, not what they hold."""
+        return bool(self.topic) and "@" in self.info.name
+
+    @property
+    def label(self) -> str:
+        """Its name without the topic, in small letters; that of a file which names none."""
+        if self.info.name in UNNAMED:
+            return self.group.paths[0].stem.lower()
+        return self.info.name.removeprefix(self.topic).lower()
+
+    def is_called(self, names: re.Pattern[str]) -> bool:
+        """Return whether the last part of its label matches."""
+        return names.search(re.split(r"[/.]", self.label)[-1]) is not None
+
+    def numbers(self) -> NDArray[np.float64]:
+        """Return its values, those of the first file of the group.
+
+        They are none where it is large, damaged or of other values than real numbers: that keeps
+        no other array from its place.
+        """
+        values = small_values(self.group.opened, self.info)
+        if values is None or values.dtype.kind not in "fiu":
+            return np.zeros(0)
+        return values.astype(np.float64)
+
+    def increases(self) -> bool:
+        """Return whether it holds numbers that increase from one to the next."""
+        numbers = self.numbers().ravel()
+        return numbers.size > 1 and bool((np.diff(numbers) > 0).all())
+
+    def largest(self) -> float:
+        """Return its largest finite magnitude; 0 where it is not read."""
+        return largest(self.group.opened, self.info)
+
+    def unit(self, usual: str) -> str:
+        """Return its unit; one that is guessed ends in a question mark."""
+        return unit_of(self.group.opened, self.info, usual)
 
 
 def group_files(files: list[Path], limit: int) -> list[FileGroup]:
@@ -83,7 +129,7 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
         by_name.setdefault((str(path.parent), pattern), []).append(path)
     groups: list[FileGroup] = []
     for paths in by_name.values():
-        paths.sort(key=_numbers_in)
+        paths.sort(key=natural_order)
         first, *others = paths
         opened = open_arrays(first, limit)
         expected = list(opened.arrays)
@@ -94,15 +140,13 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
                     f"{path}: files of one kind must hold the same arrays, got {', '.join(names)} "
                     f"beside {', '.join(expected)} of {first.name}"
                 )
-        texts = _text_columns(first) if first.suffix.lower() in TABLES else {}
+        texts: dict[str, list[str]] = {}
+        if first.suffix.lower() in TABLES:
+            with suppress(ValueError):  # a take or a log may end so, too
+                texts = text_columns(first)
         key = _key(first, {group.key for group in groups})
         groups.append(FileGroup(key, paths, opened, texts))
     return groups
-
-
-def _numbers_in(path: Path) -> list[int]:
-    """Return the numbers in the name of a file."""
-    return [int(digits) for digits in re.findall(r"\d+", path.name)]
 
 
 def _key(path: Path, taken: set[str]) -> str:
@@ -112,31 +156,3 @@ def _key(path: Path, taken: set[str]) -> str:
     while key in taken or key == "data":
         key += "_"
     return key
-
-
-def _text_columns(path: Path) -> dict[str, list[str]]:
-    """Return the columns of a table that hold text, such as the kind of an antenna, by header."""
-    text = read_named(path, LIMIT).decode("utf-8-sig", errors="replace")
-    lines = []
-    for line in text.splitlines():
-        if line.strip() and not line.lstrip().startswith(("#", "%")):
-            lines.append(line)
-    if len(lines) < 2:
-        return {}
-    delimiter = next((mark for mark in ";\t," if mark in lines[0]), ",")
-    reader = csv.reader(io.StringIO("\n".join(lines)), delimiter=delimiter)
-    header, *rows = (row for row in reader if row)
-    columns: dict[str, list[str]] = {}
-    for number, name in enumerate(header):
-        cells = []
-        for row in rows:
-            cells.append(row[number].strip() if number < len(row) else "")
-        if any(re.search(r"[A-Za-z]", cell) for cell in cells):
-            columns[name.strip()] = cells
-    return columns
-
-
-def name_token(name: str, vocabulary: Collection[str]) -> str | None:
-    """Return the word of a name that is among ``vocabulary``; None if none is."""
-    tokens = re.split(r"[_\W]+", name.lower())
-    return next((token for token in tokens if token in vocabulary), None)

@@ -1,43 +1,52 @@
-"""The mapping (TOML) of a measurement's files, from what their arrays are."""
+"""The mapping (TOML) of a measurement's files, from what their arrays are.
+
+Files of one measurement get one draft: each adds what the others do not hold. The list of antennas
+shows which axis has the antennas, the list of tones which has the tones, and the list of positions
+how many scans there are.
+"""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from flgpr.formats.array_file import ArrayFile
+from flgpr.formats.draft_arrays import find_signal
 from flgpr.formats.draft_groups import ArraySource, FileGroup
-from flgpr.formats.draft_roles import TIME_NAMES, Roles
-from flgpr.formats.draft_units import unit_of
+from flgpr.formats.draft_names import TIME
+from flgpr.formats.draft_places import Antennas, Places
+from flgpr.formats.draft_roles import Roles
+from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
+from flgpr.toml_text import InlineTable, toml_lines
 
-_NO_POSE = [
-    "[pose]  # no file tells where the vehicle was",
-    'x = "?"',
-    'y = "?"',
-    'z = "?"',
-    'unit = "m"',
-    'heading = "?"',
-    'pitch = "0?"',
-    'roll = "0?"',
-    'angle_unit = "deg"',
-]
-_NO_ANTENNAS = [
-    "[antenna_position]  # in the vehicle frame; "
-    "no file holds as many places as there are antennas",
-    'values = [["?", "?", "?"]]',
-    'unit = "m"',
-    "",
-]
-_NO_TONES = [
-    "[frequency]  # no file holds values that increase along an axis of the signal",
-    'span = ["?", "?"]  # first and last tone',
-    'unit = "GHz"',
-    "",
-]
-_WITHOUT = {"heading": '"course?"  # along the way', "pitch": "0.0", "roll": "0.0"}
-"""Values of angles that no column holds."""
+_CHECK = "What ends in a question mark is a guess: check it and take the mark away."
+_IN_LANE = "the vehicle in the lane frame; heading is clockwise from +y seen from above"
+_IN_VEHICLE = "in the vehicle frame: x right, y forward, z up"
+
+
+def draft_of_file(opened: ArrayFile) -> str:
+    """Draft the mapping of one file.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+
+    Returns
+    -------
+    str
+        The mapping, TOML; empty if no array of the file can be the signal.
+    """
+    signal, _ = find_signal(opened)
+    if signal is None:
+        return ""
+    roles = Roles([FileGroup("data", [opened.path], opened)])
+    return MappingDraft(roles, opened.path.parent).text()
 
 
 class MappingDraft:
@@ -49,239 +58,274 @@ class MappingDraft:
     def __init__(self, roles: Roles, folder: Path) -> None:
         self.roles = roles
         self.folder = folder
+        self.tables: dict[str, Any] = {}
+        self.comments: dict[str, str] = {}
+        self.named = {roles.data.key}  # groups of which the mapping names an array
 
     def text(self) -> str:
         """Return the mapping."""
         roles = self.roles
+        paths = [path for group in roles.groups for path in group.paths]
+        if len(paths) == 1:
+            head = [f"# Draft for {printable(paths[0].name)}. {_CHECK}"]
+            title = paths[0].stem
+        else:
+            head = [f"# Draft for {len(paths)} files together.", f"# {_CHECK}"]
+            title = roles.data.paths[0].parent.resolve().name or "own array"
         dims = roles.dims()
-        files = sum(len(group.paths) for group in roles.groups)
-        title = roles.data.paths[0].parent.resolve().name or "own array"
-        lines = [
-            f"# Draft for {files} files together.",
-            "# What ends in a question mark is a guess: check it and take the mark away.",
-            f"title = {json.dumps(title)}",
-            f"polarization = {json.dumps(roles.labels)}",
-            *self._join_lines(dims),
-            "",
-            "[files]",
-        ]
-
+        self.tables |= {"title": title, "polarization": roles.labels}
+        self._add_join(dims)
+        files: dict[str, Any] = {}
+        self.tables["files"] = files  # filled at the end: whose arrays are named
+        self._add_signal(dims)
+        self._add_axis()
+        self._add_antennas(dims)
+        if roles.stamp is not None:
+            self._add_table("time", "", **self._variable(roles.stamp, "s"))
+        self._add_places(roles.scan_count(dims))
         for group in roles.groups:
-            if self._is_used(group):
-                lines.append(f"{group.key} = {self._file_names(group)}")
+            if group.key in self.named:
+                files[group.key] = self._file_names(group)
+        return "\n".join([*head, *toml_lines(self.tables, self.comments)]) + "\n"
 
-        lines += ["", "[signal]", f"variable = {json.dumps(roles.signal.name)}"]
-        if roles.imaginary:
-            lines.append(f"imaginary = {json.dumps(roles.imaginary)}")
-        sizes = " x ".join(map(str, roles.sizes))
-        lines += [f"dims = {json.dumps(dims)}  # of {sizes}", ""]
-        lines += self._axis_lines()
-        lines += self._antenna_lines()
-        lines += self._place_lines(roles.scan_count(dims))
-        return "\n".join(lines).rstrip() + "\n"
+    def _add_table(self, name: str, comment: str, reason: str = "", **entries: Any) -> None:
+        """Add a table, with a comment on it and the reason of its unit."""
+        self.tables[name] = entries
+        self.comments |= {name: comment, f"{name}.unit": reason}
 
-    def _join_lines(self, dims: list[str]) -> list[str]:
-        """Return the line that states how several files of data go together."""
-        count = len(self.roles.data.paths)
+    def _add_join(self, dims: list[str]) -> None:
+        """Add how several files of data go together."""
+        roles = self.roles
+        count = len(roles.data.paths)
         if count == 1:
-            return []
+            return
+        join = "new scan"
+        meaning = "each file is a scan"
         if any(name.startswith("scan") for name in dims):
             join = "scan"
             meaning = "each file continues the scans of the one before"
-        else:
-            join = "new scan"
-            meaning = "each file is a scan"
-            rows = self.roles.fix_count()
-            certain = rows is None or rows == count or "time" in self.roles.pose_columns
-            if not certain:
-                join += "?"
-        return [f"join = {json.dumps(join)}  # {count} files: {meaning}"]
+        elif any(antennas.sides for antennas in roles.antennas.values()):
+            join = "pair?"
+            meaning = "each file has places of its own"
+        elif roles.places is not None:
+            is_certain = roles.places.count == count or roles.places.holds("time")
+            join = join if is_certain else f"{join}?"
+        self.tables["join"] = join
+        self.comments["join"] = f"{count} files: {meaning}"
 
-    def _is_used(self, group: FileGroup) -> bool:
-        """Return whether the mapping names an array of a group."""
-        if group is self.roles.data:
-            return True
-        sources = [self.roles.frequency, self.roles.samples, *self.roles.pose_columns.values()]
-        for antennas in self.roles.antennas.values():
-            if antennas.values is None:
-                sources.append(antennas.source)
-        return any(source is not None and source.group is group for source in sources)
-
-    def _file_names(self, group: FileGroup) -> str:
+    def _file_names(self, group: FileGroup) -> str | list[str]:
         """Return the files of a group as the mapping names them: a name, a pattern or a list."""
         start = self.folder or "."
         names = [os.path.relpath(path, start) for path in group.paths]
         if len(names) == 1:
-            return json.dumps(names[0])
+            return names[0]
         folder = group.paths[0].parent
         pattern = re.sub(r"\d+", "*", group.paths[0].name)
         matching = {path.name for path in folder.glob(pattern)}
         if matching == {path.name for path in group.paths}:
-            return json.dumps(os.path.relpath(folder / pattern, start))
-        return json.dumps(names)
+            return os.path.relpath(folder / pattern, start)
+        return names
 
-    def _axis_lines(self) -> list[str]:
-        """Return the table of the tones or of the samples."""
+    def _add_signal(self, dims: list[str]) -> None:
+        """Add the table of the signal."""
+        roles = self.roles
+        entries: dict[str, Any] = {"variable": roles.signal.name}
+        if roles.imaginary:
+            entries["imaginary"] = roles.imaginary
+        self._add_table("signal", "", **entries, dims=dims)
+        comment = f"of {' x '.join(map(str, roles.sizes))}"
+        is_complex = roles.imaginary is not None or roles.signal.dtype.startswith("complex")
+        if roles.axis is None and not is_complex:
+            comment += "; interleaved = true if real and imaginary parts alternate"
+            comment += ", shape = [-1, 1] of a flat record"
+        self.comments["signal.dims"] = comment
+
+    def _file(self, group: FileGroup) -> dict[str, str]:
+        """Return the entry that names a group, unless it is that of the data."""
+        self.named.add(group.key)
+        return {} if group is self.roles.data else {"file": group.key}
+
+    def _variable(self, source: ArraySource, usual: str) -> dict[str, Any]:
+        """Return the entries that name an array, and its unit."""
+        name = source.info.name
+        return {**self._file(source.group), "variable": name, "unit": source.unit(usual)}
+
+    def _add_axis(self) -> None:
+        """Add the table of the tones or of the samples."""
         roles = self.roles
         if roles.frequency is not None:
             unit, reason = roles.frequency_unit()
-            return [
-                "[frequency]",
-                *_variable_lines(roles.frequency),
-                _unit_line(unit, reason),
-                "",
-            ]
-        if roles.samples is None:
-            return _NO_TONES
-        usual = "m" if "range" in roles.samples.info.name.lower() else "ns"
-        unit = _unit(roles.samples, usual)
-        meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
-        return [
-            "[samples]",
-            *_variable_lines(roles.samples),
-            _unit_line(unit),
-            f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
-            'band = ["?", "?"]  # first and last frequency to keep',
-            'band_unit = "GHz"',
-            "",
-        ]
+            entries = self._variable(roles.frequency, "Hz") | {"unit": unit}
+            self._add_table("frequency", "", reason, **entries)
+        elif roles.samples is not None:
+            entries = self._variable(roles.samples, "m" if "range" in roles.samples.label else "ns")
+            if not roles.are_samples:
+                entries["variable"] += "?"
+            is_length = entries["unit"].rstrip("?") in UNITS["length"]
+            entries["meaning"] = "range?" if is_length else "delay?"
+            self._add_table("samples", "", **entries, band=[], band_unit="GHz")
+            self.comments["samples.meaning"] = "delay, range (one way) or path (there and back)"
+            self.comments["samples.band"] = "first and last frequency to keep"
+        else:
+            comment = "no array looks like the tones; variable = NAME does as well"
+            self._add_table("frequency", comment, span=["?", "?"], unit="GHz")
+            self.comments["frequency.span"] = "first and last tone"
 
-    def _antenna_lines(self) -> list[str]:
-        """Return the tables of the antennas' positions."""
+    def _add_antennas(self, dims: list[str]) -> None:
+        """Add the tables of the antennas' positions."""
         antennas = self.roles.antennas
-        sides = ("tx", "rx") if {"tx", "rx"} <= set(antennas) else ("antenna",)
-        if not set(sides) <= set(antennas):
-            return _NO_ANTENNAS
-        lines: list[str] = []
-        for side in sides:
-            positions = antennas[side]
-            lines.append(f"[{side}_position]  # in the vehicle frame: x right, y forward, z up")
-            if positions.values is None:
-                lines += _variable_lines(positions.source)
-            else:
-                lines.append("values = [")
-                lines += [f"    {json.dumps(row)}," for row in positions.values.tolist()]
-                lines.append("]")
-            lines += [_unit_line(positions.unit, positions.reason), ""]
-        return lines
-
-    def _place_lines(self, scans: int | None) -> list[str]:
-        """Return the tables that state where the vehicle was."""
-        columns = self.roles.pose_columns
-        if not columns:
-            return _NO_POSE
-        rows = next(iter(columns.values())).count
-        if rows == scans:
-            return self._pose_lines()
-        return self._track_lines(rows, scans)
-
-    def _pose_lines(self) -> list[str]:
-        """Return the table of a pose for every scan."""
-        columns = self.roles.pose_columns
-        file = next(iter(columns.values())).group.key
-        lines = [
-            "[pose]  # the vehicle in the lane frame, a row per scan; "
-            "heading is clockwise from +y seen from above",
-            f"file = {json.dumps(file)}",
-        ]
-        if self._is_geodetic():
-            lines.append(self._geodetic_line())
+        if {"tx", "rx"} <= set(antennas):
+            antennas = {side: antennas[side] for side in ("tx", "rx")}
+        for side, found in list(antennas.items())[:2]:
+            entries = self._antenna_entries(found)
+            is_in_lane = found.scans is not None
+            frame = {"frame": "lane?"} if is_in_lane else {}
+            comment = "" if is_in_lane else _IN_VEHICLE
+            name = f"{side}_position"
+            self._add_table(name, comment, found.reason, **entries, unit=found.unit, **frame)
+        if antennas:
+            return
+        if {"pair", "pair?", "tx", "tx?", "rx", "rx?"} & set(dims):
+            comment = f"{_IN_VEHICLE}; no array holds as many places as there are antennas"
+            self._add_table("antenna_position", comment, values=[["?", "?", "?"]], unit="m")
         else:
-            unit, reason = self.roles.position_unit()
-            lines += [f"{axis} = {json.dumps(columns[axis].info.name)}" for axis in "xy"]
-            height = "0.0  # no column of heights"
-            if "height" in columns:
-                height = json.dumps(columns["height"].info.name)
-            lines += [f"z = {height}", _unit_line(unit, reason)]
-        return lines + self._attitude_lines()
+            self._add_table("antenna_position", _IN_VEHICLE, x="0?", y="0?", z="0?", unit="m")
 
-    def _is_geodetic(self) -> bool:
-        """Return whether positions are longitudes and latitudes."""
-        return {"longitude", "latitude"} <= set(self.roles.pose_columns)
+    def _antenna_entries(self, antennas: Antennas) -> dict[str, Any]:
+        """Return the entries that name or hold positions."""
+        if antennas.values is not None:
+            return {"values": antennas.values.tolist()}
+        if antennas.sides:
+            names = [source.info.name for source in antennas.sides]
+            return dict(zip("xyz", names, strict=True))
+        return {**self._file(antennas.source.group), "variable": antennas.source.info.name}
 
-    def _geodetic_line(self) -> str:
-        """Return the entry of positions by longitude and latitude."""
-        columns = self.roles.pose_columns
-        cells = [f"file = {json.dumps(columns['longitude'].group.key)}"]
-        for name in ("longitude", "latitude"):
-            cells.append(f"{name} = {json.dumps(columns[name].info.name)}")
-        cells.append(f"height = {self._height()}")
-        cells += ['angle_unit = "deg"', 'unit = "m"']
-        return f"geodetic = {{{', '.join(cells)}}}  # needs --anchor, or --anchor-from-track"
-
-    def _height(self) -> str:
-        """Return the column of heights, or zero where there is none."""
-        height = self.roles.pose_columns.get("height")
-        return json.dumps(height.info.name if height else 0.0)
-
-    def _attitude_lines(self) -> list[str]:
-        """Return the entries of heading, pitch and roll."""
-        columns = self.roles.pose_columns
-        lines: list[str] = []
-        unit = ""
-        for name, without in _WITHOUT.items():
-            column = columns.get(name)
-            if column is None:
-                lines.append(f"{name} = {without}")
-            else:
-                lines.append(f"{name} = {json.dumps(column.info.name)}")
-                unit = unit or _unit(column, "deg")
-        return [*lines, f'angle_unit = "{unit or "deg"}"']
-
-    def _track_lines(self, rows: int, scans: int | None) -> list[str]:
-        """Return the tables of a track, which has more or fewer fixes than there are scans."""
-        lines = ["[time]  # the radar's time of every scan"]
-        stamp = self.roles.find_axis(TIME_NAMES)
-        if stamp is not None:
-            lines += [*_variable_lines(stamp), _unit_line(_unit(stamp, "s")), ""]
+    def _add_places(self, scans: int | None) -> None:
+        """Add the tables that state where the vehicle was."""
+        roles = self.roles
+        places = roles.places
+        if places is None:
+            is_pose = True
+        elif places.group is roles.data:
+            is_pose = any(source.rows in roles.scan_sizes for source in places.columns.values())
         else:
-            lines += [
-                'span = ["?", "?"]  # of the first and the last scan, on the clock of the fixes',
-                'unit = "s"',
-                "",
-            ]
-        lines += [
-            f"[track]  # {rows} fixes of {scans or 'an unknown number of'} scans: "
-            "a track on its own clock",
-            self._clock_line(),
-            self._geodetic_line() if self._is_geodetic() else self._position_line(),
-        ]
-        lines += self._attitude_lines()
-        return [*lines, "clock_offset = 0.0  # the track's clock less the radar's, s"]
+            is_pose = places.count == scans
+        if is_pose and any(antennas.scans for antennas in roles.antennas.values()):
+            return  # positions per scan are in the lane frame, and poses follow from them
+        if places is None:
+            unknown: dict[str, Any] = {"x": "?", "y": "?", "z": "?", "unit": "m"}
+            angles = {"heading": "?", "pitch": "0?", "roll": "0?", "angle_unit": "deg"}
+            comment = f"{_IN_LANE}; no array tells where it was"
+            self._add_table("pose", comment, **unknown, **angles)
+            return
 
-    def _clock_line(self) -> str:
-        """Return the entry of the times of fixes."""
-        clock = self.roles.pose_columns.get("time")
-        if clock is None:
-            return 'time = {values = ["?"], unit = "s"}  # no column of times'
-        return f"time = {clock.entry(_unit(clock, 's'))}"
+        file = self._file(places.group)
+        form, position, comment = self._position(places)
+        if is_pose:
+            table = "pose"
+            entries = file | ({form: InlineTable(file | position)} if form else position)
+            self.comments |= {"pose": _IN_LANE, f"pose.{form or 'unit'}": comment}
+        else:
+            table = "track"
+            form = form or "position"
+            entries = {"time": self._fix_time(places), form: InlineTable(file | position)}
+            fixes = f"{places.count} fixes of {scans or 'an unknown number of'} scans"
+            offset = "the track's clock less the radar's, s; flgpr.calibrate finds it"
+            self.comments["track"] = f"{fixes}: a track on its own clock"
+            self.comments |= {f"track.{form}": comment, "track.clock_offset": offset}
+        self.tables[table] = entries | self._attitude(places, table)
+        if not is_pose:
+            self.tables[table]["clock_offset"] = 0.0
 
-    def _position_line(self) -> str:
-        """Return the entry of positions in the lane."""
-        columns = self.roles.pose_columns
+    def _fix_time(self, places: Places) -> InlineTable:
+        """Return the entry of the times of fixes, and add the scans' times if they are missing."""
+        roles = self.roles
+        if roles.stamp is None:
+            comment = "the radar's time of every scan"
+            stamp = roles.find_axis(TIME, roles.sizes)
+            if stamp is not None:
+                self._add_table("time", comment, **self._variable(stamp, "s"))
+            else:
+                self._add_table("time", comment, span=["?", "?"], unit="s")
+                span = "of the first and the last scan, on the clock of the fixes"
+                self.comments["time.span"] = span
+        if places.holds("time"):
+            return InlineTable(self._variable(places.columns["time"], "s"))
+        self.comments["track.time"] = "no column of times"
+        return InlineTable(values=["?"], unit="s")
+
+    def _position(self, places: Places) -> tuple[str, dict[str, Any], str]:
+        """Return the name of the entry of positions, empty for x, y and z apart; it; a comment."""
+        columns = places.columns
+        if places.are_geodetic:
+            names: dict[str, Any] = {name: columns[name].info.name for name in places.form}
+            unit = "m?"
+            names["height"] = _component(places, "z")
+            if places.holds("z"):
+                names["height"] = columns["z"].info.name
+                unit = columns["z"].unit("m")
+            if places.is_table:
+                unit = unit.replace("m?", "m")  # as receivers tell heights
+            degrees = _degrees(columns["longitude"], columns["latitude"])
+            entry = {**names, "angle_unit": degrees, "unit": unit}
+            return "geodetic", entry, "needs --anchor, or --anchor-from-track"
+        if places.holds("position"):
+            entry = {"variable": columns["position"].info.name}
+            if columns["position"].info.shape[1] == 2:
+                entry["z"] = _component(places, "z")
+            return "position", entry | {"unit": columns["position"].unit("m")}, ""
+        if not set("xyz") & set(columns):
+            return "", {"x": "?", "y": "?", "z": "?", "unit": "m"}, ""
         unit, reason = self.roles.position_unit()
-        cells = [f"file = {json.dumps(columns['x'].group.key)}"]
-        for axis in "xy":
-            cells.append(f"{axis} = {json.dumps(columns[axis].info.name)}")
-        cells += [f"z = {self._height()}", f'unit = "{unit}"']
-        comment = f"  # {reason}" if reason else ""
-        return f"position = {{{', '.join(cells)}}}{comment}"
+        sides = {axis: _component(places, axis) for axis in "xyz"}
+        return "", {**sides, "unit": unit}, reason
+
+    def _attitude(self, places: Places, table: str) -> dict[str, Any]:
+        """Return the entries of heading, pitch and roll, or of a rotation."""
+        columns = places.columns
+        if places.holds("position") and columns["position"].info.shape[1] == 6:
+            return {"angle_unit": "rad?"}
+        if places.holds("orientation"):
+            rotation = columns["orientation"]
+            variable = {**self._file(places.group), "variable": rotation.info.name}
+            self.comments[f"{table}.orientation"] = "of x forward, y left, z up"
+            return {"orientation": InlineTable(variable, body=["-y?", "x?", "z?"])}
+        entries = {name: _component(places, name) for name in ("heading", "pitch", "roll")}
+        found = [columns[name] for name in entries if name in columns]
+        if "heading" not in columns and (places.form or places.holds("y")):
+            entries["heading"] = "course?"
+            self.comments[f"{table}.heading"] = "along the way"
+        if table == "track" and places.are_geodetic and places.is_table:
+            for name in entries:
+                if name in columns:
+                    entries[name] = InlineTable(self._file(places.group), variable=entries[name])
+        units = {source.unit(_usual_angle(source, places)) for source in found}
+        unit = units.pop() if len(units) == 1 else "?" if units else "deg"
+        return {**entries, "angle_unit": unit}
 
 
-def _unit(source: ArraySource, usual: str) -> str:
-    """Return the unit of an array; a guess ends in a question mark."""
-    return unit_of(source.group.opened, source.info, usual)
+def _component(places: Places, name: str) -> Any:
+    """Return what a component is: an array, or zero where none holds it.
+
+    In a table of fixes the words of a receiver are certain, and so is that it measured no more.
+    Beside the signal a name is a guess unless it is called just that.
+    """
+    if name not in places.columns:
+        return 0.0 if places.is_table else "0?"
+    variable = places.columns[name].info.name
+    last_word = re.split(r"[/.]", variable.lower())[-1].split("_")[0]
+    return variable if places.is_table or last_word == name else f"{variable}?"
 
 
-def _variable_lines(source: ArraySource) -> list[str]:
-    """Return the entries that name an array."""
-    variable = f"variable = {json.dumps(source.info.name)}"
-    if source.group.key == "data":
-        return [variable]
-    return [f"file = {json.dumps(source.group.key)}", variable]
+def _degrees(longitude: ArraySource, latitude: ArraySource) -> str:
+    """Return the unit of longitudes and latitudes: degrees where radians do not reach as far."""
+    unit = latitude.unit("deg")
+    if unit != "deg?":
+        return unit
+    is_beyond = latitude.largest() > np.pi / 2 or longitude.largest() > np.pi
+    return "deg" if is_beyond else unit
 
 
-def _unit_line(unit: str, reason: str = "") -> str:
-    """Return the entry of a unit, with why it is known as a comment."""
-    comment = f"  # {reason}" if reason else ""
-    return f'unit = "{unit}"{comment}'
+def _usual_angle(source: ArraySource, places: Places) -> str:
+    """Return the unit that angles without one are in, rather."""
+    return "deg" if places.is_table or source.largest() > 2 * np.pi else "rad"

@@ -2,61 +2,54 @@
 
 An array is the signal, an axis of it, positions of antennas, or where the vehicle was. What follows
 from lengths, names and stated units is taken as it is. What is a guess ends in a question mark.
+Every find takes its arrays out of those that the next ones look among.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from itertools import combinations, product
-from typing import Any, NamedTuple
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.formats.array_file import ArrayInfo
 from flgpr.formats.draft_arrays import find_signal, labels_of
-from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup, name_token
-from flgpr.formats.draft_units import unit_of
+from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup
+from flgpr.formats.draft_names import (
+    ANTENNA,
+    CLOCK,
+    FREQUENCY,
+    POSITION,
+    RECEIVER,
+    ROTATION,
+    SAMPLES,
+    TIME,
+    TRANSMITTER,
+    WAY,
+    component_of,
+)
+from flgpr.formats.draft_places import Antennas, Places
+from flgpr.formats.draft_units import is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
 
 FloatArray = NDArray[np.float64]
-_SMALL = 2_000_000  # values; larger arrays are no list of antennas, tones or positions
+ANY_AXIS = "scan, polarization, pair, tx, rx or single?"
 _CERTAIN_HERTZ = 1e8  # no radar has tones of so many kHz, MHz or GHz
 _LONGEST_ARRAY = 20.0  # m; an array on a vehicle is no longer
 _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
+_PER_SCAN = ("of every scan", 0)
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
-_FREQUENCY_NAMES = re.compile(r"freq|tone|(^|[_./])(f|hz|ghz|mhz)($|[_./])", re.IGNORECASE)
-_SAMPLE_NAMES = re.compile(r"range|delay|time|t_ns|twt", re.IGNORECASE)
-TIME_NAMES = re.compile(r"time|stamp|(^|[_./])(t|utc|tow)($|[_./])", re.IGNORECASE)
-"""What times of scans and of fixes are called."""
-_TX_NAMES = re.compile(r"(^|[^a-z])tx|trans|source|sender", re.IGNORECASE)
-_RX_NAMES = re.compile(r"(^|[^a-z])rx|recei|receptor|empf", re.IGNORECASE)
-_UNNAMED = ("array", "table")  # names of arrays in files that name none
-_POSE_NAMES: dict[str, set[str]] = {
-    "longitude": {"lon", "long", "longitude", "lng", "laenge"},
-    "latitude": {"lat", "latitude", "breite"},
-    "height": {"height", "alt", "altitude", "elevation", "ellipsoidal", "hoehe", "z", "up", "hgt"},
-    "x": {"x", "east", "easting", "rechts", "rechtswert"},
-    "y": {"y", "north", "northing", "hoch", "hochwert"},
-    "heading": {"heading", "yaw", "hdg", "azimuth", "course"},
-    "pitch": {"pitch"},
-    "roll": {"roll"},
-}
-
-
-@dataclass
-class Antennas:
-    """Antennas of one kind: where their positions lie, and how many they are."""
-
-    source: ArraySource
-    count: int
-    unit: str
-    reason: str = ""  #: why it is that unit
-    values: FloatArray | None = None  #: (antenna, 3) where they are some rows of a list
+_KINDS = {"t": "tx", "s": "tx", "r": "rx", "e": "rx"}
+"""Kinds of antennas by the first letters of their words, also of sender and Empfänger."""
+_POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
 
 
 class _Signal(NamedTuple):
@@ -77,111 +70,155 @@ class Roles:
         self.groups = groups
         self.data, self.signal, self.imaginary = self._find_signal()
         self.data.key = "data"
-        self.used = {(self.data.key, self.signal.name)}
-        if self.imaginary:
-            self.used.add((self.data.key, self.imaginary))
+        source = ArraySource(self.data, self.signal)
+        self.topic = source.topic  #: of the signal in a recording
+        self.used = {("data", name) for name in (self.signal.name, self.imaginary) if name}
         self.sizes = list(self.signal.shape)
-        self.frequency = self.find_axis(_FREQUENCY_NAMES)
-        self.samples = None if self.frequency else self.find_axis(_SAMPLE_NAMES)
+        self.frequency = self.find_axis(FREQUENCY, self.sizes)
+        self.samples, self.are_samples = self._find_samples()
+        self.axis = self.frequency or self.samples
+        self.scan_sizes = [size for size in self.sizes if size > 1]  #: lengths scans may have
+        if self.axis is not None and self.axis.count in self.scan_sizes:
+            self.scan_sizes.remove(self.axis.count)
         self.antennas = self._find_antennas()
+        self.places = self._find_places()
+        self.stamp = self.find_axis(TIME, self.scan_sizes, [self.data])
         self.labels = labels_of(self.data.opened, self.sizes)
-        self.pose_columns = self._find_pose_columns()
 
     def _find_signal(self) -> _Signal:
         """Find the largest array that can be the measured field."""
-        best: _Signal | None = None
-        best_size = -1
+        candidates: list[tuple[int, _Signal]] = []
         for group in self.groups:
             info, imaginary = find_signal(group.opened)
-            if info is None:
-                continue
-            size = math.prod(info.shape) * len(group.paths)
-            if imaginary is not None or info.dtype.startswith("complex"):
-                size *= _COMPLEX_WEIGHT
-            if size > best_size:
-                best = _Signal(group, info, imaginary)
-                best_size = size
-        if best is None:
+            if info is not None:
+                size = math.prod(info.shape) * len(group.paths)
+                if imaginary is not None or info.dtype.startswith("complex"):
+                    size *= _COMPLEX_WEIGHT
+                candidates.append((size, _Signal(group, info, imaginary)))
+        if not candidates:
             names = ", ".join(group.paths[0].name for group in self.groups)
             raise ValueError(
                 "one of the files must hold a signal, an array of many numbers, "
                 f"got none in {names}"
             )
-        return best
+        return max(candidates, key=itemgetter(0))[1]
 
-    def _unused(self) -> list[ArraySource]:
-        """Return the arrays that are nothing yet."""
+    def _unused(self, groups: Sequence[FileGroup] = ()) -> list[ArraySource]:
+        """Return the arrays that are nothing yet.
+
+        In a recording those of the signal's topic go first, and the times at which messages were
+        recorded last.
+        """
         sources = []
-        for group in self.groups:
+        for group in groups or self.groups:
+            repeated = group.opened.repeated
             for info in group.opened.arrays.values():
-                if (group.key, info.name) not in self.used:
+                says_again = repeated and info.name.startswith(repeated)
+                if not says_again and (group.key, info.name) not in self.used:
                     sources.append(ArraySource(group, info))
-        return sources
+        return sorted(sources, key=lambda one: (one.topic != self.topic, one.is_log_time))
 
     def _take(self, source: ArraySource) -> ArraySource:
         """Mark an array as used, and return it."""
         self.used.add((source.group.key, source.info.name))
         return source
 
-    def find_axis(self, names: re.Pattern[str]) -> ArraySource | None:
-        """Find the longest array of values that increase along an axis of the signal.
+    def find_axis(
+        self, names: re.Pattern[str], sizes: list[int], groups: Sequence[FileGroup] = ()
+    ) -> ArraySource | None:
+        """Find the first array that is called so and increases along an axis, and take it."""
+        called = [source for source in self._unused(groups) if source.is_called(names)]
+        return self._take_axis(called, sizes)
 
-        Its name matches ``names``, or that of its file where the file names no array.
+    def _take_axis(self, sources: list[ArraySource], sizes: list[int]) -> ArraySource | None:
+        """Take the first array whose values increase along an axis of one of these lengths."""
+        for source in sources:
+            if source.is_vector and source.count in sizes and source.increases():
+                return self._take(source)
+        return None
+
+    def _find_samples(self) -> tuple[ArraySource | None, bool]:
+        """Find the two-way delays or ranges of the samples, and whether they can be nothing else.
+
+        A "time" may be the radar's fast time or the scans' clock: values below a tenth of a
+        millisecond are the former. The last axis of the signal is tried first.
         """
-        longest: ArraySource | None = None
-        for source in self._unused():
-            if not _is_vector(source) or source.count > _SMALL:
-                continue
-            if source.count not in self.sizes or not _is_called(source, names):
-                continue
-            if longest is not None and source.count <= longest.count:
-                continue
-            # Last, because it reads the array.
-            values = source.values()
-            if values.dtype.kind in "fiu" and _increases(values):
-                longest = source
-        if longest is None:
-            return None
-        return self._take(longest)
+        if self.frequency is not None or self.topic:  # all arrays of a topic are over messages
+            return None, True
+        unused = self._unused()
+        delays = [source for source in unused if source.is_called(SAMPLES)]
+        times = []
+        for source in unused:
+            if "time" in source.label and not CLOCK.search(source.label):
+                times.append(source)
+        fast = [time for time in times if is_fast_time(time.group.opened, time.info)]
+        slow = [time for time in times if time.group is self.data or not _tells_places(time.group)]
+        for sources, are_certain in ((delays, True), (fast, True), (slow, False)):
+            for sizes in (self.sizes[-1:], self.sizes):
+                samples = self._take_axis(sources, sizes)
+                if samples is not None:
+                    return samples, are_certain
+        return None, True
 
     def _find_antennas(self) -> dict[str, Antennas]:
         """Find the positions of transmitters and receivers, or of pairs."""
         antennas: dict[str, Antennas] = {}
         for source in self._unused():
             shape = source.info.shape
-            if len(shape) != 2 or shape[1] != 3 or source.count > 3 * _SMALL:
-                continue
-            if shape[0] not in self.sizes and not self._is_sum_of_axes(shape[0]):
+            is_list = len(shape) >= 2 and shape[-1] == 3 and 0 not in shape
+            if not is_list or source.topic or self._is_position(source):
                 continue
             side = self._side(source)
             if side is None or side in antennas:
                 continue
-            unit, reason = self._length_unit(source, source.values())
-            antennas[side] = Antennas(self._take(source), shape[0], unit, reason)
-
-        are_complete = {"tx", "rx"} <= set(antennas) or "antenna" in antennas
-        if are_complete:
+            unit, reason = self._length_unit(source, source.numbers())
+            antennas[side] = Antennas(self._take(source), shape[-2], unit, reason)
+        if {"tx", "rx"} <= set(antennas) or "antenna" in antennas:
             return antennas
-        return self._antennas_of_lists() or antennas
+        return self._antennas_of_lists() or antennas or self._antennas_beside_signal()
 
-    def _is_sum_of_axes(self, count: int) -> bool:
-        """Return whether a number is the sum of the lengths of two axes of the signal."""
-        return any(count == first + second for first, second in product(self.sizes, repeat=2))
+    def _is_position(self, source: ArraySource) -> bool:
+        """Return whether an array holds a position of the vehicle per row, not an antenna's."""
+        shape = source.info.shape
+        if len(shape) != 2 or shape[1] not in _POINT_COLUMNS or _is_table(source):
+            return False
+        if ANTENNA.search(source.label):
+            return False
+        if source.group is not self.data:
+            return WAY.search(f"{source.group.paths[0].stem.lower()} {source.label}") is not None
+        # Those of another length than the axes are a track, if they have a clock.
+        is_other = shape[1] == 3 and shape[0] not in self.sizes and not source.topic
+        return is_other or POSITION.search(source.label) is not None
 
     def _side(self, source: ArraySource) -> str | None:
         """Return which antennas a list of positions is of, by its name; None if unknown."""
-        name = source.info.name
-        if name in _UNNAMED:
-            name = source.group.paths[0].stem
-        if _TX_NAMES.search(name):
-            return "tx"
-        if _RX_NAMES.search(name):
-            return "rx"
+        rows = source.info.shape[-2]
+        in_data = source.group is self.data
+        if in_data and _is_table(source):
+            return None
+        may_be_some = in_data or rows in self.sizes
+        for side, names in (("tx", TRANSMITTER), ("rx", RECEIVER)):
+            if may_be_some and names.search(source.label):
+                return side
         # A table without such a name may be anything with three columns, such as a track.
         is_table = source.group.paths[0].suffix.lower() in TABLES
-        if source.group.texts or is_table:
+        if is_table and not in_data:
             return None
-        return "antenna" if source.info.shape[0] in self.sizes else None
+        is_named = in_data and ANTENNA.search(source.label)
+        return "antenna" if is_named or rows in self.sizes else None
+
+    def _antennas_beside_signal(self) -> dict[str, Antennas]:
+        """Return the x, y and z that lie in the signal's own structure or group."""
+        inside = re.match(r".*[./]", self.signal.name)
+        if inside is None or self.topic:
+            return {}
+        arrays = self.data.opened.arrays
+        names = [f"{inside[0]}{axis}" for axis in "xyz"]
+        if not set(names) <= set(arrays):
+            return {}
+        sides = [self._take(ArraySource(self.data, arrays[name])) for name in names]
+        unit = sides[0].unit("m")
+        return {"antenna": Antennas(sides[0], sides[0].count, unit, sides=sides)}
 
     def _antennas_of_lists(self) -> dict[str, Antennas]:
         """Find one list of all antennas.
@@ -190,91 +227,69 @@ class Roles:
         """
         for group in self.groups:
             for source, points in self._point_lists(group):
-                antennas = self._by_kind(source, points) or self._by_order(source, points)
-                if antennas:
-                    return antennas
+                stated = _kinds_in(group, len(points))
+                kinds = self._kinds_by_order(len(points)) if stated is None else stated
+                sides = {side: points[kinds == side] for side in ("tx", "rx")}
+                if not all(len(rows) in self.sizes for rows in sides.values()):
+                    continue
+                unit, reason = self._length_unit(source, points)
+                tx, rx = sides["tx"], sides["rx"]
+                if stated is None:
+                    guess = f"{unit.rstrip('?')}?"
+                    return {
+                        "tx": Antennas(
+                            source, len(tx), guess, "transmitters first in the list?", tx
+                        ),
+                        "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
+                    }
+                start = f"{reason}, " if reason else ""
+                why_tx = f"{start}of the rows that are called transmitters"
+                why_rx = f"{start}of the rows that are called receivers"
+                return {
+                    "tx": Antennas(source, len(tx), unit, why_tx, tx),
+                    "rx": Antennas(source, len(rx), unit, why_rx, rx),
+                }
         return {}
 
-    def _by_kind(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
-        """Return transmitters and receivers of a list by a column of their kinds, if any."""
-        kinds = _kinds_in(source.group, len(points))
-        if kinds is None:
-            return {}
-        tx = points[kinds == "tx"]
-        rx = points[kinds == "rx"]
-        if len(tx) not in self.sizes or len(rx) not in self.sizes:
-            return {}
-        unit, reason = self._length_unit(source, points)
-        start = f"{reason}, " if reason else ""
-        why_tx = f"{start}of the rows that are called transmitters"
-        why_rx = f"{start}of the rows that are called receivers"
-        return {
-            "tx": Antennas(source, len(tx), unit, why_tx, tx),
-            "rx": Antennas(source, len(rx), unit, why_rx, rx),
-        }
+    def _kinds_by_order(self, count: int) -> NDArray[np.str_]:
+        """Return "tx" and "rx" of so many antennas if two axes make certain how many of each."""
+        splits = [pair for pair in combinations(self.scan_sizes, 2) if sum(pair) == count]
+        return np.repeat(["tx", "rx"], splits[0] if len(splits) == 1 else (0, count))
 
-    def _by_order(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
-        """Return transmitters and receivers of a list by their numbers, if these are certain."""
-        count = self._transmitters_of(len(points))
-        if count is None:
-            return {}
-        tx = points[:count]
-        rx = points[count:]
-        unit, _ = self._length_unit(source, points)
-        guess = f"{unit.rstrip('?')}?"
-        return {
-            "tx": Antennas(source, len(tx), guess, "transmitters first in the list?", tx),
-            "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
-        }
+    def _point_lists(self, group: FileGroup) -> Iterator[tuple[ArraySource, FloatArray]]:
+        """Yield the lists (antenna, 3) of a group: columns called x, y and z, or arrays of three.
 
-    def _point_lists(self, group: FileGroup) -> list[tuple[ArraySource, FloatArray]]:
-        """Return the lists (antenna, 3) of a group.
-
-        They are arrays of three columns, or columns called x, y and z.
+        Columns beside the signal are the vehicle's.
         """
-        arrays = group.opened.arrays
-        lists: list[tuple[ArraySource, FloatArray]] = []
-        name_of = {name_token(name, "xyz"): name for name in arrays}
-        if {"x", "y", "z"} <= set(name_of):
-            sides = []
-            for axis in "xyz":
-                values = group.opened.read(name_of[axis])
-                sides.append(values.astype(np.float64).ravel())
-            sizes = {side.size for side in sides}
-            if len(sizes) == 1:
-                source = ArraySource(group, arrays[name_of["x"]])
-                lists.append((source, np.stack(sides, axis=-1)))
+        sides: dict[str, ArraySource] = {}
+        for source in self._unused([group]):
+            component = component_of(source.label)
+            if component is not None and component[1] == 0:
+                sides[component[0]] = source
+        sources = [sides[axis] for axis in "xyz" if axis in sides]
+        lengths = {source.count for source in sources}
+        if group is not self.data and len(sources) == 3 and len(lengths) == 1:
+            yield sources[0], np.stack([source.numbers().ravel() for source in sources], axis=-1)
+        for source in self._unused([group]):
+            shape = source.info.shape
+            is_named = POSITION.search(source.label) or ANTENNA.search(source.label)
+            if len(shape) == 2 and shape[1] == 3 and (is_named or group is not self.data):
+                yield source, source.numbers().reshape(-1, 3)
 
-        for info in arrays.values():
-            has_three_columns = len(info.shape) == 2 and info.shape[1] == 3
-            if has_three_columns and info.shape[0] <= _SMALL:
-                points = group.opened.read(info.name).astype(np.float64)
-                lists.append((ArraySource(group, info), points))
-        return lists
-
-    def _transmitters_of(self, count: int) -> int | None:
-        """Return how many of so many antennas transmit; None if two axes do not make it certain."""
-        sizes = [size for size in self.sizes if size > 1]
-        if self.frequency is not None and self.frequency.count in sizes:
-            sizes.remove(self.frequency.count)
-        splits = [pair for pair in combinations(sizes, 2) if sum(pair) == count]
-        return splits[0][0] if len(splits) == 1 else None
-
-    def _length_unit(self, source: ArraySource, points: NDArray[Any]) -> tuple[str, str]:
+    def _length_unit(self, source: ArraySource, points: FloatArray) -> tuple[str, str]:
         """Return the unit of antennas' positions, and why.
 
         It is stated, or follows from what their spread can be; else it is a guess.
         """
-        stated = unit_of(source.group.opened, source.info, "m")
-        if not stated.endswith("?"):
-            return stated, ""
-        positions = np.asarray(points, dtype=np.float64)
-        spread = float(np.ptp(positions, axis=0).max())
-        lowest = self._lowest_frequency()
-        if lowest is None or spread == 0:
+        stated = source.unit("m")
+        positions = points.reshape(-1, 3)
+        spread = float(np.ptp(positions, axis=0).max()) if positions.size else 0.0
+        if not stated.endswith("?") or self.frequency is None or spread == 0:
             return stated, ""
         # Were it centimetres, the array would be smaller than half a wavelength: it would see no
         # direction.
+        unit, _ = self.frequency_unit()
+        lowest = float(np.min(self.frequency.numbers())) * UNITS["frequency"][unit.rstrip("?")]
         half_wavelength = 0.5 * SPEED_OF_LIGHT / lowest
         spread_if_cm = 0.01 * spread
         if spread > _LONGEST_ARRAY or spread_if_cm >= half_wavelength:
@@ -284,53 +299,64 @@ class Roles:
         )
         return "m", reason
 
-    def _lowest_frequency(self) -> float | None:
-        """Return the lowest tone, Hz; None if no array holds the tones."""
-        if self.frequency is None:
-            return None
-        unit, _ = self.frequency_unit()
-        lowest = float(np.min(self.frequency.values()))
-        return lowest * UNITS["frequency"][unit.rstrip("?")]
-
     def frequency_unit(self) -> tuple[str, str]:
         """Return the unit of the tones, and why; a question mark where it is a guess."""
         if self.frequency is None:
             return "Hz?", ""
-        unit = unit_of(self.frequency.group.opened, self.frequency.info, "Hz")
-        highest = float(np.max(self.frequency.values()))
-        if unit == "Hz?" and highest >= _CERTAIN_HERTZ:
+        unit = self.frequency.unit("Hz")
+        if unit == "Hz?" and self.frequency.largest() >= _CERTAIN_HERTZ:
             return "Hz", "by their size"
         return unit, ""
 
-    def _find_pose_columns(self) -> dict[str, ArraySource]:
+    def _find_places(self) -> Places | None:
         """Find the arrays of where the vehicle was, all of one file."""
-        best: dict[str, ArraySource] = {}
+        # The x, y and z of a list of antennas are no track.
+        of_antennas = {id(antennas.source.group) for antennas in self.antennas.values()}
+        found = []
         for group in self.groups:
-            # The x, y and z of a list of antennas are no track.
-            groups_of_antennas = [antennas.source.group for antennas in self.antennas.values()]
-            holds_antennas = any(other is group for other in groups_of_antennas)
-            if holds_antennas and group is not self.data:
-                continue
-            columns = self._pose_columns_in(group)
-            is_geodetic = {"longitude", "latitude"} <= set(columns)
-            is_in_lane = {"x", "y"} <= set(columns)
-            if (is_geodetic or is_in_lane) and len(columns) > len(best):
-                best = columns
+            if group is self.data or id(group) not in of_antennas:
+                found += self._places_in(group)
+        best = max(found, key=Places.precedence, default=None)
+        if best is not None:
+            for name, source in best.columns.items():
+                if name != "time" or best.count not in self.scan_sizes:
+                    self._take(source)
         return best
 
-    def _pose_columns_in(self, group: FileGroup) -> dict[str, ArraySource]:
-        """Return the vectors of a group that are called as components of a pose, or as times."""
-        columns: dict[str, ArraySource] = {}
-        for source in self._unused():
-            if source.group is not group or not _is_vector(source):
-                continue
-            for name, vocabulary in _POSE_NAMES.items():
-                if name not in columns and name_token(source.info.name, vocabulary) is not None:
-                    columns[name] = source
-                    break
-            if TIME_NAMES.search(source.info.name):
-                columns.setdefault("time", source)
-        return columns
+    def _places_in(self, group: FileGroup) -> list[Places]:
+        """Return what a group tells of the vehicle: arrays per scan, or of another length."""
+        ranked: list[tuple[int, str, ArraySource]] = []
+        for source in self._unused([group]):
+            component = self._component(source)
+            if component is not None:
+                ranked.append((component[1], component[0], source))
+        by_length: dict[tuple[str, int], dict[str, ArraySource]] = {}
+        for _, name, source in sorted(ranked, key=itemgetter(0)):  # the plainest names first
+            is_per_scan = group is self.data and source.rows in self.scan_sizes
+            key = _PER_SCAN if is_per_scan else (source.topic, source.rows)
+            by_length.setdefault(key, {}).setdefault(name, source)
+        found = []
+        for key, columns in by_length.items():
+            places = Places(group, columns, group is not self.data)
+            places.keep_form()
+            is_track = places.form not in ((), ("x", "y")) and places.holds("time")
+            is_per_scan = key == _PER_SCAN and bool(set(columns) - {"time", "orientation"})
+            if is_track or is_per_scan or (places.form and places.is_table):
+                found.append(places)
+        return found
+
+    def _component(self, source: ArraySource) -> tuple[str, int] | None:
+        """Return what an array tells of the vehicle, and how plainly its name says so."""
+        if self._is_position(source):
+            return "position", 0 if POSITION.search(source.label) else 1
+        if len(source.info.shape) == 2 and source.info.shape[1] == 4:
+            return ("orientation", 0) if ROTATION.search(source.label) else None
+        if not source.is_vector or ANTENNA.search(source.label):
+            return None
+        component = component_of(source.label)
+        if component is not None and not ROTATION.search(source.label):
+            return component
+        return ("time", 0) if source.is_called(TIME) else None
 
     def scan_count(self, dims: list[str]) -> int | None:
         """Count the scans of all files together; None where no axis and no file is one."""
@@ -343,36 +369,44 @@ class Roles:
     def dims(self) -> list[str]:
         """Return the names of the signal's axes; a question mark where lengths leave a choice."""
         names = [""] * len(self.sizes)
-        axis = self.frequency or self.samples
-        if axis is not None:
-            self._name_axis(names, axis.count, "frequency" if self.frequency else "sample")
-        if self.labels[0] != "HH?" and len(self.labels) > 1:
-            self._name_axis(names, len(self.labels), "polarization")
+        if self.axis is not None:
+            name = "frequency" if self.frequency else "sample"
+            self._name_axis(names, self.axis.count, name if self.are_samples else f"{name}?", -1)
+        if self.stamp is not None:
+            self._name_axis(names, self.stamp.count, "scan")
+        if self.labels[0] != "HH?":
+            self._name_axis(names, len(self.labels), "polarization", -1)
         self._name_antenna_axes(names)
         for number, size in enumerate(self.sizes):
             if not names[number] and size == 1:
                 names[number] = "single"
+        self._name_scans(names)
+        return [name or ANY_AXIS for name in names]
 
+    def _name_scans(self, names: list[str]) -> None:
+        """Name the axis of the scans by the number of fixes, or as the only one that is left."""
         unnamed = [number for number, name in enumerate(names) if not name]
-        if len(unnamed) != 1:
-            for number in unnamed:
-                names[number] = "scan, polarization, pair, tx, rx or single?"
-            return names
-        number = unnamed[0]
-        scans = self.sizes[number] * len(self.data.paths)
-        # As many fixes as scans leave no doubt.
-        names[number] = "scan" if self.fix_count() == scans else "scan?"
-        return names
-
-    def _name_axis(self, names: list[str], count: int, name: str) -> None:
-        """Name an axis of that length; others of the same length leave a doubt."""
-        free = self._unnamed_axes(names, count)
-        if not free:
+        if _has_scans(names) or not unnamed:
             return
-        # Recorders write a sweep in one piece: its axis is rather the last.
-        number = free[-1] if name in ("frequency", "sample") else free[0]
-        is_only = self.sizes.count(count) == 1
-        names[number] = name if is_only else f"{name}?"
+        files = len(self.data.paths)
+        for number in unnamed:
+            if self.places is not None and self.sizes[number] * files == self.places.count:
+                are_others_certain = len(unnamed) == 1 and not any(map(_is_guess, names))
+                is_only = self.sizes.count(self.sizes[number]) == 1
+                names[number] = "scan" if is_only or are_others_certain else "scan?"
+                return
+        if len(unnamed) == 1:
+            names[unnamed[0]] = "scan?"
+
+    def _name_axis(self, names: list[str], count: int, name: str, place: int = 0) -> None:
+        """Name the first axis of that length, or the last; others of it leave a doubt.
+
+        Recorders write a sweep in one piece: its axis is rather the last.
+        """
+        free = self._unnamed_axes(names, count)
+        if free and name not in names:
+            is_certain = self.sizes.count(count) == 1 or _is_guess(name)
+            names[free[place]] = name if is_certain else f"{name}?"
 
     def _unnamed_axes(self, names: list[str], count: int) -> list[int]:
         """Return the numbers of the axes of that length that have no name yet."""
@@ -384,45 +418,39 @@ class Roles:
 
     def _name_antenna_axes(self, names: list[str]) -> None:
         """Name the axes of transmitters and receivers, or of pairs."""
+        for found in self.antennas.values():
+            if found.scans is not None:
+                self._name_axis(names, found.scans, "scan")
         tx = self.antennas.get("tx")
         rx = self.antennas.get("rx")
         free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
-        if tx is not None and rx is not None and tx.count * rx.count > 1:
-            if _have_axis_each(tx.count, rx.count, free):
+        if tx is not None and rx is not None:
+            if tx.count * rx.count > 1 and Counter([tx.count, rx.count]) <= Counter(free):
                 self._name_axis(names, tx.count, "tx")
                 self._name_axis(names, rx.count, "rx")
+            elif tx.count * rx.count > 1:
+                self._name_axis(names, tx.count, "pair", -1)
+        elif self.antennas:
+            count = next(iter(self.antennas.values())).count
+            axes = self._unnamed_axes(names, count)
+            # With two axes of that length, of which none has the scans, every antenna sends, and
+            # every one receives.
+            if len(axes) == 2 and (len(self.data.paths) > 1 or _has_scans(names)):
+                names[axes[0]], names[axes[1]] = "tx", "rx"
             else:
-                self._name_axis(names, tx.count, "pair")
-        elif "antenna" in self.antennas:
-            count = self.antennas["antenna"].count
-            # With two axes of that length every antenna sends, and every one receives.
-            sides = ("tx", "rx") if free.count(count) == 2 else ("pair",)
-            for name in sides:
-                axes = self._unnamed_axes(names, count)
-                if axes:  # else the one axis of that length is another's
-                    names[axes[0]] = name
-
-    def fix_count(self) -> int | None:
-        """Count the rows of where the vehicle was; None without any."""
-        if not self.pose_columns:
-            return None
-        first = next(iter(self.pose_columns.values()))
-        return first.count
+                self._name_axis(names, count, "pair", -1)
 
     def position_unit(self) -> tuple[str, str]:
-        """Return the unit of the vehicle's positions, and why.
+        """Return the unit of the vehicle's x, y and z, and why.
 
-        It is stated, or follows from their steps; else it is a guess.
+        It is stated, or follows from the steps of a table of fixes; else it is a guess.
         """
-        source = self.pose_columns["x"]
-        stated = unit_of(source.group.opened, source.info, "m")
-        if not stated.endswith("?"):
+        columns = {} if self.places is None else self.places.columns
+        units = {columns[axis].unit("m") for axis in "xyz" if axis in columns}
+        stated = units.pop() if len(units) == 1 else "?"
+        if stated != "m?" or self.places is None or not self.places.is_table:
             return stated, ""
-        sides = []
-        for axis in "xy":
-            values = self.pose_columns[axis].values()
-            sides.append(values.astype(np.float64).ravel())
-        steps = np.hypot(*np.diff(np.stack(sides), axis=1))
+        steps = np.hypot(*(np.diff(columns[axis].numbers().ravel()) for axis in "xy"))
         finite = steps[np.isfinite(steps)]
         middle = float(np.median(finite)) if finite.size else 0.0
         if _SHORTEST_STEP <= middle <= _LONGEST_STEP:
@@ -430,43 +458,31 @@ class Roles:
         return stated, ""
 
 
-def _is_vector(source: ArraySource) -> bool:
-    """Return whether an array has several values, all along one axis."""
-    return max(source.info.shape, default=0) == source.count > 1
+def _is_table(source: ArraySource) -> bool:
+    """Return whether an array is all columns of a text, which have names of their own."""
+    return source.info.name == "table" and len(source.group.opened.arrays) > 1
 
 
-def _increases(values: NDArray[Any]) -> bool:
-    """Return whether numbers increase from one to the next."""
-    return bool((np.diff(values.ravel().astype(np.float64)) > 0).all())
+def _tells_places(group: FileGroup) -> bool:
+    """Return whether a file has columns of places: its times are those of fixes."""
+    components = [component_of(name) for name in group.opened.arrays]
+    return any(found is not None and found[0] in ("x", "longitude") for found in components)
 
 
-def _is_called(source: ArraySource, names: re.Pattern[str]) -> bool:
-    """Return whether the name of an array, or of a file that names none, matches."""
-    if names.search(source.info.name):
-        return True
-    return source.info.name in _UNNAMED and bool(names.search(source.group.paths[0].stem))
+def _is_guess(name: str) -> bool:
+    """Return whether the name of an axis ends in a question mark."""
+    return name.endswith("?")
+
+
+def _has_scans(names: list[str]) -> bool:
+    """Return whether one of the axes is, or may be, that of the scans."""
+    return "scan" in names or "scan?" in names
 
 
 def _kinds_in(group: FileGroup, count: int) -> NDArray[np.str_] | None:
     """Return which antenna transmits ("tx") and which receives ("rx"), by a column of text."""
     for cells in group.texts.values():
-        sides = [_kind_of(cell.lower()) for cell in cells]
+        sides = [_KINDS.get(cell[:1].lower(), "") for cell in cells]
         if len(sides) == count and set(sides) == {"tx", "rx"}:
             return np.array(sides)
     return None
-
-
-def _kind_of(word: str) -> str:
-    """Return the kind that a word states; empty if it states none."""
-    if word.startswith(("t", "s")):
-        return "tx"
-    return "rx" if word.startswith(("r", "e")) else ""
-
-
-def _have_axis_each(tx: int, rx: int, sizes: list[int]) -> bool:
-    """Return whether there is an axis for so many transmitters, and another for the receivers."""
-    if tx not in sizes:
-        return False
-    sizes_left = list(sizes)
-    sizes_left.remove(tx)
-    return rx in sizes_left

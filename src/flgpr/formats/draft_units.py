@@ -55,12 +55,13 @@ def small_values(opened: ArrayFile, info: ArrayInfo) -> Any:
         return None
 
 
-def small_numbers(opened: ArrayFile, info: ArrayInfo) -> Any:
-    """Read a small array of numbers; None if it is another one."""
+def largest(opened: ArrayFile, info: ArrayInfo) -> float:
+    """Return the largest finite magnitude in a small array; 0 if it is another, or of no numbers."""
     values = small_values(opened, info)
-    if values is None or np.asarray(values).dtype.kind not in "biufc":
-        return None
-    return values
+    if values is None or values.dtype.kind not in "biufc":
+        return 0.0
+    magnitudes = np.abs(values[np.isfinite(values)])
+    return float(magnitudes.max(initial=0.0))
 
 
 def unit_suffix(info: ArrayInfo) -> str:
@@ -105,15 +106,12 @@ def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     if suffix in kind:
         return suffix
     if usual == "Hz":
-        values = small_numbers(opened, info)
-        top = float(np.max(values)) if values is not None and values.size else 0.0
+        top = largest(opened, info)
         if top >= 1e6:
             return "Hz?"
         return "MHz?" if top >= 100 else "GHz?"
-    if usual == "ns":
-        values = small_numbers(opened, info)
-        if values is not None and values.size and 0 < float(np.abs(values).max()) < SHORTEST_SCANS:
-            return "s?"
+    if usual == "ns" and 0 < largest(opened, info) < SHORTEST_SCANS:
+        return "s?"
     return f"{usual}?"
 
 
@@ -132,9 +130,5 @@ def is_fast_time(opened: ArrayFile, info: ArrayInfo) -> bool:
     bool
         Whether they can be nothing else.
     """
-    if unit_suffix(info) in ("ns", "ps", "us"):
-        return True
-    values = small_numbers(opened, info)
-    if values is None or not values.size:
-        return False
-    return float(np.abs(values).max()) < SHORTEST_SCANS
+    has_short_unit = unit_suffix(info) in ("ns", "ps", "us")
+    return has_short_unit or 0 < largest(opened, info) < SHORTEST_SCANS

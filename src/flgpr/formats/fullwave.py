@@ -156,24 +156,8 @@ def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:
 def _object_table(truth: dict[str, Any]) -> pd.DataFrame:
     """Return the rocks and posts of a world as a table of objects."""
     rows = []
-    for number, (x, y, radius) in enumerate(truth.get("rocks", []), start=1):
-        row = {
-            "object_id": f"rock-{number}",
-            "x": x,
-            "y": y,
-            "kind": "rock",
-            "radius": radius,
-            "height": np.nan,
-        }
-        rows.append(row)
-    for number, (x, y, height) in enumerate(truth.get("posts", []), start=1):
-        row = {
-            "object_id": f"post-{number}",
-            "x": x,
-            "y": y,
-            "kind": "post",
-            "radius": np.nan,
-            "height": height,
-        }
-        rows.append(row)
+    for kind, size_name in (("rock", "radius"), ("post", "height")):
+        for number, (x, y, size) in enumerate(truth.get(f"{kind}s", []), start=1):
+            sizes = {"radius": np.nan, "height": np.nan} | {size_name: size}
+            rows.append({"object_id": f"{kind}-{number}", "x": x, "y": y, "kind": kind, **sizes})
     return check_objects(pd.DataFrame(rows)) if rows else empty_table(OBJECT_COLUMNS)

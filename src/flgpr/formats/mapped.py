@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +31,7 @@ from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.faults import faults_of
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
+from flgpr.store.files import natural_order
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -170,19 +170,11 @@ def _files_of(pattern: str, folders: list[Path], name: str) -> list[Path]:
     for folder in folders:
         paths = [folder / pattern]
         if is_pattern:
-            paths = sorted(folder.glob(pattern), key=_natural_order)
+            paths = sorted(folder.glob(pattern), key=natural_order)
         if any(path.is_file() for path in paths):
             return paths
     searched = " or ".join(str(folder) for folder in dict.fromkeys(folders))
     raise FileNotFoundError(f"files.{name}: no file in {searched} is called {pattern}")
-
-
-def _natural_order(path: Path) -> list[tuple[int, str]]:
-    """Return a sort key by which scan_2 comes before scan_10."""
-    key = []
-    for token in re.split(r"(\d+)", str(path)):
-        key.append((int(token), "") if token.isdecimal() else (-1, token))
-    return key
 
 
 @dataclass
@@ -389,31 +381,35 @@ class _Importer:
         The origin (scan, 3) of the vehicle frame is that of positions in the lane frame, else None.
         """
         pairs = shape[2]
-        tx_entry, rx_entry = self._antenna_entries()
-        tx_name, tx_spec = tx_entry
-        rx_name, rx_spec = rx_entry
-        tx = self._antenna_points(tx_name, tx_spec)
-        rx = self._antenna_points(rx_name, rx_spec)
+        entries = self._antenna_entries()
+        in_lane = any(spec.frame == "lane" for _, spec in entries)
+        sides = []
+        for (name, spec), side in zip(entries, ("tx", "rx"), strict=True):
+            along = "scan" if spec.frame == "lane" else "pair"
+            points = self.sources.points(spec, name, along)
+            if in_lane and pairs == 1 and points.ndim == 2:
+                # Positions per scan of a single antenna need no axis for it.
+                points = points[:, None]
+            count = points.shape[-2]
+            if sizes.get(side, count) != count:
+                with self.sources.entry(name, spec.file):
+                    raise ValueError(
+                        f"{name} must give {sizes[side]} antennas as the signal has, got {count}"
+                    )
+            sides.append(points)
 
-        in_lane = "lane" in (tx_spec.frame, rx_spec.frame)
-        if in_lane and pairs == 1:
-            # Positions per scan of a single antenna need no axis for it.
-            tx = tx[:, None] if tx.ndim == 2 else tx
-            rx = rx[:, None] if rx.ndim == 2 else rx
-
+        tx, rx = sides
         if "tx" in sizes:
-            self._check_count(tx_name, tx_spec, tx.shape[-2], sizes["tx"])
-            self._check_count(rx_name, rx_spec, rx.shape[-2], sizes["rx"])
             # Pairs run over the receivers of the first transmitter, then of the second.
             transmitters = tx.shape[-2]
             tx = np.repeat(tx, rx.shape[-2], axis=-2)
             rx = np.concatenate([rx] * transmitters, axis=-2)
-
         origin = None
         if in_lane:
-            with self.sources.entry(tx_name, tx_spec.file):
+            name, spec = entries[0]
+            with self.sources.entry(name, spec.file):
                 tx, rx, origin = _rigid(tx, rx, shape[0])
-        for name, points, spec in ((tx_name, tx, tx_spec), (rx_name, rx, rx_spec)):
+        for (name, spec), points in zip(entries, (tx, rx), strict=True):
             if points.shape != (pairs, 3):
                 with self.sources.entry(name, spec.file):
                     raise ValueError(
@@ -422,29 +418,12 @@ class _Importer:
                     )
         return tx, rx, origin
 
-    def _antenna_points(self, name: str, spec: Positions) -> FloatArray:
-        """Return antenna positions (pair, 3), or (scan, pair, 3) in the lane frame, m."""
-        along = "scan" if spec.frame == "lane" else "pair"
-        return self.sources.points(spec, name, along)
-
-    def _antenna_entries(self) -> tuple[tuple[str, Positions], tuple[str, Positions]]:
+    def _antenna_entries(self) -> list[tuple[str, Positions]]:
         """Return names and tables of the positions of transmitters and of receivers."""
-        mapping = self.mapping
-        if mapping.antenna_position is not None:
-            antenna = ("antenna_position", mapping.antenna_position)
-            return antenna, antenna
-        # Mapping sees to it that both are there.
-        tx: Positions = mapping.tx_position  # type: ignore[assignment]
-        rx: Positions = mapping.rx_position  # type: ignore[assignment]
-        return ("tx_position", tx), ("rx_position", rx)
-
-    def _check_count(self, name: str, spec: Positions, count: int, expected: int) -> None:
-        """Refuse positions that are not as many as the signal has antennas."""
-        if count != expected:
-            with self.sources.entry(name, spec.file):
-                raise ValueError(
-                    f"{name} must give {expected} antennas as the signal has, got {count}"
-                )
+        names = ["tx_position", "rx_position"]  # Mapping sees to it that both are there, or:
+        if self.mapping.antenna_position is not None:
+            names = ["antenna_position"] * 2
+        return [(name, getattr(self.mapping, name)) for name in names]
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
         """Return the path, m, that the recorder subtracted, for (scan, polarization, pair)."""

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from flgpr.formats.axes import attitude_of, axes_matrix
-from flgpr.formats.mapping import Geodetic, Orientation, Poses, Positions, TrackTable, factor
+from flgpr.formats.mapping import (
+    EntryValue,
+    Geodetic,
+    Orientation,
+    Poses,
+    Positions,
+    TrackTable,
+    factor,
+)
 from flgpr.formats.sources import FloatArray, Sources, real
 from flgpr.geo.track_anchor import anchor_from_fixes
 from flgpr.model import POSE_COMPONENTS
@@ -51,8 +60,9 @@ def read_poses(sources: Sources, spec: Poses, scans: int, anchor: Anchor | None)
             z=spec.z,
             unit=str(spec.unit),
         )
-    pose = _poses_in_files(sources, spec, position, "pose", scans, "scan", anchor)
-    with sources.entry("pose", _file_of(position, spec.geodetic)):
+    reader = _PlaceReader(sources, spec, position, "pose", scans, "scan")
+    pose = reader.poses(anchor)
+    with sources.entry("pose", reader.file):
         bad = np.argwhere(~np.isfinite(pose))
         if len(bad):
             scan, column = bad[0]
@@ -89,8 +99,9 @@ def read_track_table(sources: Sources, spec: TrackTable, anchor: Anchor | None) 
         If an entry does not fit the files, or times do not increase.
     """
     time = sources.vector(spec.time, "time", "track.time", "fix")
-    pose = _poses_in_files(sources, spec, spec.position, "track", time.size, "fix", anchor)
-    with sources.entry("track", _file_of(spec.position, spec.geodetic)):
+    reader = _PlaceReader(sources, spec, spec.position, "track", time.size, "fix")
+    pose = reader.poses(anchor)
+    with sources.entry("track", reader.file):
         keep, notes = bridged(time, pose)
         sources.notes += notes
         time = time[keep]
@@ -101,158 +112,130 @@ def read_track_table(sources: Sources, spec: TrackTable, anchor: Anchor | None) 
         return reference_track(antenna, spec.lever_arm, spec.latency)
 
 
-def _file_of(position: Positions | None, geodetic: Geodetic | None) -> str | None:
-    """Return the name of the file that holds the positions."""
-    if position is not None:
-        return position.file
-    return geodetic.file if geodetic is not None else None
+@dataclass(frozen=True)
+class _PlaceReader:
+    """Reads where the vehicle was, as a table of a mapping tells it for every scan or fix."""
 
+    sources: Sources
+    spec: Poses | TrackTable
+    position: Positions | None  # its entry, or what stands for it
+    where: str  # name of the table in an error
+    count: int  # of scans or fixes
+    along: str  # "scan" or "fix"
 
-def _poses_in_files(
-    sources: Sources,
-    spec: Poses | TrackTable,
-    position: Positions | None,
-    where: str,
-    count: int,
-    along: str,
-    anchor: Anchor | None,
-) -> FloatArray:
-    """Return poses (count, 6) as they stand in the files, in lane axes.
+    @property
+    def file(self) -> str | None:
+        """Name of the file that holds the positions."""
+        holder = self.position or self.spec.geodetic
+        return None if holder is None else holder.file
 
-    A heading by the course is left zero.
-    """
-    pose = np.zeros((count, 6))
-    turn = axes_matrix(spec.axes, f"{where}.axes")
-    if position is not None:
-        points = _points(sources, spec, position, where, count, along)
-        pose[:, :3] = points[:, :3] @ turn.T
-        if points.shape[1] == 6:
-            pose[:, 3:] = points[:, 3:] * factor(spec.angle_unit, "angle", f"{where}.angle_unit")
+    def poses(self, anchor: Anchor | None) -> FloatArray:
+        """Return poses (count, 6) as they stand in the files, in lane axes.
 
-    if spec.orientation is not None:
-        pose[:, 3:] = _attitude(
-            sources, spec.orientation, spec.axes, f"{where}.orientation", count, along
-        )
-    _read_angles(sources, spec, position, where, along, pose)
+        A heading by the course is left zero.
+        """
+        spec = self.spec
+        pose = np.zeros((self.count, 6))
+        turn = axes_matrix(spec.axes, f"{self.where}.axes")
+        if self.position is not None:
+            points = self._points(self.position)
+            pose[:, :3] = points[:, :3] @ turn.T
+            if points.shape[1] == 6:
+                pose[:, 3:] = points[:, 3:] * self._angle_scale()
+        if spec.orientation is not None:
+            pose[:, 3:] = self._attitude(spec.orientation)
+        self._read_angles(pose)
 
-    if spec.geodetic is not None:
-        entry = f"{where}.geodetic"
-        if anchor is None and not sources.anchor_from_track:
-            raise ValueError(
-                f"{entry} needs an anchor, which tells where the lane lies on the Earth"
-            )
-        fixes = _geodetic(sources, spec.geodetic, entry, count, along)
-        if anchor is None:
-            with sources.entry(entry, spec.geodetic.file):
-                anchor, notes = anchor_from_fixes(fixes)
-            sources.anchor = anchor
-            sources.notes += notes
-        pose[:, :3] = _in_the_lane(fixes, spec.geodetic, entry, anchor)
-        # Headings of a geodetic table are clockwise from true north.
-        heading_in_lane = pose[:, 3] - anchor.azimuth
-        pose[:, 3] = np.angle(np.exp(1j * heading_in_lane))
-    return pose
-
-
-def _points(
-    sources: Sources,
-    spec: Poses | TrackTable,
-    position: Positions,
-    where: str,
-    count: int,
-    along: str,
-) -> FloatArray:
-    """Return positions (count, 3), m, or with angles in the unit of the file (count, 6)."""
-    in_own_columns = isinstance(spec, Poses) and spec.position is None
-    entry = where if in_own_columns else f"{where}.position"
-    points = sources.points(position, entry, along, count)
-    has_angles = points.shape[1] == 6
-    needs_angles = spec.orientation is None and spec.heading is None
-    with sources.entry(f"{where}.position", position.file):
-        if has_angles != needs_angles:
-            raise ValueError(
-                f"{where}.position must have six columns if heading, pitch and roll are not given "
-                f"beside it, and three if they are, got {points.shape[1]}"
-            )
-    return points
-
-
-def _read_angles(
-    sources: Sources,
-    spec: Poses | TrackTable,
-    position: Positions | None,
-    where: str,
-    along: str,
-    pose: FloatArray,
-) -> None:
-    """Write the entries heading, pitch and roll into poses (count, 6), rad."""
-    if isinstance(spec, Poses):
-        file = spec.file
-    elif position is not None:
-        file = position.file
-    else:
-        file = "data"
-    for column, name in enumerate(("heading", "pitch", "roll"), start=3):
-        entry = getattr(spec, name)
-        if entry is None or entry == "course":
-            continue
-        scale = factor(spec.angle_unit, "angle", f"{where}.angle_unit")
-        angle = sources.component(entry, file, f"{where}.{name}", len(pose), along)
-        pose[:, column] = scale * angle
-
-
-def _attitude(
-    sources: Sources,
-    spec: Orientation,
-    axes: tuple[str, str, str],
-    where: str,
-    count: int,
-    along: str,
-) -> FloatArray:
-    """Return heading, pitch and roll (count, 3), rad, of the rotations in the files."""
-    with sources.entry(where, spec.file):
-        if spec.variable is not None:
-            blocks = sources.arrays(spec.file, spec.variable, where)
-            rotations = real(sources.assembled(blocks, along, where), where)
-            if rotations.ndim > 1:
-                rotations = rotations.reshape(-1, rotations.shape[-1])
-            else:
-                rotations = rotations[None]
-        else:
-            components = []
-            for name in "xyzw":
-                entry = getattr(spec, name)
-                components.append(
-                    sources.component(entry, spec.file, f"{where}.{name}", count, along)
+        if spec.geodetic is not None:
+            entry = f"{self.where}.geodetic"
+            if anchor is None and not self.sources.anchor_from_track:
+                raise ValueError(
+                    f"{entry} needs an anchor, which tells where the lane lies on the Earth"
                 )
-            rotations = np.stack(components, axis=1)
-        if len(rotations) != count:
-            raise ValueError(f"{where} must have {count} rotations, got {len(rotations)}")
-        if spec.euler is not None:
-            rotations = rotations * factor(spec.unit, "angle", f"{where}.unit")
-        return attitude_of(rotations, axes, spec.body, spec.euler, where)
+            fixes = self._fixes(spec.geodetic, entry)
+            if anchor is None:
+                with self.sources.entry(entry, spec.geodetic.file):
+                    anchor, notes = anchor_from_fixes(fixes)
+                self.sources.anchor = anchor
+                self.sources.notes += notes
+            pose[:, :3] = _in_the_lane(fixes, spec.geodetic, entry, anchor)
+            # Headings of a geodetic table are clockwise from true north.
+            heading_in_lane = pose[:, 3] - anchor.azimuth
+            pose[:, 3] = np.angle(np.exp(1j * heading_in_lane))
+        return pose
 
+    def _component(self, entry: EntryValue, file: str, where: str) -> FloatArray:
+        """Return the values (count,) of an entry."""
+        return self.sources.component(entry, file, where, self.count, self.along)
 
-def _geodetic(sources: Sources, spec: Geodetic, where: str, count: int, along: str) -> FloatArray:
-    """Return longitude and latitude, degrees, and height, m, (count, 3), as in the files."""
-    degrees = np.degrees(factor(spec.angle_unit, "angle", f"{where}.angle_unit"))
-    scale = factor(spec.unit, "length", f"{where}.unit")
-    columns = []
-    for name in ("longitude", "latitude", "height"):
-        entry = getattr(spec, name)
-        columns.append(sources.component(entry, spec.file, f"{where}.{name}", count, along))
-    longitude, latitude, height = columns
-    with sources.entry(where, spec.file):
-        known = np.isfinite(longitude) & np.isfinite(latitude)
-        longitude = longitude * degrees
-        latitude = latitude * degrees
-        too_far_north = (np.abs(latitude[known]) > 90).any()
-        too_far_east = (np.abs(longitude[known]) > 360).any()
-        if too_far_north or too_far_east:
-            raise ValueError(
-                f"{where} must have latitudes within 90 and longitudes within 360 degrees"
-            )
-    return np.stack([longitude, latitude, height * scale], axis=1)
+    def _angle_scale(self) -> float:
+        """Return the factor from the angles of the files to radians."""
+        return factor(self.spec.angle_unit, "angle", f"{self.where}.angle_unit")
+
+    def _points(self, position: Positions) -> FloatArray:
+        """Return positions (count, 3), m, or with angles in the unit of the file (count, 6)."""
+        spec = self.spec
+        in_own_columns = isinstance(spec, Poses) and spec.position is None
+        entry = self.where if in_own_columns else f"{self.where}.position"
+        points = self.sources.points(position, entry, self.along, self.count)
+        has_angles = points.shape[1] == 6
+        needs_angles = spec.orientation is None and spec.heading is None
+        with self.sources.entry(f"{self.where}.position", position.file):
+            if has_angles != needs_angles:
+                raise ValueError(
+                    f"{self.where}.position must have six columns if heading, pitch and roll are "
+                    f"not given beside it, and three if they are, got {points.shape[1]}"
+                )
+        return points
+
+    def _read_angles(self, pose: FloatArray) -> None:
+        """Write the entries heading, pitch and roll into poses (count, 6), rad."""
+        holder = self.spec if isinstance(self.spec, Poses) else self.position
+        file = "data" if holder is None else holder.file
+        for column, name in enumerate(("heading", "pitch", "roll"), start=3):
+            entry = getattr(self.spec, name)
+            if entry is not None and entry != "course":
+                angle = self._component(entry, file, f"{self.where}.{name}")
+                pose[:, column] = self._angle_scale() * angle
+
+    def _attitude(self, spec: Orientation) -> FloatArray:
+        """Return heading, pitch and roll (count, 3), rad, of the rotations in the files."""
+        where = f"{self.where}.orientation"
+        with self.sources.entry(where, spec.file):
+            if spec.variable is not None:
+                blocks = self.sources.arrays(spec.file, spec.variable, where)
+                rotations = real(self.sources.assembled(blocks, self.along, where), where)
+                if rotations.ndim > 1:
+                    rotations = rotations.reshape(-1, rotations.shape[-1])
+                else:
+                    rotations = rotations[None]
+            else:
+                components = []
+                for name in "xyzw":
+                    entry = getattr(spec, name)
+                    components.append(self._component(entry, spec.file, f"{where}.{name}"))
+                rotations = np.stack(components, axis=1)
+            if len(rotations) != self.count:
+                raise ValueError(f"{where} must have {self.count} rotations, got {len(rotations)}")
+            if spec.euler is not None:
+                rotations = rotations * factor(spec.unit, "angle", f"{where}.unit")
+            return attitude_of(rotations, self.spec.axes, spec.body, spec.euler, where)
+
+    def _fixes(self, spec: Geodetic, where: str) -> FloatArray:
+        """Return longitude and latitude, degrees, and height, m, (count, 3), as in the files."""
+        degrees = np.degrees(factor(spec.angle_unit, "angle", f"{where}.angle_unit"))
+        scale = factor(spec.unit, "length", f"{where}.unit")
+        columns = []
+        for name in ("longitude", "latitude", "height"):
+            columns.append(self._component(getattr(spec, name), spec.file, f"{where}.{name}"))
+        fixes = np.stack(columns, axis=1) * (degrees, degrees, scale)
+        with self.sources.entry(where, spec.file):
+            known = fixes[np.isfinite(fixes[:, :2]).all(axis=1)]
+            if (np.abs(known[:, :2]) > (360, 90)).any():
+                raise ValueError(
+                    f"{where} must have latitudes within 90 and longitudes within 360 degrees"
+                )
+        return fixes
 
 
 def _in_the_lane(fixes: FloatArray, spec: Geodetic, where: str, anchor: Anchor) -> FloatArray:

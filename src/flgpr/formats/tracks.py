@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -108,17 +108,17 @@ def _poses_of_table(
         time, *components = (_needed(columns, name) for name in names)
         return time, np.stack(components, axis=1)
     time = _needed(columns, "time_s")
-    position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
     if heading == "column":
-        angles = [_angle(columns, name) for name in _ANGLES]
-        return time, np.stack([*position, *angles], axis=1)
+        return time, _stated_poses(columns)
+    position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
     level = 0.0 * time
-    pitch = _angle(columns, "pitch", level)
-    roll = _angle(columns, "roll", level)
-    missing = [name for name in ("pitch", "roll") if not _has_angle(columns, name)]
+    angles = [_angle(columns, name, level) for name in ("pitch", "roll")]
+    missing = [
+        name for name, angle in zip(("pitch", "roll"), angles, strict=True) if angle is level
+    ]
     if missing:
         notes.append(f"no column tells {' and '.join(missing)}: 0 is taken")
-    return time, np.stack([*position, level, pitch, roll], axis=1)
+    return time, np.stack([*position, level, *angles], axis=1)
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:
@@ -149,13 +149,17 @@ def read_survey(path: str | Path) -> NDArray[np.float64]:
         if "left_x_m" in columns:
             pose = _poses_by_marks(columns)
         else:
-            position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
-            angles = [_angle(columns, name) for name in _ANGLES]
-            pose = np.column_stack([*position, *angles])
+            pose = _stated_poses(columns)
         bad = ~np.isfinite(pose).all(axis=1)
         if bad.any():
             raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
     return pose
+
+
+def _stated_poses(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
+    """Return the poses (row, 6) of a table that has columns of all their components."""
+    position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
+    return np.stack([*position, *(_angle(columns, name) for name in _ANGLES)], axis=1)
 
 
 def _poses_by_marks(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
@@ -257,23 +261,38 @@ def _note_unused(log: _NmeaLog, quality: tuple[int, ...], notes: list[str]) -> N
 
 def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLog:
     """Read the GGA of some qualities and the HDT of a log."""
-    library = optional("pynmeagps", "gnss")
     log = _NmeaLog([], [], Counter())
     now = -math.inf
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
-    for number, line in _filled_lines(text):
-        try:
-            message = library.NMEAReader.parse(_sentence(line))
-            if message.msgID == "GGA":
-                log.qualities[message.quality] += 1
-                if message.quality in quality:
-                    now = _continued_time(message.time, now)
-                    log.fixes.append((now, *_place_of(message)))
-            elif message.msgID == "HDT" and math.isfinite(now):
-                log.headings.append((now, math.radians(float(message.headingT))))
-        except Exception as error:
-            raise _damaged_sentence(path, number, error) from None
+
+    def take(message: Any) -> None:
+        nonlocal now
+        if message.msgID == "GGA":
+            log.qualities[message.quality] += 1
+            if message.quality in quality:
+                now = _continued_time(message.time, now)
+                log.fixes.append((now, *_place_of(message)))
+        elif message.msgID == "HDT" and math.isfinite(now):
+            log.headings.append((now, math.radians(float(message.headingT))))
+
+    _read_sentences(path, notes, take)
     return log
+
+
+def _read_sentences(path: Path, notes: list[str], take: Callable[[Any], None]) -> None:
+    """Hand on the sentences of a log one by one; a damaged one is a ValueError with its line."""
+    library = optional("pynmeagps", "gnss")
+    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        sentence = line.strip().encode("latin-1", "replace") + b"\r\n"
+        try:
+            take(library.NMEAReader.parse(sentence))
+        except Exception as error:
+            message = " ".join(str(error).split())[:120]
+            raise ValueError(
+                f"{path}: line {number} is no valid NMEA sentence: {message}"
+            ) from None
 
 
 def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
@@ -296,41 +315,19 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[n
     ValueError
         If a sentence is damaged.
     """
-    path = existing(path)
-    library = optional("pynmeagps", "gnss")
     places: list[tuple[float, float, float]] = []
-    text = decode_text(read_named(path, MAX_MEMORY), path.name)
-    for number, line in _filled_lines(text):
-        try:
-            message = library.NMEAReader.parse(_sentence(line))
-            if message.msgID == "GGA" and message.quality in quality:
-                places.append(_place_of(message))
-        except Exception as error:
-            raise _damaged_sentence(path, number, error) from None
+
+    def take(message: Any) -> None:
+        if message.msgID == "GGA" and message.quality in quality:
+            places.append(_place_of(message))
+
+    _read_sentences(existing(path), [], take)
     return np.array(places, dtype=np.float64).reshape(-1, 3)
-
-
-def _filled_lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield number, from 1, and content of the lines that are not empty."""
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip():
-            yield number, line.strip()
-
-
-def _sentence(line: str) -> bytes:
-    """Return a line as the library takes it."""
-    return line.encode("latin-1", "replace") + b"\r\n"
 
 
 def _place_of(message: Any) -> tuple[float, float, float]:
     """Return longitude, latitude, degrees, and ellipsoidal height, m, of a GGA sentence."""
     return message.lon, message.lat, float(message.alt) + float(message.sep)
-
-
-def _damaged_sentence(path: Path, number: int, error: Exception) -> ValueError:
-    """Return the error for a line that the library refuses."""
-    message = " ".join(str(error).split())[:120]
-    return ValueError(f"{path}: line {number} is no valid NMEA sentence: {message}")
 
 
 def _headings(
@@ -360,11 +357,6 @@ def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> FloatArray:
         known = ", ".join(key for key in columns if key != "table") or "no header line"
         raise ValueError(f"the column {name} is missing; got {known}")
     return np.asarray(columns[name], dtype=np.float64)
-
-
-def _has_angle(columns: Mapping[str, NDArray[Any]], name: str) -> bool:
-    """Return whether there is a column of an angle."""
-    return f"{name}_rad" in columns or f"{name}_deg" in columns
 
 
 def _angle(

@@ -277,19 +277,41 @@ def own_anchor(reference: Mapping[str, Any]) -> Anchor:
             )
         values.append(float(value))
     longitude, latitude, azimuth = values
+    return anchor_at((longitude, latitude, 0.0), math.radians(azimuth), heights_known=False)
+
+
+def anchor_at(
+    origin: tuple[float, float, float], azimuth: float, heights_known: bool = True
+) -> Anchor:
+    """Return an anchor at a position, whose uncertainty is not known (NaN).
+
+    Parameters
+    ----------
+    origin : (3,) tuple of float
+        Longitude, latitude, degrees, and ellipsoidal height, m.
+    azimuth : float
+        Direction of +y, rad.
+    heights_known : bool
+        Whether the height is one.
+
+    Returns
+    -------
+    Anchor
+        The anchor.
+    """
     return Anchor(
-        origin=(longitude, latitude, 0.0),
-        azimuth=math.radians(azimuth),
+        origin=origin,
+        azimuth=azimuth,
         shift=(0.0, 0.0, 0.0),
         center=(0.0, 0.0),
         sigma=math.nan,
         count=1,
         spread=math.inf,
-        sigma_azimuth=0.0,
+        sigma_azimuth=math.nan,
         residuals=(),
         crs=GEODETIC,
         crs_accuracy=math.nan,
-        heights_known=False,
+        heights_known=heights_known,
     )
 
 

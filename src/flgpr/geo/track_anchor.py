@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.geo.anchor import Anchor
-from flgpr.geo.geodesy import GEODETIC
+from flgpr.geo.anchor import Anchor, anchor_at
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
@@ -56,7 +55,7 @@ def anchor_from_fixes(
     if number is not None:
         numbers = np.asarray(number, dtype=np.float64).round()
     # The median, unlike the first fix, is not moved by a fix that is far off.
-    plane = _anchor_at(_median_position(finite), 0.0)
+    plane = anchor_at(_median_position(finite), 0.0)
     local = plane.from_geodetic(finite)
     pose = np.concatenate([local, np.zeros_like(local)], axis=1)
     limits = MotionLimits(scans=int(LARGEST))  # any number of traces may lie between two fixes
@@ -73,7 +72,7 @@ def anchor_from_fixes(
             f"fix, got {distance.max():.3g} m"
         )
     origin = plausible[0]
-    start = _anchor_at((float(origin[0]), float(origin[1]), float(origin[2])), 0.0)
+    start = anchor_at((float(origin[0]), float(origin[1]), float(origin[2])), 0.0)
     east, north, _ = start.from_geodetic(plausible[farthest])
     azimuth = math.atan2(east, north)
     degrees = round(math.degrees(azimuth), 2) % 360.0
@@ -87,7 +86,7 @@ def anchor_from_fixes(
         notes.append(
             f"{left_out} of {len(points)} fixes are not plausible and do not enter the lane's place"
         )
-    return _anchor_at(start.origin, azimuth), notes
+    return anchor_at(start.origin, azimuth), notes
 
 
 def _median_position(points: FloatArray) -> tuple[float, float, float]:
@@ -100,21 +99,3 @@ def _median_position(points: FloatArray) -> tuple[float, float, float]:
     latitude = points[:, 1]
     height = points[:, 2]
     return float(np.median(longitude)), float(np.median(latitude)), float(np.median(height))
-
-
-def _anchor_at(origin: tuple[float, float, float], azimuth: float) -> Anchor:
-    """Return an anchor at a position, degrees and m, of unknown uncertainty."""
-    return Anchor(
-        origin=origin,
-        azimuth=azimuth,
-        shift=(0.0, 0.0, 0.0),
-        center=(0.0, 0.0),
-        sigma=math.nan,
-        count=1,
-        spread=math.inf,
-        sigma_azimuth=math.nan,
-        residuals=(),
-        crs=GEODETIC,
-        crs_accuracy=math.nan,
-        heights_known=True,
-    )

@@ -27,6 +27,14 @@ _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
 
 
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """Return a sort key by which scan_2 comes before scan_10."""
+    key = []
+    for token in re.split(r"(\d+)", str(path)):
+        key.append((int(token), "") if token.isdecimal() else (-1, token))
+    return key
+
+
 def existing(path: str | Path, what: str = "file") -> Path:
     """Return the path of a regular file that exists.
 

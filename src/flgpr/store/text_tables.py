@@ -79,6 +79,23 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDA
     return arrays
 
 
+def text_columns(path: Path) -> dict[str, list[str]]:
+    """Return the cells of the columns of a table that hold no numbers, by its header.
+
+    It is empty where nothing names columns. What is no table is a ValueError.
+    """
+    (_, lines), *_ = _blocks(path, [])
+    header, *rows = _rows(lines, []) or [_Row(0, [])]
+    names = _header(header) or []
+    _check_widths(rows, len(header.cells))
+    columns = {}
+    for k, name in enumerate(names):
+        cells = [row.cells[k].strip() for row in rows]
+        if _column(cells) is None:
+            columns[name] = cells
+    return columns
+
+
 def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     """Return the lines of a text by the blocks of BEGIN and END; a single one if there is none."""
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
-from flgpr.formats.draft_single import draft_of_file
+from flgpr.formats.draft_mapping import draft_of_file
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.store.extras import optional
 from flgpr_exchange.bags.cdr import Decoder, message_decoder

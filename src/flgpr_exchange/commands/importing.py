@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 
 from flgpr import __version__
-from flgpr.commands.importing import check_parent_folder, refuse_two_anchors, with_doubts
+from flgpr.commands.importing import check_parent_folder, finished_run, refuse_two_anchors
 from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run
 from flgpr.door import Folder
 from flgpr.formats.section import GprSection
@@ -87,7 +87,7 @@ def import_line(
 
     run = gpr_run(section, channel, anchor=anchor, **headers)
     run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
-    run = tied_run(with_doubts(run), anchor)
+    run = finished_run(run, anchor)
     save_run(run, target, resume=True)
     return run
 

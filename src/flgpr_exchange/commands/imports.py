@@ -137,14 +137,14 @@ def import_cphd(
     FileExistsError
         If another run is at the output.
     """
-    from flgpr.commands.importing import check_parent_folder, with_doubts
-    from flgpr.commands.positions import read_optional_anchor, tied_run
+    from flgpr.commands.importing import check_parent_folder, finished_run
+    from flgpr.commands.positions import read_optional_anchor
     from flgpr.store import save_run
     from flgpr_exchange.cphd.phase_history import read_cphd
 
     target = check_parent_folder(output)
     lane_anchor = read_optional_anchor(anchor)
-    run = tied_run(with_doubts(read_cphd(file, lane_anchor)), lane_anchor)
+    run = finished_run(read_cphd(file, lane_anchor), lane_anchor)
     save_run(run, target, resume=True)
     return run
 

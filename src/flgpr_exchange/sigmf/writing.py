@@ -19,6 +19,7 @@ from flgpr.model import check_run
 from flgpr.model.printable import printable
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
+from flgpr.toml_text import toml_value
 from flgpr_exchange.sigmf.reading import DATA, META, NAMESPACE, VERSION
 
 if TYPE_CHECKING:
@@ -235,13 +236,12 @@ def _moment(time: datetime | None, times: np.ndarray[Any, Any], scan: int) -> st
 
 def _mapping(run: xr.Dataset, name: str) -> str:
     """Return the mapping that takes a recording back, TOML."""
-    labels = ", ".join(f'"{label}"' for label in run["polarization"].values)
     text = _MAPPING.format(
         name=printable(name),
-        title=_toml_text(str(run.attrs.get("title", ""))),
-        source=_toml_text(str(run.attrs.get("source", ""))),
-        data=_toml_text(escape(f"{name}{META}")),  # it is a pattern of names
-        polarization=f"[{labels}]",
+        title=_text_value(run.attrs.get("title", "")),
+        source=_text_value(run.attrs.get("source", "")),
+        data=_text_value(escape(f"{name}{META}")),  # it is a pattern of names
+        polarization=toml_value([str(label) for label in run["polarization"].values]),
         tones=run.sizes["frequency"],
         polarizations=run.sizes["polarization"],
         pairs=run.sizes["pair"],
@@ -250,7 +250,6 @@ def _mapping(run: xr.Dataset, name: str) -> str:
     return text + _TIME_OF_MAPPING if has_times else text
 
 
-def _toml_text(text: str) -> str:
-    """Return a text as a string of TOML."""
-    printable = text.encode("utf-8", "replace").decode("utf-8")
-    return json.dumps(printable, ensure_ascii=False).replace("\x7f", "\\u007f")
+def _text_value(text: Any) -> str:
+    """Return a text as a string of TOML, without the halves of characters that UTF-8 has not."""
+    return toml_value(str(text).encode("utf-8", "replace").decode("utf-8"))

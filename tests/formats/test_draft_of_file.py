@@ -176,6 +176,23 @@ def test_antennas_are_not_taken_for_the_vehicle(tmp_path):
         antenna_pos=np.zeros((2, 3)),
     )
     draft = propose_mapping(tmp_path / "a.npz")
-    assert '[antenna_position]\nvariable = "antenna_pos"' in draft
+    assert tomllib.loads(draft)["antenna_position"]["variable"] == "antenna_pos"
     assert 'position = {variable = "pos"' in draft
     assert 'dims = ["scan", "pair", "frequency"]' in draft
+
+
+def test_fixes_of_a_receiver_beside_the_signal_are_a_track(tmp_path):
+    np.savez(
+        tmp_path / "a.npz",
+        data=np.ones((5, 7), complex),
+        freq_hz=TONES,
+        t_s=np.arange(5.0),
+        gps_lat=52 + 1e-5 * np.arange(30),
+        gps_lon=np.full(30, 13.0),
+        gps_time_s=np.arange(-5.0, 25.0),
+    )
+    draft = propose_mapping(tmp_path / "a.npz")
+    assert "[track]  # 30 fixes of 5 scans" in draft
+    (tmp_path / "m.toml").write_text(draft.replace("?", ""))
+    run = import_mapped(tmp_path / "m.toml", anchor_from_track=True).run
+    np.testing.assert_allclose(np.diff(run["pose"].values[:, 1]), 1.11, rtol=1e-2)
