@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from flgpr.method.detection import Detection
 from flgpr.model import Lane
+from flgpr.report.kit import decibels, shaded, strongest
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
@@ -211,15 +212,7 @@ def geometry_figure(
     if looks is not None:
         most = int(looks.max())
         looks = _thinned(looks)
-        mesh = plan.pcolormesh(
-            looks["x"],
-            looks["y"],
-            looks,
-            cmap="Blues",
-            vmin=0,
-            vmax=max(most, 1),
-            shading="nearest",
-        )
+        mesh = shaded(plan, looks["x"], looks["y"], looks, (0, max(most, 1)), colours="Blues")
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
     is_stretched = looks is not None and _is_long(looks)
     first_y = min(pose[:, 1].min(), lane.y_min)
@@ -315,24 +308,10 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
     """Draw a channel of a run-view in dB and the lane."""
     is_stretched = _is_long(view)
     view = _thinned(view)
-    x = view["x"].values
-    y = view["y"].values
-    level = 20 * np.log10(np.maximum(view.values, 1e-12))
-    is_in_lane = lane.contains(*np.meshgrid(x, y))
-    imaged_in_lane = level[is_in_lane & np.isfinite(level)]
-    top = imaged_in_lane.max() if imaged_in_lane.size else 0.0
+    level = decibels(view) - strongest(view, lane)
     # Ground that no scan has seen is NaN: the grey behind the image shows there.
     axes.set_facecolor("0.8")
-    mesh = axes.pcolormesh(
-        x,
-        y,
-        level - top,
-        cmap="viridis",
-        vmin=-DYNAMIC_RANGE,
-        vmax=0,
-        shading="nearest",
-        rasterized=True,
-    )
+    mesh = shaded(axes, view["x"], view["y"], level, (-DYNAMIC_RANGE, 0))
     axes.add_patch(_lane_patch(lane))
     axes.set(
         xlabel="cross-track x (m)",

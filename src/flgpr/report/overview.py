@@ -15,10 +15,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from flgpr.model import Lane
 from flgpr.report.figures import DYNAMIC_RANGE
+from flgpr.report.kit import decibels, shaded, strongest
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
@@ -156,7 +156,7 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     screen = result.recipe.prescreen
     before = select(main.view, screen.polarization, screen.subband)
     after = select(cleaned[0].view, screen.polarization, screen.subband)
-    top = _strongest(before, result.lane)
+    top = strongest(before, result.lane)
     figures = []
     for view, alarms in ((before, main.alarms), (after, cleaned[0].alarms)):
         figures.append(_radar_figure(view, alarms, result.lane, top))
@@ -172,33 +172,12 @@ def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: flo
     bottom = 0.5 / height
     axes = figure.add_axes((left, bottom, 1 - 0.8 / width, 1 - 0.6 / height))
     view = thinned(view, math.ceil(view.sizes["y"] / _COLUMNS))
-    axes.pcolormesh(
-        view["y"].values,
-        view["x"].values,
-        _decibels(view).T - top,
-        cmap="viridis",
-        vmin=-DYNAMIC_RANGE,
-        vmax=0,
-        shading="nearest",
-        rasterized=True,
-    )
+    level = decibels(view).T - top
+    shaded(axes, view["y"], view["x"], level, (-DYNAMIC_RANGE, 0))
     axes.add_patch(_lane_patch(lane, fill=False, ec="white", ls="-.", lw=1.4))
     axes.plot(alarms["y"], alarms["x"], "o", mfc="none", mec="white", ms=7, mew=1.3)
     _frame(axes, lane)
     return figure
-
-
-def _decibels(view: xr.DataArray) -> NDArray[np.float64]:
-    """Return a view's magnitudes in dB."""
-    return np.asarray(20 * np.log10(np.maximum(view.values, 1e-12)), dtype=float)
-
-
-def _strongest(view: xr.DataArray, lane: Lane) -> float:
-    """Return the level of the strongest pixel of a view in the lane, dB."""
-    is_inside = lane.contains(*np.meshgrid(view["x"].values, view["y"].values))
-    level = _decibels(view)[is_inside]
-    imaged = level[np.isfinite(level)]
-    return float(imaged.max()) if imaged.size else 0.0
 
 
 def _size(lane: Lane) -> tuple[float, float]:
