@@ -147,13 +147,11 @@ def test_a_rival_imports_what_its_like_in_the_instrument_may(room):
 
 
 def test_the_instrument_imports_nothing_that_lies_beside_it():
-    """A stub may say where a public name has moved; the face leaves it out where that is not installed."""
+    """A stub may say where a public name has moved; the face leaves it out where it is not installed."""
     assert not [place(path) for path in modules_of(ROOT) if packages_beside(path)]
     beside = re.compile(rf"[\"']({'|'.join(ALLOWED_BESIDE)})\b")
     named = [path for path in modules_of(ROOT) if beside.search(path.read_text(encoding="utf-8"))]
-    assert [place(path) for path in named] == ["commands/reproduce.py"], (
-        "only the command reproduce, on demand"
-    )
+    assert [place(path) for path in named] == []
 
 
 ALONE = """

@@ -3,7 +3,6 @@
 Every paper has a package of its own and a page; ``kit`` is what they share.
 """
 
-from flgpr_papers.kit.settings import PAPERS
-from flgpr_papers.overview import reproduce
+from flgpr.lazy import face
 
-__all__ = ["PAPERS", "reproduce"]
+__getattr__, __dir__, __all__ = face(__name__, __file__)

@@ -28,7 +28,6 @@ from flgpr.commands.info import info
 from flgpr.commands.pairs import PairCommand
 from flgpr.commands.prepare import prepare
 from flgpr.commands.replay import replay
-from flgpr.commands.reproduce import reproduce
 from flgpr.commands.score import score
 from flgpr.commands.shell import Offer, shell_function
 from flgpr.commands.simulate import simulate_lane
@@ -49,7 +48,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "design": design,
     "anchor": anchor,
     "export": export,
-    "reproduce": reproduce,
     "live": live.live,
     "feed": live.feed,
     "calibrate clock": calibrate.calibrate_clock,
@@ -86,7 +84,6 @@ HELP_PANELS: dict[str, dict[str, str]] = {
     "Live": {"live": "", "feed": ""},
     "Research": {
         "design": "",
-        "reproduce": "",
     },
 }
 """First words by the title of the box in which ``flgpr --help`` shows them.

@@ -4,8 +4,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.reproduce import PAPERS, reproduce
 from flgpr_papers import overview
+from flgpr_papers.command import PAPERS, reproduce
 
 
 def test_reproduce_names_the_papers_it_knows(tmp_path):

@@ -1,16 +1,15 @@
-"""``flgpr reproduce``: the papers' experiments run again on simulated lanes."""
+"""``flgpr reproduce``, which the entry point "papers" adds to the command line."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 from typer import Argument, Option
 
 from flgpr.commands.options import PathLike, Progress, output_option
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, Offer, command
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 _SCRIPTS = ("worlds", "reasons")  # in evidence/; words of this command once
@@ -55,12 +54,14 @@ def reproduce(
     ValueError
         If the paper is not known.
     """
+    import flgpr_papers as papers  # its studies are loaded here
     from flgpr.progress import silent
 
     if paper not in (*PAPERS, "all"):
         moved = f"; it is now python evidence/{paper}" if paper in _SCRIPTS else ""
         raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}{moved}")
     folder = Path(output or ("reproduced" if paper == "all" else f"{paper}-result"))
-    # The studies import everything else, and nothing may import them but on demand.
-    papers = import_module("flgpr_papers")
-    return Path(papers.reproduce(paper, folder, quick, track or silent, workers, world))
+    return papers.reproduce(paper, folder, quick, track or silent, workers, world)
+
+
+OFFER = Offer(commands={"reproduce": reproduce}, panels={"Research": {"reproduce": ""}})
