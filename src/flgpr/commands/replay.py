@@ -29,17 +29,12 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
     yield f"{verdict}: run-views differ by {outcome['difference']:.1e}; other bytes in {files}"
 
 
-def _as_json(outcome: dict[str, Any], _: Arguments) -> dict[str, Any]:
-    """Return the comparison as it is."""
-    return outcome
-
-
-def _status(outcome: dict[str, Any]) -> int:
-    """Return 1 where the results do not agree."""
-    return 0 if outcome["agrees"] else 1
-
-
-@command(lines=_lines, as_json=_as_json, status=_status, always_printed=True)
+@command(
+    lines=_lines,
+    as_json=lambda outcome, _: outcome,
+    status=lambda outcome: 0 if outcome["agrees"] else 1,
+    always_printed=True,
+)
 def replay(
     result: Annotated[PathLike, Argument(help="Result folder.")],
     run: Annotated[PathLike | None, Option(help="Run store, if it has moved since.")] = None,

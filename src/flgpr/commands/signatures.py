@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
@@ -15,7 +15,6 @@ from typer.models import ArgumentInfo, OptionInfo
 from flgpr.commands.options import ShellDefault, ShellType
 
 _EMPTY = inspect.Parameter.empty
-_POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
 _SECTION = re.compile(r"^(Returns|Raises|Notes)\n-+$", re.MULTILINE)
 
 
@@ -26,6 +25,7 @@ class Parameter:
     name: str
     type: Any
     default: Any
+    kind: Any  #: as of ``inspect.Parameter``
     #: how the command line takes it; None where it does not
     shell: ArgumentInfo | OptionInfo | None
     help: str  #: one sentence
@@ -35,16 +35,9 @@ class Parameter:
 
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     """Return the parameters of a function, in the order of its signature."""
-    code = function.__code__
-    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-    defaults = dict(function.__kwdefaults__ or {})
-    positional = names[: code.co_argcount]
-    # The last positional parameters have defaults.
-    positional_defaults = function.__defaults__ or ()
-    with_default = positional[len(positional) - len(positional_defaults) :]
-    defaults |= dict(zip(with_default, positional_defaults, strict=True))
-    annotations = _annotations_of(function, names)
-    return [_parameter(name, annotations[name], defaults) for name in names]
+    parameters = inspect.signature(function).parameters
+    annotations = _annotations_of(function, list(parameters))
+    return [_parameter(one, annotations[name]) for name, one in parameters.items()]
 
 
 def _annotations_of(function: Callable[..., Any], names: Sequence[str]) -> dict[str, Any]:
@@ -57,11 +50,11 @@ def _annotations_of(function: Callable[..., Any], names: Sequence[str]) -> dict[
     return inspect.get_annotations(copy, eval_str=True)
 
 
-def _parameter(name: str, annotation: Any, defaults: Mapping[str, Any]) -> Parameter:
+def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
     """Return a parameter with what the marks of its annotation state."""
     is_annotated = hasattr(annotation, "__metadata__")
     python_type, *marks = get_args(annotation) if is_annotated else [annotation]
-    default = defaults.get(name, _EMPTY)
+    default = declared.default
     shell = None
     sentence = ""
     parsed_type = shell_type(python_type)
@@ -78,7 +71,16 @@ def _parameter(name: str, annotation: Any, defaults: Mapping[str, Any]) -> Param
             parsed_type = mark.type | None if is_optional else mark.type
         else:
             sentence = mark
-    return Parameter(name, python_type, default, shell, sentence, parsed_type, shell_default)
+    return Parameter(
+        declared.name,
+        python_type,
+        default,
+        declared.kind,
+        shell,
+        sentence,
+        parsed_type,
+        shell_default,
+    )
 
 
 def shell_type(annotation: Any) -> Any:
@@ -111,15 +113,12 @@ def python_signature(
     function: Callable[..., Any], parameters: Sequence[Parameter]
 ) -> inspect.Signature:
     """Return the signature of a function with plain types."""
-    positional_count = function.__code__.co_argcount
     plain_parameters = []
-    for number, parameter in enumerate(parameters):
-        is_positional = number < positional_count
-        kind = _POSITIONAL if is_positional else inspect.Parameter.KEYWORD_ONLY
+    for parameter in parameters:
         plain_parameters.append(
             inspect.Parameter(
                 parameter.name,
-                kind,
+                parameter.kind,
                 default=parameter.default,
                 annotation=_TypeText(type_in_words(parameter.type)),
             )
