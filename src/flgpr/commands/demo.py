@@ -13,6 +13,7 @@ import typer
 from typer import Option
 
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
+from flgpr.commands.exports import map_bytes
 from flgpr.commands.options import Output, Overwrite, PathLike, Progress
 from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from flgpr.method.detection import Detection
     from flgpr.results.result import Result
     from flgpr.scoring import Score
-    from flgpr.scoring.score_entries import ScoreSummary
 
 VIEW = Annotated[bool, Option("--view", help="Open the result in the viewer.")]
 NO_OPEN = Annotated[bool, Option("--no-open", help="Open no browser: print where the page is.")]
@@ -43,22 +43,12 @@ def _lines(returned: tuple[Result, list[Score]], call: Arguments) -> Iterator[An
     if call.details:
         yield from score_lines(scores)
     yield from road_lines(scores[0])
-    yield f"{scores[0].in_plain_words(_when(result, scores[0]))}."
-    yield f"report: {(result.folder / 'report.html').resolve()}"
-
-
-def _when(result: Result, score: Score) -> str:
-    """Return the words for when targets were found: whether all lie ahead of the last scan."""
-    detected = score.outcomes[score.outcomes["found"]]
+    detected = scores[0].outcomes[scores[0].outcomes["found"]]
     last = max(pose[1] for pose in result.manifest["run"]["pose"])
     is_ahead = len(detected) and bool((detected["y"] > last).all())
-    return " before the vehicle reached them" if is_ahead else ""
-
-
-def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary:
-    """Return the figures of the score."""
-    result, scores = returned
-    return score_summary(result.folder, scores)
+    when = " before the vehicle reached them" if is_ahead else ""
+    yield f"{scores[0].in_plain_words(when)}."
+    yield f"report: {(result.folder / 'report.html').resolve()}"
 
 
 @contextmanager
@@ -73,7 +63,6 @@ def _page(call: Arguments) -> Iterator[None]:
     yield
     if call.view:
         from flgpr import viewer
-        from flgpr.commands.exports import map_bytes
 
         viewer.serve(Path(call.output), open_browser=opens, announce=typer.echo, make_map=map_bytes)
     elif opens:
@@ -128,7 +117,7 @@ def play_drive(
 
 @command(
     lines=_lines,
-    as_json=_as_json,
+    as_json=lambda returned, _: score_summary(returned[0].folder, returned[1]),
     context=_page,
     shell_options={
         "details": (DETAILS, False),

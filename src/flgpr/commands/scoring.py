@@ -14,8 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.commands.doubts import tell_doubts
-from flgpr.commands.reach import targets_in_reach
+from flgpr.commands.reach import targets_in_reach, tell_doubts
 from flgpr.commands.registering import Entrant, find_entrant, open_registered_truth
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.trial_card import TrialCard, ranking_notes

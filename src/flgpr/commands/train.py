@@ -22,7 +22,7 @@ from flgpr.commands.options import (
     output_option,
     runs_by_name,
 )
-from flgpr.commands.run_options import run_options
+from flgpr.commands.runs import run_options
 from flgpr.commands.shell import command
 
 if TYPE_CHECKING:
