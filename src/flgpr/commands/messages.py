@@ -96,34 +96,41 @@ def is_unchanged(output: Path) -> bool:
     return str(output) in _unchanged_outputs
 
 
-class _ReadingNotes(logging.Handler):
-    """Prints what was found, replaced or assumed on reading, each line once."""
+class _Printer(logging.Handler):
+    """Prints messages of a logger on the error stream, unless the command is quiet."""
 
     def __init__(self, quiet: bool) -> None:
         super().__init__()
         self._quiet = quiet
+
+    def tell(self, text: str) -> None:
+        """Print a line."""
+        if not self._quiet:
+            typer.echo(text, err=True)
+
+
+class _ReadingNotes(_Printer):
+    """Prints what was found, replaced or assumed on reading, each line once."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__(quiet)
         self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a message of ``flgpr.store.notes.log_note``."""
         text = record.getMessage()
-        if not self._quiet and text not in self._printed:
-            typer.echo(f"note: {text}", err=True)
+        if text not in self._printed:
+            self.tell(f"note: {text}")
         self._printed.add(text)
 
 
-class _UnchangedOutputs(logging.Handler):
+class _UnchangedOutputs(_Printer):
     """Prints and remembers outputs that are left as they were."""
-
-    def __init__(self, quiet: bool) -> None:
-        super().__init__()
-        self._quiet = quiet
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a message of :func:`flgpr.store.outputs.log_finished`."""
         _unchanged_outputs.add(str(vars(record).get("output")))
-        if not self._quiet:
-            typer.echo(record.getMessage(), err=True)
+        self.tell(record.getMessage())
 
 
 @contextmanager

@@ -177,7 +177,7 @@ def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:
         return
 
     def figure() -> Figure:
-        from flgpr.report.figures import image_figure
+        from flgpr.report.images import image_figure
 
         return image_figure(image, picture.peaks, poses)
 

@@ -15,7 +15,8 @@ from typer.models import ArgumentInfo, OptionInfo
 from flgpr.commands.options import ShellDefault, ShellType
 
 _EMPTY = inspect.Parameter.empty
-_SECTION = re.compile(r"^(Returns|Raises|Notes)\n-+$", re.MULTILINE)
+_SEQUENCES = (Sequence, list)
+_SECTIONS = re.compile(r"^(?=(?:Returns|Raises|Notes)\n-+$)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -36,18 +37,11 @@ class Parameter:
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     """Return the parameters of a function, in the order of its signature."""
     parameters = inspect.signature(function).parameters
-    annotations = _annotations_of(function, list(parameters))
-    return [_parameter(one, annotations[name]) for name, one in parameters.items()]
-
-
-def _annotations_of(function: Callable[..., Any], names: Sequence[str]) -> dict[str, Any]:
-    """Evaluate the annotations of parameters.
-
-    That of the returned value is left out: it may name a class that is not loaded.
-    """
+    # Without that of the returned value, which may name a class that is not loaded.
     copy = types.FunctionType(function.__code__, function.__globals__)
-    copy.__annotations__ = {name: function.__annotations__[name] for name in names}
-    return inspect.get_annotations(copy, eval_str=True)
+    copy.__annotations__ = {name: function.__annotations__[name] for name in parameters}
+    annotations = inspect.get_annotations(copy, eval_str=True)
+    return [_parameter(one, annotations[name]) for name, one in parameters.items()]
 
 
 def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
@@ -89,24 +83,17 @@ def shell_type(annotation: Any) -> Any:
     Of a union the list is taken, else the path, else the first member; None stays possible.
     """
     origin = get_origin(annotation)
-    if origin in (Union, types.UnionType):
-        all_members = get_args(annotation)
-        members = [member for member in all_members if member is not type(None)]
-        chosen = _member_of_shell(members)
-        is_optional = len(members) < len(all_members)
-        return chosen | None if is_optional else chosen
-    if origin in (Sequence, list):
-        return list[shell_type(get_args(annotation)[0])]  # type: ignore[misc]
-    return annotation
-
-
-def _member_of_shell(members: Sequence[Any]) -> Any:
-    """Return the type that the command line parses for a union."""
-    for member in members:
-        origin = get_origin(member)
-        if isinstance(origin, type) and issubclass(origin, Sequence) and origin is not tuple:
-            return list[shell_type(get_args(member)[0])]  # type: ignore[misc]
-    return Path if Path in members else members[0]
+    members = get_args(annotation)
+    if origin in _SEQUENCES:
+        return list[shell_type(members[0])]  # type: ignore[misc]
+    if origin not in (Union, types.UnionType):
+        return annotation
+    sequences = [member for member in members if get_origin(member) in _SEQUENCES]
+    if sequences:
+        chosen = shell_type(sequences[0])
+    else:
+        chosen = Path if Path in members else members[0]
+    return chosen | None if type(None) in members else chosen
 
 
 def python_signature(
@@ -159,7 +146,7 @@ def type_in_words(annotation: Any) -> str:
 
 def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
     """Return a docstring with a section of the parameters before what is returned and raised."""
-    summary, sections = _split(inspect.cleandoc(text))
+    summary, *sections = _SECTIONS.split(inspect.cleandoc(text), maxsplit=1)
     lines = ["Parameters", "----------"]
     for parameter in parameters:
         kind = type_in_words(parameter.type)
@@ -167,7 +154,7 @@ def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
             kind += ", optional"
         lines.append(f"{parameter.name} : {kind}")
         lines.append(f"    {parameter.help}")
-    paragraphs = (summary, "\n".join(lines), sections)
+    paragraphs = [summary.strip(), "\n".join(lines), *sections]
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 
 
@@ -180,11 +167,3 @@ def help_of(function: Callable[..., Any]) -> str:
     before_parameters = re.split(r"^Parameters\n-+$", documentation, flags=re.MULTILINE)[0]
     paragraphs = before_parameters.strip().split("\n\n")
     return "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs)
-
-
-def _split(text: str) -> tuple[str, str]:
-    """Split a docstring before the section of what is returned or raised."""
-    section = _SECTION.search(text)
-    if section is None:
-        return text.strip(), ""
-    return text[: section.start()].strip(), text[section.start() :].strip()

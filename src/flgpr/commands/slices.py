@@ -106,7 +106,7 @@ def make_slices(
     image = xr.concat(images, dim="z", combine_attrs="override", join="exact")
 
     def figure() -> Figure:
-        from flgpr.report.slices import slices_figure
+        from flgpr.report.images import slices_figure
 
         return slices_figure(image, poses)
 

@@ -14,7 +14,6 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
@@ -34,7 +33,6 @@ _RANKS = 100  # alarms whose rank is written next to them
 _POSES = 200  # stops of the array that are drawn
 _PANEL_WIDTH = 4.6  # inches
 _wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
-_PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
@@ -400,133 +398,3 @@ def _legend_mark(marker: str, colour: str, label: str) -> Line2D:
         mew=1.6,
         label=label,
     )
-
-
-# largest size of a panel, inches
-_WIDE = 7.5
-_HIGH = 6.0
-_RATIOS = (0.12, 2.5)  # height over width between which planes are drawn to scale
-_MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
-
-
-def image_figure(
-    image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0
-) -> Figure:
-    """Draw an image in planes, each polarization in dB re its strongest pixel.
-
-    An axis of one value is left out; a volume is drawn as its strongest pixels along each axis.
-
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Complex image (polarization, z, y, x).
-    peaks : pandas.DataFrame
-        Peaks with ``x``, ``y``, ``z``, m, which are numbered in the first polarization's panels.
-    pose : (scan, 6) ndarray of float
-        Poses, which are drawn where they lie in a panel, m and rad.
-    span : float
-        Range of the scale, dB.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row per polarization and a column per plane.
-    """
-    labels = [str(label) for label in image["polarization"].values]
-    wide_axes = [axis for axis in "xyz" if image.sizes[axis] > 1]
-    planes = [plane for plane in _PLANES if set(plane) <= set(wide_axes)]
-    width, height = _panel_size(image, planes[0])
-    size = (width * len(planes) + 1.6, (height + 1.1) * len(labels))
-    figure = Figure(figsize=size, layout="compressed")
-    panels = figure.subplots(len(labels), len(planes), squeeze=False)
-    for number, (label, row) in enumerate(zip(labels, panels, strict=True)):
-        level = np.abs(image.values[number])
-        for axes, plane in zip(row, planes, strict=True):
-            mesh = _draw_plane(axes, image, level, plane, span)
-            _draw_poses(axes, pose, plane)
-            axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
-            if number == 0:
-                points = peaks[list(plane)].to_numpy()
-                _number_points(axes, points)
-        bar = figure.colorbar(mesh, ax=row[-1], shrink=0.8, pad=0.02)
-        # On two lines, so that the label fits the bar of a low panel.
-        bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
-    figure.suptitle(_image_title(image, wide_axes), fontsize=10)
-    return figure
-
-
-def _panel_size(image: xr.DataArray, plane: tuple[str, str]) -> tuple[float, float]:
-    """Return width and height of the panel of a plane, inches."""
-    across, up = plane
-    extent_across = max(float(np.ptp(image[across].values)), 1e-9)
-    extent_up = max(float(np.ptp(image[up].values)), 1e-9)
-    ratio = float(np.clip(extent_up / extent_across, *_RATIOS))
-    width = min(_WIDE, _HIGH / ratio)
-    return width, width * ratio
-
-
-def _image_title(image: xr.DataArray, wide_axes: Sequence[str]) -> str:
-    """Return the title of an image, with the value of each axis that has a single one."""
-    title = str(image.attrs.get("title", ""))
-    texts = [title] if title else []
-    for axis in "xyz":
-        if axis not in wide_axes:
-            texts.append(f"{axis} = {image[axis].values[0]:g} m")
-    return ", ".join(texts)
-
-
-def _draw_plane(
-    axes: Axes, image: xr.DataArray, level: NDArray[np.float32], plane: tuple[str, str], span: float
-) -> AxesImage:
-    """Draw the strongest pixels of a polarization's magnitude (z, y, x) in a plane."""
-    top = max(float(level.max()), np.finfo(float).tiny)
-    collapsed = tuple(k for k, axis in enumerate("zyx") if axis not in plane)
-    decibels = 20 * np.log10(np.maximum(level.max(axis=collapsed) / top, 1e-9))
-    u = image[plane[0]].values
-    v = image[plane[1]].values
-    half_du = np.diff(u).mean() / 2
-    half_dv = np.diff(v).mean() / 2
-    is_to_scale = _RATIOS[0] < np.ptp(v) / np.ptp(u) < _RATIOS[1]
-    return axes.imshow(
-        decibels,
-        origin="lower",
-        extent=(u[0] - half_du, u[-1] + half_du, v[0] - half_dv, v[-1] + half_dv),
-        cmap="magma",
-        vmin=-span,
-        vmax=0,
-        aspect="equal" if is_to_scale else "auto",
-        interpolation="nearest",
-    )
-
-
-def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -> None:
-    """Draw poses as dots, without changing the limits of the axes."""
-    limits = axes.axis()
-    u = pose[:, "xyz".index(plane[0])]
-    v = pose[:, "xyz".index(plane[1])]
-    axes.plot(u, v, ".", color="#4fc3f7", markersize=2)
-    axes.axis(limits)
-
-
-def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
-    """Circle points (point, 2) and number them from 1 on.
-
-    Each number stands on the side where the panel goes on.
-    """
-    left, right, bottom, top = axes.axis()
-    for number, (across, up) in enumerate(points.tolist(), 1):
-        near_right = across > right - _MARGIN * (right - left)
-        near_top = up > top - _MARGIN * (top - bottom)
-        text = axes.annotate(
-            str(number),
-            (across, up),
-            xytext=(-6 if near_right else 6, -6 if near_top else 6),
-            textcoords="offset points",
-            ha="right" if near_right else "left",
-            va="top" if near_top else "bottom",
-            color="white",
-            fontsize=8,
-        )
-        text.set_in_layout(False)  # what lies in the panel moves no label out of the figure
-        axes.plot(across, up, "o", mfc="none", mec="white", markersize=9)
-    axes.axis((left, right, bottom, top))
