@@ -212,19 +212,14 @@ def _rich_table(table: pd.DataFrame) -> Any:
     for body in table["body"].unique():
         for depth in table["depth"].unique():
             rows = table[(table["body"] == body) & (table["depth"] == depth)]
-            drawn.add_row(body, f"{100 * depth:.3g}", *_cells(rows, is_measured))
+            cells = []
+            for row in rows.to_dict("records"):
+                cells.append(_decibels(row["signal_to_clutter_db"]))
+                if is_measured:
+                    half_interval = row["high_db"] - row["measured_db"]
+                    cells.append(f"{_decibels(row['measured_db'])} ± {half_interval:.1f}")
+            drawn.add_row(body, f"{100 * depth:.3g}", *cells)
     return drawn
-
-
-def _cells(rows: pd.DataFrame, is_measured: bool) -> list[str]:
-    """Return the figures of a body at a depth, polarization by polarization."""
-    cells = []
-    for row in rows.to_dict("records"):
-        cells.append(_decibels(row["signal_to_clutter_db"]))
-        if is_measured:
-            half_interval = row["high_db"] - row["measured_db"]
-            cells.append(f"{_decibels(row['measured_db'])} ± {half_interval:.1f}")
-    return cells
 
 
 def _decibels(value: float) -> str:

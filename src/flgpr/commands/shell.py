@@ -182,7 +182,9 @@ def _run(described: Command, values: dict[str, Any]) -> None:
     as_json = values.pop("as_json", False)
     silent = quiet or as_json
     call = SimpleNamespace(**values, quiet=quiet, as_json=as_json)
-    stopped = _stopped_line(described, call)
+    stopped = GOES_ON if described.resumes else STOPPED
+    if described.resumes and values.get("restart"):
+        stopped += ", without --restart"
     with plain_errors(quiet, stopped, _typed_names(described)), ExitStack() as stack:
         if described.lines_before is not None and not silent:
             print_lines(described.lines_before(call))
@@ -195,10 +197,8 @@ def _run(described: Command, values: dict[str, Any]) -> None:
             typer.echo(json.dumps(described.as_json(returned, call)))
         elif described.always_printed or not quiet:
             print_lines(described.lines(returned, call))
-    if described.status is not None:
-        status = described.status(returned)
-        if status:
-            raise typer.Exit(status)
+    if described.status is not None and (status := described.status(returned)):
+        raise typer.Exit(status)
 
 
 def _typed_names(described: Command) -> dict[str, str]:
@@ -212,15 +212,6 @@ def _typed_names(described: Command) -> dict[str, str]:
         usual = "--" + parameter.name.replace("_", "-")
         typed_names[parameter.name] = long_names[0] if long_names else usual
     return typed_names
-
-
-def _stopped_line(described: Command, call: Arguments) -> str:
-    """Return what is printed where the command is interrupted."""
-    if not described.resumes:
-        return STOPPED
-    if vars(call).get("restart"):
-        return f"{GOES_ON}, without --restart"
-    return GOES_ON
 
 
 def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:

@@ -30,6 +30,7 @@ DYNAMIC_RANGE = 30.0  # dB
 _ROWS = 2400  # a figure cannot show more
 _LONG = 12.0  # lanes longer than so many times their width are not drawn to scale
 _RANKS = 100  # alarms whose rank is written next to them
+_RATIOS = (0.3, 6.0)  # least and greatest height over width of a run-view's panel
 _POSES = 200  # stops of the array that are drawn
 _PANEL_WIDTH = 4.6  # inches
 _wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
@@ -69,7 +70,7 @@ def run_view_figure(
     chosen = [detection for detection in result.detections if detection.name in names]
     first_view = chosen[0].view
     width = _PANEL_WIDTH * len(chosen) + 0.6
-    height = _PANEL_WIDTH * _ratio(first_view) * 0.82 + 1.5
+    height = _PANEL_WIDTH * np.clip(_shape(first_view), *_RATIOS) * 0.82 + 1.5
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(chosen)))
     for axes, detection in zip(panels, chosen, strict=True):
@@ -113,7 +114,7 @@ def channel_figure(result: Result) -> Figure:
     rows = view.sizes["polarization"]
     columns = view.sizes["subband"]
     width = 2.6 * columns + 0.6
-    height = 2.6 * _ratio(view) * rows * 0.92 + 0.6
+    height = 2.6 * np.clip(_shape(view), *_RATIOS) * rows * 0.92 + 0.6
     figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for i, polarization in enumerate(view["polarization"].values):
@@ -237,20 +238,11 @@ def _draw_plan(
         is_first = number == 0  # labelled once for the legend
         receivers = rx[:, :2] @ rotation.T + stop[:2]
         transmitters = tx[:, :2] @ rotation.T + stop[:2]
-        axes.plot(
-            *receivers.T,
-            ".",
-            ms=5,
-            color="0.25",
-            label="receivers" if is_first else None,
-        )
-        axes.plot(
-            *transmitters.T,
-            "^",
-            ms=5,
-            color="C3",
-            label="transmitters" if is_first else None,
-        )
+        for places, mark, colour, label in (
+            (receivers, ".", "0.25", "receivers"),
+            (transmitters, "^", "C3", "transmitters"),
+        ):
+            axes.plot(*places.T, mark, ms=5, color=colour, label=label if is_first else None)
     axes.set(
         xlabel="cross-track x (m)",
         ylabel="down-track y (m)",
@@ -285,11 +277,6 @@ def _shape(view: xr.DataArray) -> float:
     x = view["x"].values
     y = view["y"].values
     return float((y[-1] - y[0]) / (x[-1] - x[0]))
-
-
-def _ratio(view: xr.DataArray) -> float:
-    """Return height over width of a view's panel."""
-    return float(np.clip(_shape(view), 0.3, 6.0))
 
 
 def _is_long(view: xr.DataArray) -> bool:
