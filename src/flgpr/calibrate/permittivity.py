@@ -23,11 +23,6 @@ class GroundFit:
     contrast: float  #: sharpness there over the median of all trials
     trials: pd.DataFrame  #: permittivity, sharpness
 
-    @property
-    def speed(self) -> float:
-        """Speed of waves in the ground, m/ns."""
-        return float(0.299792458 / self.permittivity**0.5)
-
 
 def estimate_permittivity(
     image: Callable[[float], NDArray[np.complex64]],

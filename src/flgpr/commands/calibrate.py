@@ -267,7 +267,7 @@ def calibrate_joint(
 
 def _permittivity_lines(fit: GroundFit, _: Arguments) -> Iterator[str]:
     """Yield the permittivity and how far it stands out."""
-    yield f"permittivity {fit.permittivity:.2f}: {fit.speed:.4f} m/ns"
+    yield f"permittivity {fit.permittivity:.2f}: {_speed(fit):.4f} m/ns"
     yield f"sharpness there is {fit.contrast:.2f} times the median of all trials"
 
 
@@ -275,9 +275,14 @@ def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
     """Return the figures of a ground."""
     return {
         "permittivity": fit.permittivity,
-        "speed_m_per_ns": fit.speed,
+        "speed_m_per_ns": _speed(fit),
         "sharpness_over_median": fit.contrast,
     }
+
+
+def _speed(fit: GroundFit) -> float:
+    """Return the speed of waves in the ground, m/ns."""
+    return float(0.299792458 / fit.permittivity**0.5)
 
 
 @command(lines=_permittivity_lines, as_json=_permittivity_json, always_printed=True)

@@ -150,18 +150,17 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
     taken = []
     for parameter in described.parameters:
         if parameter.shell is not None:
-            annotation = Annotated[parameter.shell_type, parameter.shell]
-            taken.append((parameter.name, annotation, parameter.shell_default))
+            parsed = parameter.shell_type
+            taken.append((parameter.name, parsed, parameter.shell, parameter.shell_default))
     for name, (annotation, default) in of_shell.items():
-        taken.append((name, annotation, default))
+        taken.append((name, *get_args(annotation), default))
 
     titles = {name: title for title, names in described.panels.items() for name in names}
     arguments = []
     required = []
     options = []
-    for name, annotation, default in taken:
-        parsed, shell = get_args(annotation)
-        shell = copy(shell)  # several commands may have the same option
+    for name, parsed, declared, default in taken:
+        shell = copy(declared)  # several commands may have the same option
         shell.rich_help_panel = titles.get(name, shell.rich_help_panel)
         kind = inspect.Parameter.KEYWORD_ONLY
         keyword = inspect.Parameter(
