@@ -15,7 +15,7 @@ BESIDE = {
     "flgpr_exchange": ("exchange",),
     "flgpr_ground": ("ground",),
     "flgpr_papers": ("papers",),
-    "flgpr_trials": (),
+    "flgpr_trials": ("trials",),
 }
 """Packages beside the instrument, each with the folders of its tests."""
 

@@ -10,8 +10,6 @@ import io_gpr
 from archives import read_archive
 from calibrate.echoes import echo
 from flgpr.commands.anchoring import anchor_from_points, write_anchor
-from flgpr.commands.plan import plan_lane
-from flgpr.commands.sealed_scoring import seal_truth_file
 from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
 from flgpr.model import make_run
@@ -21,6 +19,8 @@ from flgpr.store import open_run, sample_lane, save_run, write_table
 from flgpr_exchange.commands.imports import import_gpr
 from flgpr_exchange.cphd.phase_history import write_cphd
 from flgpr_exchange.gprmax.deck_folder import write_gprmax_decks
+from flgpr_trials.commands.plan import plan_lane
+from flgpr_trials.commands.seal import seal
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from scans_mapping import TIME, line_mapping
@@ -133,7 +133,7 @@ def _make_lane(home):
     feed(home / "lane.zarr", home / "incoming", rate=np.inf)
     save_run(run.assign_attrs(title="another"), home / "other-lane.zarr")
     feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
-    seal_truth_file(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
+    seal(home / "truth.csv", home / "lane.toml", home / "sealed", passphrase=PHRASE)
 
 
 def _make_rail(home):

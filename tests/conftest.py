@@ -31,10 +31,11 @@ DATA = Path(__file__).parent / "data"
 DRAWING = {
     "papers", "evidence", "commands", "test_basemap", "test_recording", "test_comparison", "test_kit",
     "test_score_page", "test_radargram", "test_picture_lines",
-    "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_figure_text", "test_notebook_html",
+    "test_design_page", "test_docs_theory", "test_names", "test_figures", "test_curve_figures",
+    "test_figure_text", "test_notebook_html",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
-NOT_DRAWING = {"test_scoring", "test_sealed_scoring", "test_commands_plan", "test_demo_shell"}
+NOT_DRAWING = {"test_scoring", "test_demo_shell"}
 """Files in these folders whose tests look at none."""
 HEAVY = (
     "test_freeze_recipes",
@@ -156,8 +157,9 @@ def built_commands():
 def quick_seals(request):
     """Nobody guesses at these passphrases: a key that costs little will do, but where sealing itself is tested."""
     with pytest.MonkeyPatch.context() as patch:
-        if (request.path.parent.name, request.path.stem) != ("trials", "test_sealing"):
-            patch.setattr("flgpr.trials.sealing._COST", 2**8)
+        is_of_sealing = (request.path.parent.name, request.path.stem) == ("trials", "test_sealing")
+        if not (IS_ALONE or is_of_sealing):
+            patch.setattr("flgpr_trials.sealing._COST", 2**8)
         yield
 
 
@@ -231,3 +233,16 @@ def three_mines(tmp_path_factory):
     folder = tmp_path_factory.mktemp("three-mines")
     make_lane(folder)
     return folder
+
+
+@pytest.fixture
+def scoring_files(tmp_path):
+    """Folder of a lane, a recipe, a truth, an alarm list and the sorts of targets of a plan."""
+    (tmp_path / "lane.toml").write_text("x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n")
+    (tmp_path / "recipe.toml").write_text("name = 'x'\n")
+    (tmp_path / "truth.csv").write_text(
+        "target_id,x,y,kind,depth\na,0,10,metal,0\nb,1,30,plastic,0.05\n"
+    )
+    (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,3\n-1,50,2\n1,30,1\n")
+    (tmp_path / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\nplastic,0.1,3\n")
+    return tmp_path

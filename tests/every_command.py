@@ -92,7 +92,7 @@ def _make_studies_cheap(inputs, change):
 class MadeUpStudy:
     """A study that keeps and writes all kinds of files that those of the papers do, by the same functions."""
 
-    PAGE = "study.html"
+    page = "study.html"
 
     def __init__(self, inputs):
         self.scene = load_scene(inputs / "scene.toml")
@@ -110,9 +110,8 @@ class MadeUpStudy:
         figure = Figure(figsize=(1, 1))
         figure.subplots().plot([level])
         write_whole(folder / "level.png", draw(figure, quick, dpi=20))
-        page = folder / self.PAGE
-        write_whole(page, f"level {level}")
-        return page
+        write_whole(folder / self.page, f"level {level}")
+        return folder / self.page
 
 
 def _rms(store):
@@ -304,6 +303,19 @@ COMMANDS = [
         "score --seal",
         "score {in}/truth.csv --seal --lane {in}/lane.toml -o {out}/sealed",
         "score {in}/truth.csv --seal --lane {in}/lane.toml --halo 0.5 -o {out}/sealed",
+        typed=f"{PHRASE}\n{PHRASE}\n",
+        loose=("sealed",),
+    ),
+    Command(
+        "compare",
+        "compare {in}/alarms.csv {in}/others.csv --truth {in}/truth.csv --lane {in}/lane.toml -o {out}/score",
+        "compare {in}/alarms.csv {in}/others.csv --truth {in}/truth.csv --lane {in}/lane.toml --halo 0.5 "
+        "-o {out}/score",
+    ),
+    Command(
+        "seal",
+        "seal {in}/truth.csv --lane {in}/lane.toml -o {out}/sealed",
+        "seal {in}/truth.csv --lane {in}/lane.toml --halo 0.5 -o {out}/sealed",
         typed=f"{PHRASE}\n{PHRASE}\n",
         loose=("sealed",),
     ),

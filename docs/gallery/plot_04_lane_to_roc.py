@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 import flgpr
-from flgpr.commands.scoring import score_result
 from flgpr.commands.simulate import simulate_lane
 from flgpr.commands.simulation import preview_figure
 from flgpr.scoring import band, match, pd_mean, pd_mean_interval
@@ -77,7 +76,7 @@ alarms.head()
 # 4. Scoring, by the halo rules: an alarm within 1 m of a mine detects it, further alarms there are ignored, and
 # everything else on the lane is false.
 
-_, scored = score_result(folder / "result", folder / "lane-truth.csv")
+_, scored = flgpr.score(folder / "result", folder / "lane-truth.csv")
 curve = scored[0].curve
 curve[
     ["threshold", "pd", "pd_low", "pd_high", "far", "n_detected", "n_false"]

@@ -13,8 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from flgpr.commands.plan import plan_lane, plan_mines
-from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
+import flgpr
+from flgpr.trials import seal
+from flgpr_trials.commands.plan import plan_lane, plan_mines
 
 folder = Path(tempfile.mkdtemp())
 
@@ -49,12 +50,15 @@ for name, value in entry.items():
 truth.head()
 
 # %%
-# The truth is sealed: encrypted together with the lane and the rules, and bound to its register. (``flgpr score plan.csv --seal --lane lane.toml
+# The truth is sealed: encrypted together with the lane and the rules, and bound to its register. (``flgpr seal plan.csv --lane lane.toml
 # -o sealed`` asks for the passphrase.)
 
 phrase = "a long passphrase"
-sealed = seal_truth_file(
-    folder / "plan.csv", folder / "lane.toml", folder / "sealed", phrase
+sealed = seal(
+    folder / "plan.csv",
+    folder / "lane.toml",
+    folder / "sealed",
+    passphrase=phrase,
 )
 
 # %%
@@ -82,12 +86,13 @@ pd.concat([hits, noise]).to_csv(folder / "alarms.csv", index=False)
 # The score has operating points and counts, never a position or a threshold, and logs every look before it says
 # anything. (``flgpr score alarms.csv --sealed sealed --recipe recipe.toml --book plan.csv.register.jsonl``.)
 
-score = score_sealed(
+score = flgpr.score(
     folder / "alarms.csv",
-    sealed,
-    phrase,
+    sealed=sealed,
+    passphrase=phrase,
     recipe=folder / "recipe.toml",
-    register=folder / "plan.csv.register.jsonl",
+    book=folder / "plan.csv.register.jsonl",
+    output=folder / "blind",
 )
 print(f"looks: {score.looks}, different alarm lists: {score.lists}")
 for name, value in score.counts.items():

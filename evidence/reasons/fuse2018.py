@@ -26,9 +26,8 @@ from flgpr.stages.masks import Aperture, OperatorOn
 from flgpr_papers.fuse2018.findings import KEPT
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, simulate_lane
 from flgpr_papers.fuse2018.powers import own_changes
-from flgpr_papers.fuse2018.process import calibrate
+from flgpr_papers.fuse2018.process import result_key, stored_calibration
 from flgpr_papers.fuse2018.records import halo_of, targets_in_area
-from flgpr_papers.fuse2018.results import result_key, stored_calibration
 from flgpr_papers.fuse2018.study import LANES, lane_result
 from flgpr_papers.fuse2018.suppression import (
     Calibration,
@@ -81,12 +80,7 @@ def trials(
     stores = folder / "lanes"
     key = result_key(recipe, quick)
 
-    def make_calibration() -> Calibration:
-        frames = simulate_lane(stores, recipe, "calibration", track)
-        return calibrate(frames, recipe, track)
-
-    calibration_file = folder / "results" / f"calibration-{key}.json"
-    calibration = stored_calibration(calibration_file, make_calibration)
+    calibration = stored_calibration(folder, recipe, quick, track)
 
     def make_losses(name: str) -> list[dict[str, Any]]:
         frames = simulate_lane(stores, recipe, name, track)

@@ -17,8 +17,12 @@ from flgpr_papers.flsar2004.lanes import drive, load_settings
 from flgpr_papers.flsar2004.material import prepare
 from flgpr_papers.fuse2018.findings import paper_findings
 from flgpr_papers.fuse2018.lanes import fuse_recipe, simulate_lane
-from flgpr_papers.fuse2018.process import calibrate, process_lane
-from flgpr_papers.fuse2018.results import read_records, write_records
+from flgpr_papers.fuse2018.process import (
+    calibrate,
+    process_lane,
+    read_records,
+    write_records,
+)
 from flgpr_papers.kit.findings import OPEN, Finding, measured
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007.findings import all_findings

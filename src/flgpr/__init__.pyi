@@ -1,3 +1,5 @@
+from flgpr.commands.agree import agree
+from flgpr.commands.compare import compare
 from flgpr.commands.detect import detect
 from flgpr.commands.replay import replay
 from flgpr.commands.score import score
@@ -31,6 +33,8 @@ __all__ = [
     "Scene",
     "Sensor",
     "__version__",
+    "agree",
+    "compare",
     "detect",
     "load_recipe",
     "load_scene",

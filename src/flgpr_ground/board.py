@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from flgpr.door import Folder
 from flgpr.scoring import clopper_pearson
 from flgpr.store.tables import parse_columns
-from flgpr.trials import read_register
 from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import is_packaged
 from flgpr_ground.entries import ORACLES
 from flgpr_ground.ground import MINES, Ground
 from flgpr_ground.running import SEALED, common_ground
+from flgpr_trials.ledger import read_register
 
 SCORES = "scores.csv"
 COSTS = "costs.csv"

@@ -12,7 +12,6 @@ import pandas as pd
 from flgpr.door import Folder, refuse_links
 from flgpr.store import sha256, write_table, write_whole
 from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
-from flgpr.trials import alarm_hash
 from flgpr_ground.card import CARD, RECORD, entered_card
 from flgpr_ground.entries import Entry
 from flgpr_ground.ground import Ground, in_tier
@@ -23,6 +22,7 @@ from flgpr_ground.submission import (
     check_submission,
 )
 from flgpr_ground.table import write_score_tables
+from flgpr_trials.ledger import alarm_hash
 
 LEADERBOARD = "leaderboard.html"
 """The page, in the folder of the ground."""

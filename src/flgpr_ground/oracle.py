@@ -22,9 +22,9 @@ from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
-from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground, GroundLane, load_ground
 from flgpr_ground.running import SEALED, passphrase, read_ground
+from flgpr_trials.blind import open_truth
 
 ORACLE = "oracle.csv"
 """File of what the oracle finds on a ground without tiers."""

@@ -28,9 +28,9 @@ from flgpr.store import open_run, read_manifest, sha256, write_table, write_whol
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
-from flgpr.trials import seal_truth
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
+from flgpr_trials.sealing import seal_truth
 
 SEALED = "truth.sealed.json"
 PRINTS = "fingerprints.csv"

@@ -28,8 +28,6 @@ from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_columns, read_table_in
-from flgpr.trials import alarm_hash
-from flgpr.trials.blind import match_blind
 from flgpr_ground.card import entered_card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import opening_split, split_figure, tiers_figure
@@ -45,6 +43,8 @@ from flgpr_ground.running import (
     passphrase,
     read_costs,
 )
+from flgpr_trials.blind import match_blind
+from flgpr_trials.ledger import alarm_hash
 
 _COUNTS = ("n_detected", "n_targets", "n_false")
 _KEY_DIGITS = 12  # of the digest in the name of a stored score

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,11 @@ from flgpr.store import write_whole
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import log_if_unchanged, study_html
 from flgpr_papers.kit.settings import PAPERS
+from flgpr_papers.kit.study import Study
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, check_study_world, world_folder
 
-StudyJob = tuple[str, str, bool, str]
+Job = tuple[str, str, bool, str]
 """Paper, folder of the study, whether the run is quick, and world, as a worker gets them."""
-PartJob = tuple[str, str, bool, str, str | None]
-"""The same, and the part of the study; None for all of it."""
 VerdictRow = tuple[str, str, str, str]
 """Statement, the paper's figure, ours with its interval, and the verdict."""
 
@@ -82,12 +83,15 @@ def reproduce(
 def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, world: str) -> Path:
     """Run the studies of all papers, each in a folder of its own; returns the overview."""
     folder.mkdir(parents=True, exist_ok=True)
-    jobs: list[StudyJob] = []
+    jobs: list[Job] = []
+    pages = {}
     for paper in sorted(PAPERS, reverse=True):
         study_folder = world_folder(folder / paper, world)
         _refuse_other_form(study_folder, quick, world)
         jobs.append((paper, str(study_folder), quick, world))
-    pages = _existing_pages(folder, world)
+        page = study_folder / study_of(paper).page
+        if page.is_file() and (study_folder / "findings.json").is_file():
+            pages[paper] = page.relative_to(folder)
     overview = folder / overview_name(world)
     executor = Processes(workers) if workers > 1 else InProcess()
     with log_if_unchanged(overview), executor:
@@ -95,40 +99,25 @@ def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, worl
             _run_parts(executor, jobs, track)
             finished = track(executor.run(study_page, jobs), "papers", len(jobs))
         else:
-            finished = (_study_with_progress(*job, track) for job in jobs)
+            finished = (study_page(*job, track) for job in jobs)
         for written in finished:
             pages[written["paper"]] = Path(written["page"]).relative_to(folder)
             write_overview(folder, pages, quick, world)
     return overview
 
 
-def _run_parts(executor: Executor, jobs: Sequence[StudyJob], track: Track) -> None:
+def _run_parts(executor: Executor, jobs: Sequence[Job], track: Track) -> None:
     """Run the parts of several studies, so that their pages find the results on disk."""
-    part_jobs: list[PartJob] = []
-    for job in jobs:
-        paper, _, quick, _ = job
+    whole: list[Any] = []
+    parts: list[Any] = []
+    for paper, folder, quick, world in jobs:
         for part in parts_of(paper, quick):
-            part_jobs.append((*job, part))
+            job = (paper, folder, quick, world, part)
+            (whole if part is None else parts).append(job)
     # A study without parts is one long job: it starts first, so that no worker waits for it.
-    part_jobs.sort(key=_has_part)
+    part_jobs = whole + parts
     for _ in track(executor.run(study_part, part_jobs), "parts of the studies", len(part_jobs)):
         pass
-
-
-def _has_part(job: PartJob) -> bool:
-    """Return whether a job is a part of a study, or else all of it."""
-    return job[-1] is not None
-
-
-def _existing_pages(folder: Path, world: str) -> dict[str, Path]:
-    """Return the pages of the studies that have been run, by paper, relative to the folder."""
-    pages = {}
-    for paper in PAPERS:
-        study_folder = world_folder(folder / paper, world)
-        page = study_folder / study_of(paper).PAGE
-        if page.is_file() and (study_folder / "findings.json").is_file():
-            pages[paper] = page.relative_to(folder)
-    return pages
 
 
 def overview_name(world: str) -> str:
@@ -197,9 +186,8 @@ def run_study(
     """
     _refuse_other_form(folder, quick, world)
     study = study_of(paper)
-    with log_if_unchanged(folder / study.PAGE):
-        page: Path = study.reproduce(folder, quick, track, world=world)
-    return page
+    with log_if_unchanged(folder / study.page):
+        return study.reproduce(folder, quick, track, world=world)
 
 
 def _refuse_other_form(folder: Path, quick: bool, world: str) -> None:
@@ -222,17 +210,16 @@ def _refuse_other_form(folder: Path, quick: bool, world: str) -> None:
         )
 
 
-def study_of(paper: str) -> Any:
-    """Import the module that runs the study of a paper."""
-    return import_module(f"flgpr_papers.{paper}.study")
+def study_of(paper: str) -> Study:
+    """Import the study of a paper."""
+    study: Study = import_module(f"flgpr_papers.{paper}.study").STUDY
+    return study
 
 
-def parts_of(paper: str, quick: bool) -> list[str | None]:
+def parts_of(paper: str, quick: bool) -> list[str] | list[None]:
     """Return the names of a study's parts that can be run by themselves; None is all of it."""
-    study = study_of(paper)
-    if not hasattr(study, "parts"):
-        return [None]
-    return list(study.parts(quick))
+    parts = study_of(paper).parts
+    return [None] if parts is None else parts(quick)
 
 
 def study_part(
@@ -246,17 +233,11 @@ def study_part(
     return {"paper": paper, "part": part}
 
 
-def study_page(paper: str, folder: str, quick: bool, world: str) -> dict[str, str]:
-    """Run a study in a worker process and return the paper and the page that was written."""
-    return _study_with_progress(paper, folder, quick, world, silent)
-
-
-def _study_with_progress(
-    paper: str, folder: str, quick: bool, world: str, track: Track
+def study_page(
+    paper: str, folder: str, quick: bool, world: str, track: Track = silent
 ) -> dict[str, str]:
-    """Run a study and return the paper and the page that was written."""
-    page = run_study(paper, Path(folder), quick, track, world)
-    return {"paper": paper, "page": str(page)}
+    """Run a study, as in a worker process, and return the paper and the page that was written."""
+    return {"paper": paper, "page": str(run_study(paper, Path(folder), quick, track, world))}
 
 
 def verdict_rows(folder: Path) -> list[VerdictRow]:
@@ -285,17 +266,10 @@ def verdicts_csv(verdicts: Mapping[str, Sequence[VerdictRow]]) -> str:
 
     The columns are paper, claim, stated (the figure of the paper), ours and verdict.
     """
-    lines = [_csv_line(("paper", "claim", "stated", "ours", "verdict"))]
+    text = StringIO()
+    table = csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n")
+    table.writerow(("paper", "claim", "stated", "ours", "verdict"))
     for paper, rows in verdicts.items():
         for row in rows:
-            lines.append(_csv_line((paper, *row)))
-    return "".join(lines)
-
-
-def _csv_line(cells: Iterable[str]) -> str:
-    """Return a line of a CSV file with every cell in quotes."""
-    quoted = []
-    for cell in cells:
-        escaped = cell.replace('"', '""')
-        quoted.append(f'"{escaped}"')
-    return ",".join(quoted) + "\n"
+            table.writerow((paper, *row))
+    return text.getvalue()

@@ -6,7 +6,7 @@ import pytest
 from sklearn.metrics import cohen_kappa_score
 from typer.testing import CliRunner
 
-from flgpr.commands.analysts import analyst_agreement
+from flgpr.commands.agree import agree
 from flgpr.commands.app import app
 
 
@@ -34,7 +34,7 @@ def analysts(tmp_path):
 
 
 def test_analysts_are_compared_on_the_alarms_that_both_judged(analysts):
-    told, only_anna, only_ben = analyst_agreement(analysts)["anna", "ben"]
+    told, only_anna, only_ben = agree(analysts)["anna", "ben"]
     assert (told.n, told.agreed, only_anna, only_ben) == (4, 3, 1, 2)
     assert told.kappa == pytest.approx(
         cohen_kappa_score(["m", "m", "c", "c"], ["m", "c", "c", "c"])
@@ -82,3 +82,10 @@ def test_what_are_no_verdicts_is_refused_in_a_line(analysts, tmp_path):
         ran = CliRunner().invoke(app, ["score", "--agreement", *map(str, arguments)])
         assert (ran.exit_code, ran.output.count("\n")) == (2, 1), ran.output
         assert words in ran.output
+
+
+def test_the_verb_and_the_earlier_spelling_print_the_same(analysts):
+    now = CliRunner().invoke(app, ["agree", *map(str, analysts)])
+    before = CliRunner().invoke(app, ["score", "--agreement", *map(str, analysts)])
+    assert (now.exit_code, now.stdout) == (0, before.stdout)
+    assert before.stderr == "`flgpr score --agreement` is `flgpr agree` now\n"

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import pandas as pd
 
-from flgpr.commands.score_text import agreement_json, agreement_lines, comparison_lines
+from flgpr.commands.agree import agreement_json, agreement_lines
+from flgpr.commands.score_text import comparison_lines
 from flgpr.scoring import agreement
 
 VERDICTS = ("mine", "unsure", "clutter")
@@ -26,7 +27,7 @@ def test_what_is_not_defined_is_null():
 
 
 def test_an_agreement_has_its_kappa_and_a_table_of_verdicts():
-    lines = agreement_lines({("anna", "ben"): (MIXED, 0, 1)})
+    lines = list(agreement_lines({("anna", "ben"): (MIXED, 0, 1)}))
     assert "anna and ben: 2 of 3 alarms judged alike" in lines[2]
     assert lines[3].startswith(f"  Cohen's kappa {MIXED.kappa:.2f} (")
     assert lines[4] == "  judged by anna alone 0, by ben alone 1"

@@ -8,18 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.scoring import (
-    compare_alarms,
-    entrant_names,
-    find_entrants,
-    outcome_table,
-    read_lanes,
-    score_alarms,
-)
+from flgpr.commands.entrants import entrant_names, find_entrants
+from flgpr.commands.scoring import Scored, read_lanes
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc
 from flgpr.store import read_table
 from flgpr.trials import content_hash, read_register, register
+from scored import compare_alarms, score_alarms
 
 PHRASE = "correct horse battery"
 
@@ -157,8 +152,47 @@ def test_outcomes_have_a_row_for_each_target(scoring_files):
         scoring_files / "score",
         draws=20,
     )
-    outcomes = outcome_table(scores)
+    outcomes = Scored(scoring_files, scores).outcomes()
     assert outcomes["target_id"].tolist() == ["a", "b"]
     assert outcomes["detected"].all()
     assert outcomes["distance"].tolist() == pytest.approx([np.hypot(0.1, 0.2), 0.0])
     assert set(outcomes["detection"]) == {scores[0].name}
+
+
+def test_without_the_package_of_trials_open_truths_alone_are_scored(scoring_files, monkeypatch):
+    monkeypatch.setattr("flgpr.commands.trials.entry_points", lambda group: [])
+    truth, lane = scoring_files / "truth.csv", scoring_files / "lane.toml"
+    arguments = (scoring_files / "alarms.csv", truth, lane, scoring_files / "score")
+    assert score_alarms(*arguments, draws=20)
+    notes = json.loads((scoring_files / "score" / "roc.json").read_text())["notes"]
+    assert list(notes) == ["alarms_sha256", "truth_sha256"]
+    with pytest.raises(ValueError, match="flgpr_trials is needed for --recipe and --book, and is"):
+        score_alarms(*arguments, recipe="demo", register=scoring_files / "book.jsonl")
+    read_table(truth, "truth").assign(book="plan.jsonl").to_csv(truth, index=False)
+    with pytest.raises(ValueError, match=r"needed for .*truth.csv, which names a register, and is"):
+        score_alarms(*arguments)
+    given = ["score", str(arguments[0]), "--sealed", str(truth), "-o", str(scoring_files / "s")]
+    refused = CliRunner().invoke(app, given)
+    assert refused.stderr.count("\n") == 1
+    assert "flgpr_trials is needed for --sealed" in refused.stderr
+
+
+def test_an_earlier_spelling_is_told_once_on_the_error_stream(scoring_files):
+    alarms, truth, lane = (
+        str(scoring_files / name) for name in ("alarms.csv", "truth.csv", "lane.toml")
+    )
+    (scoring_files / "other.csv").write_text("x,y,confidence\n0,10,1\n")
+    given = [alarms, str(scoring_files / "other.csv"), "--truth", truth, "--lane", lane, "-o"]
+    now = CliRunner().invoke(app, ["compare", *given, str(scoring_files / "now")])
+    before = CliRunner().invoke(app, ["score", *given, str(scoring_files / "before")])
+    assert before.stdout.replace("before/", "now/") == now.stdout
+    assert now.stderr == ""
+    assert before.stderr == "`flgpr score` of several lists is `flgpr compare` now\n"
+    quiet = CliRunner().invoke(app, ["score", *given, str(scoring_files / "before"), "--quiet"])
+    assert (quiet.exit_code, quiet.stderr) == (0, "")
+    files = ("comparison.html", "comparison.json")
+    for name in files:
+        told = [(scoring_files / home / name).read_bytes() for home in ("now", "before")]
+        assert told[0] == told[1]
+    refused = CliRunner().invoke(app, ["compare", alarms, "--truth", truth, "--lane", lane])
+    assert "alarms must be two or more to be compared, got 1" in refused.stderr

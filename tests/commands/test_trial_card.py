@@ -8,9 +8,8 @@ from typer.testing import CliRunner
 
 from flgpr.commands import trial_card
 from flgpr.commands.app import app
-from flgpr.commands.registering import find_entrant
-from flgpr.commands.scoring import compare_alarms, score_alarms
 from flgpr.commands.trial_card import TrialCard, checked_vendors, day_of_score, stated_vendor
+from scored import compare_alarms, find_entrant, score_alarms
 
 DAY = "2026-05-04"
 

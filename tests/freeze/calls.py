@@ -28,6 +28,7 @@ BEFORE = [
 ]
 """Commands that make what commands of ``ONLY_TOLD`` read."""
 ONLY_TOLD = [
+    Command("agree", "agree {in}/first.json {in}/second.json"),
     Command("benchmark list", "benchmark list --ground {in}/ground.toml"),
     Command("benchmark validate", "benchmark validate {in}/submission --ground {in}/ground.toml"),
     Command("calibrate permittivity", "calibrate permittivity {in}/prepared.zarr"),

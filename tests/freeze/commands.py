@@ -168,6 +168,8 @@ PRINTED = {
         "plan check OUT/book.jsonl --report OUT/score/roc.json WITNESS",
     ],
     "replay": ["replay IN/result"],
+    "agree": ["agree IN/first.json IN/second.json"],
+    "compare": ["compare IN/alarms.csv IN/others.csv TRUTH LANE -o OUT/score"],
     "score": ["score IN/result TRUTH -o OUT/score"],
     "score a list": ["score IN/alarms.csv TRUTH LANE -o OUT/score"],
     "score agreement": ["score --agreement IN/first.json IN/second.json"],

@@ -258,7 +258,7 @@ def test_the_full_range_view_is_that_of_whole_images(run, recipe):
     from flgpr_papers.wang2007.study import wide_view
 
     cleaned = cleaned_run(run, recipe)
-    view = wide_view(cleaned, run, recipe, LANE, silent)
+    view = wide_view(cleaned, silent)
     images = []
     for image, gain in zip(
         ScanImager(run, recipe.image.grid(), recipe.image.subbands), cleaned.gains, strict=True
@@ -276,7 +276,7 @@ def test_examples_show_the_targets_where_they_are(tmp_path, run, recipe, truth, 
     cleaned = cleaned_run(run, recipe)
     away = found.alarms.iloc[[0]].assign(x=0.0, y=2.3, confidence=0.1)
     alarms = pd.concat([found.alarms, away], ignore_index=True)
-    save_examples(tmp_path / "examples.bundle", cleaned, run, recipe, truth, alarms)
+    save_examples(tmp_path / "examples.bundle", cleaned, truth, alarms)
     arrays = Bundle(tmp_path / "examples.bundle")
     assert arrays["patches_metal"].shape[1:] == (3, 2, 25, 25)
     patches = arrays["patches_metal"][:, 0, 0]  # the nearest may reach over the image's border

@@ -31,6 +31,7 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.signature import (
     look_measures,
 )
+from flgpr_papers.kit import study
 from flgpr_papers.kit.findings import NO_VERDICT
 from flgpr_papers.kit.scenes import changed
 from reference.cosgrove2004 import equations_7_to_12
@@ -237,7 +238,8 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
 
     run_seed = cosgrove2004.run_seed
     monkeypatch.setattr(cosgrove2004, "run_seed", run_once)
-    page = cosgrove2004.reproduce(tmp_path, quick=True, recipe=recipe)
+    monkeypatch.setattr(cosgrove2004, "study_recipe", lambda *_: recipe)
+    page = cosgrove2004.STUDY.reproduce(tmp_path, quick=True)
     text = page.read_text(encoding="utf-8")
     assert "Quick run" in text
     assert "://" not in text
@@ -256,9 +258,10 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     before = (tmp_path / "pd.csv").read_bytes()
     pictures = {p.stem: p.read_bytes() for p in tmp_path.glob("*.png")}
     monkeypatch.setattr(cosgrove2004, "run_seed", lambda *_: pytest.fail("ran a seed again"))
-    monkeypatch.setattr(cosgrove2004, "_figures", lambda *_: pictures)
-    monkeypatch.setattr(cosgrove2004, "draw", lambda picture, quick: picture)
-    cosgrove2004.reproduce(tmp_path, quick=True, recipe=recipe)
+    drawn = {name: lambda png=png: png for name, png in pictures.items()}
+    monkeypatch.setattr(cosgrove2004, "_figures", lambda *_: drawn)
+    monkeypatch.setattr(study, "draw", lambda picture, *_: picture)
+    cosgrove2004.STUDY.reproduce(tmp_path, quick=True)
     assert (tmp_path / "pd.csv").read_bytes() == before
 
 

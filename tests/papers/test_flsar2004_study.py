@@ -233,12 +233,12 @@ def reproduced(tmp_path_factory):
             flsar2004, "PARTS", {k: part for k, part in flsar2004.PARTS.items() if k != "screened"}
         )
         patch.setattr(figures, "OneClassRelevanceVectorMachine", few_references)
-        page = flsar2004.reproduce(folder, quick=True)
+        page = flsar2004.STUDY.reproduce(folder, quick=True)
         text = page.read_text(encoding="utf-8")
         findings = (folder / "findings.json").read_bytes()
         patch.setattr(flsar2004, "PARTS", dict.fromkeys(flsar2004.PARTS, never))
-        patch.setattr(figures, "draw", lambda *_: iter(()))
-        flsar2004.reproduce(folder, quick=True)
+        patch.setattr(figures, "drawings", lambda *_: {})
+        flsar2004.STUDY.reproduce(folder, quick=True)
     assert (folder / "findings.json").read_bytes() == findings
     return folder, text
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr_papers.fuse2018.findings import clutter_findings, peaks_kept
+from flgpr_papers.fuse2018.findings import STATEMENTS, clutter_findings
 from flgpr_papers.fuse2018.lanes import (
     fuse_recipe,
 )
@@ -55,7 +55,12 @@ def test_intervals_and_verdicts():
         held += low <= 0 <= high
     assert 86 <= held <= 99
     assert np.isnan(clustered([], [], 10)).all()
-    assert [peaks_kept(-0.5, 0.5), peaks_kept(-3, -2), peaks_kept(-2, 0)] == [
+    words = {"looks": 9, "mines": 3, "halo": ""}
+    kept = [
+        STATEMENTS.number("kept", (-0.2, *ends), **words)
+        for ends in ((-0.5, 0.5), (-3, -2), (-2, 0))
+    ]
+    assert [one.verdict for one in kept] == [
         "agrees",
         "disagrees",
         "cannot say",

@@ -13,7 +13,7 @@ from flgpr.model import make_run, vehicle_to_lane
 from flgpr.progress import silent
 from flgpr.scoring import pd_mean
 from flgpr.simulate import draw_world
-from flgpr_papers.fuse2018 import results as fuse2018_results
+from flgpr_papers.fuse2018 import process
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import all_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
@@ -27,7 +27,6 @@ from flgpr_papers.fuse2018.lanes import (
     trained,
 )
 from flgpr_papers.fuse2018.matches import frame_match, lane_match, scored
-from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.powers import (
     mine_changes,
@@ -37,9 +36,9 @@ from flgpr_papers.fuse2018.powers import (
     strongest_boxes,
 )
 from flgpr_papers.fuse2018.process import calibrate, process_lane
+from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, suppressed_alone
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, without_paper
-from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 
 pytestmark = pytest.mark.slow("studies of papers")
 
@@ -126,12 +125,12 @@ def lanes(calibration, tmp_path_factory):
         shown = {}
 
         def keep(cleaned, frames=frames, shown=shown):
-            shown.update(fuse2018_results.example_arrays(cleaned, frames, RECIPE))
+            shown.update(example_arrays(cleaned, frames, RECIPE))
 
         records = process_lane(frames, calibration, RECIPE, silent, every=2, example=keep)
-        fuse2018_results.write_records(folder / f"{name}.json", frames, records)
+        process.write_records(folder / f"{name}.json", frames, records)
         results[name] = (
-            fuse2018_results.read_records(folder / f"{name}.json", frames),
+            process.read_records(folder / f"{name}.json", frames),
             frames,
             shown,
         )
@@ -274,9 +273,9 @@ def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
         process_lane(one, calibration, RECIPE, silent, ("original", "iteration"), 2)
         for one in (frames, blind)
     )
-    assert with_truth.alarms == without.alarms
-    assert not without.mines
-    assert not without.boxes
+    assert with_truth.tables["alarms"] == without.tables["alarms"]
+    assert not without.tables["mines"]
+    assert not without.tables["boxes"]
 
 
 def test_a_single_band_run_is_masked_by_vv_and_vh(calibration):
@@ -326,16 +325,18 @@ def test_scores_count_every_frame_or_every_place(lanes):
 
 
 @pytest.mark.slow("runs a quick form of the whole study")
-def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
-    path = tmp_path / "calibration.json"
-    first = fuse2018_results.stored_calibration(path, lambda: calibration)
-    again = fuse2018_results.stored_calibration(path, lambda: pytest.fail("made again"))
+def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "simulate_lane", lambda *_: None)
+    monkeypatch.setattr(process, "calibrate", lambda *_: calibration)
+    first = process.stored_calibration(tmp_path, RECIPE, True, silent)
+    monkeypatch.setattr(process, "calibrate", lambda *_: pytest.fail("made again"))
+    again = process.stored_calibration(tmp_path, RECIPE, True, silent)
     np.testing.assert_array_equal(first.learnt["vh"], again.learnt["vh"])
     np.testing.assert_array_equal(first.background, calibration.background)
-    keys = {fuse2018_results.result_key(RECIPE, quick) for quick in (False, True)}
+    keys = {process.result_key(RECIPE, quick) for quick in (False, True)}
     keys |= {
-        fuse2018_results.result_key(fuse_recipe(), False),
-        fuse2018_results.result_key(RECIPE, True, calibration),
+        process.result_key(fuse_recipe(), False),
+        process.result_key(RECIPE, True, calibration),
     }
     assert len(keys) == 4
     lane, frames, _ = lanes["A"]
@@ -373,18 +374,24 @@ def test_the_full_wave_post_falls(fullwave):
 
 
 @pytest.mark.slow("runs a quick form of the whole study")
-def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
+def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path, monkeypatch):
     results = both(lanes)
     loose = results[0]
     found = all_findings(results, loose, RECIPE)
     assert {one.verdict for one in found} <= {*VERDICTS, OPEN}
     assert all(one.interval is not None for one in found)
     assert sum("ROC better with suppression" in one.claim for one in found) == 4
-    poses = pose_study(RECIPE, draws=2)
-    html = page_html(
-        RECIPE, results, loose, calibration, lanes["A"][2], poses, fullwave, found, True, tmp_path,
-        study_world("fuse2018"), OtherWorld(),
-    )  # fmt: skip
+    made_up = {
+        "fuse_recipe": RECIPE,
+        "stored_calibration": calibration,
+        "read_arrays": lanes["A"][2],
+        "pose_study": pose_study(RECIPE, draws=2),
+        "fullwave_study": fullwave,
+    }
+    for name, value in made_up.items():
+        monkeypatch.setattr(fuse2018, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(fuse2018, "lane_result", lambda _, __, name, *___, **____: lanes[name][0])
+    html = fuse2018.STUDY.reproduce(tmp_path, quick=True).read_text("utf-8")
     assert "<code>prepared-sand</code>" in html
     assert "on roads as found" not in html
     assert html.count("data:image/png;base64,") == 14

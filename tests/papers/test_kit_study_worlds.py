@@ -13,7 +13,7 @@ from flgpr_papers.cosgrove2004 import images as cosgrove
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.flsar2004 import lanes as flsar
 from flgpr_papers.fuse2018 import lanes as fuse
-from flgpr_papers.fuse2018.results import result_key
+from flgpr_papers.fuse2018.process import result_key
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import measured, write_findings
 from flgpr_papers.kit.mines import MIXES, mix_counts
@@ -46,7 +46,9 @@ FROZEN = {
 def cosgrove_scenes(quick, world):
     recipe = study_recipe(quick, world)
     for name, site in recipe.sites.items():
-        yield cosgrove._scene(recipe, site, cosgrove._seed(recipe, name, 1), recipe.study.share)[0]
+        yield cosgrove.lane_scene(
+            recipe, site, cosgrove.lane_seed(recipe, name, 1), recipe.study.share
+        )[0]
 
 
 def flsar_scenes(quick, world):

@@ -158,7 +158,7 @@ def test_findings_come_back_as_they_were_written(tmp_path):
 
 def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, monkeypatch):
     class Study:
-        PAGE = "wang2007.html"
+        page = "wang2007.html"
 
         @staticmethod
         def reproduce(folder, quick, _, world):
@@ -199,7 +199,7 @@ def test_results_of_another_world_are_refused(tmp_path, monkeypatch):
         app, ["reproduce", "worlds", "--world", "as-found", "-o", str(tmp_path / "x")]
     )
     assert told.exit_code == 2
-    assert "worlds has worlds of its own" in told.stderr
+    assert "it is now python evidence/worlds" in told.stderr
 
 
 def test_both_worlds_of_all_papers_have_an_overview(made_up, tmp_path):

@@ -15,13 +15,13 @@ from flgpr.model import Lane
 from flgpr.progress import silent
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.scoring import pd_mean, roc_of
-from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
+from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_bundle
 from flgpr_papers.kit.cache import store_lane
-from flgpr_papers.kit.findings import NO_VERDICT
+from flgpr_papers.kit.findings import NO_VERDICT, Finding, read_findings, write_findings
+from flgpr_papers.kit.rescoring import Draw, Rescorer
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 from flgpr_papers.wang2007 import lanes, study
 from flgpr_papers.wang2007.analysis import (
     MINES,
@@ -35,8 +35,7 @@ from flgpr_papers.wang2007.analysis import (
 from flgpr_papers.wang2007.costs import Lanes, cost_table
 from flgpr_papers.wang2007.examples import series_scans
 from flgpr_papers.wang2007.findings import blind_scores
-from flgpr_papers.wang2007.page import page_html
-from flgpr_papers.wang2007.twins import likeness
+from flgpr_papers.wang2007.page import likeness
 
 pytestmark = pytest.mark.slow("studies of papers")
 
@@ -269,20 +268,20 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
         Pool, "draws", lambda pool, count, **rest: draws(pool, min(count, 3), **rest)
     )
     fake_examples(tmp_path / "results" / "examples.bundle")
-    blind = [fake_lane("b1", 5)]
-    blind = [
-        replace(
-            blind[0],
-            truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True),
-        )
-    ]
-    recipe = load_recipe("wang2007-printed")
-    costs = cost_table(Lanes(results, blind), Lanes(results, blind), 5)
-    beside = {("C_HH is the best single feature", "", ""): ("no", "disagrees")}
-    worlds = study_world("wang2007"), OtherWorld("as-found/wang2007.html", beside)
-    page, judged = page_html(
-        tmp_path, results, blind, recipe, lanes.sensor(), True, silent, costs, *worlds
-    )
+    blind = fake_lane("b1", 5)
+    has_mine = blind.truth["kind"] != "simulant"
+    blind = replace(blind, truth=blind.truth[has_mine].reset_index(drop=True))
+    made_up = {one.name: one for one in (*results, blind)}
+    for part in ("make_part", "coarse_part"):
+        monkeypatch.setattr(study, part, lambda _, name, *rest: made_up[name])
+    monkeypatch.setattr(study, "cost_table", lambda one, other, _: cost_table(one, other, 5))
+    as_found = tmp_path / "as-found"
+    as_found.mkdir()
+    (as_found / "wang2007.html").write_text("")
+    beside = Finding("C_HH is the best single feature", "", "no", "cannot say")
+    write_findings(as_found, [beside], True, world="as-found")
+    page = study.STUDY.reproduce(tmp_path, quick=True).read_text("utf-8")
+    judged = read_findings(tmp_path)
     assert "The world of this page: prepared test lanes" in page
     assert "<code>prepared-earth</code>" in page
     assert page.count("<td>no</td>") == 1  # no verdicts in a quick run

@@ -63,7 +63,14 @@ def test_a_page_of_another_package_stands_on_the_kit():
 def test_places_are_said_to_the_centimetre(value, said):
     places = {"x_min": value, "x_max": 2.0, "y_min": 0.0, "y_max": 60.0}
     page = render(
-        "sheet.html", name="", digest="", lanes=[("a", places, [], [])], count=0, crs="", sigma=0.0
+        "sheet.html",
+        "flgpr_trials",
+        name="",
+        digest="",
+        lanes=[("a", places, [], [])],
+        count=0,
+        crs="",
+        sigma=0.0,
     )
     assert f"Lane a: x {said} to 2 m, y 0 to 60 m" in page
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from test_flips import learnt_stage, make_result, small_classifier
 
-from flgpr.commands.registering import find_entrant
 from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
 from flgpr.method.model import describe_model, load_model, save_model
 from flgpr.model import Lane, make_run
@@ -26,6 +25,7 @@ from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import ResultFiles, open_source
 from flgpr_exchange.gprmax import deck_results as gprmax_decks
 from flgpr_ground.running import read_costs, read_ground
+from scored import find_entrant
 from small_results import small_result
 
 

@@ -108,7 +108,7 @@ def test_every_command_of_the_command_line_is_tried():
     }
     writes_nothing = {
         "view", "replay", "recipe list", "recipe show", "recipe check", "benchmark list",
-        "benchmark validate", "plan mines", "plan check", "calibrate permittivity",
+        "benchmark validate", "plan mines", "plan check", "calibrate permittivity", "agree",
     }  # fmt: skip
     assert set(names_of_commands()) - writes_nothing - tried == set()
 

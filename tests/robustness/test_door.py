@@ -25,7 +25,6 @@ from damage import (
     sparse,
 )
 from flgpr import door
-from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, read_named
 from flgpr.jobs.checkpoint import Checkpoint, begin
 from flgpr.json_text import parse_json
@@ -45,6 +44,7 @@ from flgpr.store.tables import parse_columns
 from flgpr.store.verdicts import verdict_bytes
 from flgpr.viewer.session import LiveFile, ResultFiles
 from flgpr_exchange.gprmax import deck_results as gprmax_decks
+from scored import find_entrant
 
 SMALL = 40 * 2**20
 """Memory that refusing a file may take, bytes; what is damaged is at least fifty times as large."""

@@ -41,7 +41,7 @@ from flgpr.store import (
 )
 from flgpr.store.journal import JOURNAL, Journal, WrittenScan
 from flgpr.store.run_writer import _digests
-from flgpr.trials.ledger import read_register, register
+from flgpr_trials.ledger import read_register, register
 from small_lane import LANE_TOML
 from small_results import small_result
 

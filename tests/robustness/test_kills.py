@@ -26,8 +26,8 @@ from flgpr.results.result import ResultError, read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run
 from flgpr.store.journal import JOURNAL
-from flgpr.trials import sealing
 from flgpr_exchange.commands.imports import import_gpr
+from flgpr_trials import sealing
 from robust import content, digests
 from scans_mapping import TIME, line_mapping
 

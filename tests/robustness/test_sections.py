@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 import flgpr
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
-from flgpr.commands.scoring import score_alarms, score_result
 from flgpr.jobs import checkpoint
 from flgpr.jobs.checkpoint import finish
 from flgpr.jobs.driver import detect_lane
@@ -29,6 +28,7 @@ from flgpr.results.result import ResultError, join_sections, read_result
 from flgpr.results.sections import results_at
 from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
+from scored import score_alarms, score_result
 
 SIZES = {"polarization": 3, "pair": 36, "frequency": 1024, "scan": 120_000}
 

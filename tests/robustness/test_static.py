@@ -32,6 +32,7 @@ BY_NAME = {
     "commands/app.py": "what installed distributions offer",
     "commands/exports.py": "what installed distributions offer",
     "commands/simulate.py": "what installed distributions offer",
+    "commands/trials.py": "what installed distributions offer",
     "formats/reader.py": "what installed distributions offer",
     "detect/estimator_table.py": "estimators by a table, and what installed distributions offer",
 }
@@ -163,7 +164,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
-    "trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
+    "flgpr_trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),
     "flgpr_exchange/commands/exporting.py _pack": ({"read_bytes"}, JUST_WRITTEN),
     "commands/exports.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
     "flgpr_exchange/cphd/phase_history.py read_cphd": ({"open"}, RECORDING),
@@ -190,7 +191,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "commands/score_text.py score_summary": ({"json.loads"}, IN_HAND),
     "flgpr_exchange/bags/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "store/run_writer.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
-    "trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
+    "flgpr_trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
     "jobs/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
 }
 READS = {

@@ -13,7 +13,6 @@ import flgpr
 from flgpr.commands.app import app
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
-from flgpr.commands.scoring import score_result
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
@@ -22,6 +21,7 @@ from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 from flgpr.store import Scan, describe_for_live, open_run, read_lane
 from reference.slow_scoring import frame_counts
+from scored import score_result
 from systems.lanes import LENGTH, SMALL
 
 pytestmark = pytest.mark.slow("trains every packaged recipe and runs it by each verb")

@@ -28,9 +28,9 @@ from flgpr.trials import (
     score_blind,
     seal_truth,
 )
-from flgpr.trials.blind import Registration
-from flgpr.trials.ledger import enter, read_checked_register
-from flgpr.trials.sealing import FORMAT
+from flgpr_trials.blind import Registration
+from flgpr_trials.ledger import enter, read_checked_register
+from flgpr_trials.sealing import FORMAT
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(
@@ -141,7 +141,7 @@ def write_all(file, data):
     if step < 5:
         os.kill(os.getpid(), signal.SIGKILL)
 append_log.write_all = write_all
-from flgpr.trials.ledger import register
+from flgpr_trials.ledger import register
 register(sys.argv[1], event="killed")
 """
 

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.plan import plan_lane, register_recipe
-from flgpr.commands.scoring import compare_alarms, score_alarms, score_result
-from flgpr.commands.sealed_scoring import compare_sealed, score_sealed, seal_truth_file
 from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
+from flgpr_trials.commands.plan import plan_lane, register_recipe
+from scored import compare_alarms, score_alarms, score_result
+from scored_blind import compare_sealed, score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"

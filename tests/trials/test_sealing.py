@@ -8,7 +8,7 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.trials import open_truth, seal_truth
-from flgpr.trials.sealing import decrypt_truth, seals
+from flgpr_trials.sealing import decrypt_truth, seals
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.scoring import compare_alarms, score_alarms
-from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 from flgpr.model import Lane
 from flgpr.store import lane_text
 from flgpr.store.tables import write_table
 from flgpr.viewer.session import open_source, open_sources
+from scored import compare_alarms, score_alarms
+from scored_blind import score_sealed, seal_truth_file
 from small_results import small_result
 
 LANE = Lane(-2.0, 2.0, 0.0, 60.0)

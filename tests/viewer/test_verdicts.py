@@ -6,7 +6,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.commands.analysts import analyst_agreement
+from flgpr.commands.agree import agree
 from flgpr.commands.app import app
 from flgpr.store import read_verdicts
 from flgpr.viewer import Viewer
@@ -155,7 +155,7 @@ def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path
         assert "mine" not in two.text("#rows")  # judges independently
         judge(two, ["y", "r"])
     assert bytes_of(result) == before
-    pair, only_anna, only_ben = analyst_agreement([anna, ben])["anna", "ben"]
+    pair, only_anna, only_ben = agree([anna, ben])["anna", "ben"]
     assert (pair.n, pair.agreed, only_anna, only_ben) == (2, 1, 1, 0)
     with serving([result], verdicts=anna) as viewer:  # goes on with what the first left
         three = watch(viewer)

@@ -1,4 +1,7 @@
-"""The background of a run's images, step by step (Wang et al. 2007, Sec. II-A, Eq. 2-5).
+"""The background of images in memory, step by step (Wang et al. 2007, Sec. II-A, Eq. 2-5).
+
+A detection does not come here: it takes :class:`flgpr.clutter.BackgroundEstimator`
+(``clutter/streaming.py``) scan by scan, whose steps these functions take for all scans at once.
 
 With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean
 and the standard deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
@@ -9,8 +12,6 @@ and the standard deviation of m_k over its pixels, and r_k the rms of the lowest
 - m''_k = |(v_k/r_k - B1)/B2|  (Eq. 5) is the modulus of :func:`remove_background`.
 
 Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is.
-These functions take the steps of :mod:`flgpr.clutter.streaming`, which a detection runs, for all
-scans and any channels.
 """
 
 from __future__ import annotations

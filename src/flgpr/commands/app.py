@@ -15,10 +15,11 @@ from flgpr.commands import (
     calibrate,
     imports,
     live,
-    plan,
     recipe,
 )
+from flgpr.commands.agree import agree
 from flgpr.commands.anchor import anchor
+from flgpr.commands.compare import compare
 from flgpr.commands.demo import demo
 from flgpr.commands.design import design
 from flgpr.commands.detect import detect
@@ -42,6 +43,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "info": info,
     "replay": replay,
     "score": score,
+    "compare": compare,
+    "agree": agree,
     "simulate": simulate_lane,
     "prepare": prepare,
     "image": image,
@@ -61,11 +64,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "recipe show": recipe.show_recipe,
     "recipe for": recipe.recipe_for,
     "recipe check": recipe.check_recipe,
-    "plan mines": plan.plan_mines,
-    "plan lane": plan.plan_lane,
-    "plan register": plan.register_recipe,
-    "plan check": plan.check_register,
-    "plan survey": plan.survey_plan,
 }
 """Every command by its words."""
 
@@ -80,7 +78,7 @@ HELP_PANELS: dict[str, dict[str, str]] = {
         "export": "",
     },
     "Detect": {"detect": "", "train": "", "image": "", "replay": ""},
-    "Judge": {"score": "", "plan": "Plan a test."},
+    "Judge": {"score": "", "compare": "", "agree": ""},
     "Live": {"live": "", "feed": ""},
     "Research": {
         "design": "",

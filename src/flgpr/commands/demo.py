@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from flgpr.method.detection import Detection
     from flgpr.results.result import Result
     from flgpr.scoring import Score
+    from flgpr.scoring.score_entries import ScoreSummary
 
 VIEW = Annotated[bool, Option("--view", help="Open the result in the viewer.")]
 NO_OPEN = Annotated[bool, Option("--no-open", help="Open no browser: print where the page is.")]
@@ -49,6 +50,14 @@ def _lines(returned: tuple[Result, list[Score]], call: Arguments) -> Iterator[An
     when = " before the vehicle reached them" if is_ahead else ""
     yield f"{scores[0].in_plain_words(when)}."
     yield f"report: {(result.folder / 'report.html').resolve()}"
+
+
+def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary:
+    """Return the figures of the score."""
+    from flgpr.commands.scoring import Scored
+
+    result, scores = returned
+    return score_summary(Scored(result.folder, scores))
 
 
 @contextmanager
@@ -117,7 +126,7 @@ def play_drive(
 
 @command(
     lines=_lines,
-    as_json=lambda returned, _: score_summary(returned[0].folder, returned[1]),
+    as_json=_as_json,
     context=_page,
     shell_options={
         "details": (DETAILS, False),
@@ -143,6 +152,7 @@ def demo(
         If something that is no result lies at the output, or another result that is not to be
         overwritten.
     """
+    from flgpr.commands.score_request import ScoreRequest
     from flgpr.commands.scoring import score_result
     from flgpr.method.method import detect
     from flgpr.progress import silent
@@ -183,10 +193,16 @@ def demo(
         else:
             if detections:
                 write_result(folder, detections, text, lane, description)
-            truth = lane_folder / "truth.csv"
-            objects = lane_folder / "objects.csv"
-            scored = score_result(folder, truth, objects, overwrite=overwrite)
-    return scored
+            request = ScoreRequest(
+                lists=[folder],
+                truth=lane_folder / "truth.csv",
+                objects=lane_folder / "objects.csv",
+                output=folder,
+                overwrite=overwrite,
+            )
+            scored = score_result(request)
+    result, scores = scored
+    return result, scores
 
 
 def _holds_demo(

@@ -1,4 +1,4 @@
-"""Text and JSON of scores, comparisons, blind scores and agreements."""
+"""Text and JSON of scores and comparisons."""
 
 from __future__ import annotations
 
@@ -8,31 +8,57 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flgpr.door import Folder
+from flgpr.door import MOST_JSON, Folder
+from flgpr.json_text import parse_json
 
 if TYPE_CHECKING:
-    import pandas as pd
     from rich.table import Table
 
-    from flgpr.commands.analysts import PairAgreement
-    from flgpr.scoring import Agreement, Score, SideBySide
+    from flgpr.commands.scoring import Scored
+    from flgpr.scoring import Score, SideBySide
     from flgpr.scoring.score_entries import ScoreSummary
-    from flgpr.trials import BlindScore
 
 _LEFT_COLUMNS = ("target", "outcome")
 _RIGHT_COLUMNS = ("first seen", "rank", "above", "off by")
 
 
-def score_summary(folder: Path, scored: list[Score]) -> ScoreSummary:
-    """Return the figures of a score as ``--json`` prints them."""
-    from flgpr.commands.scoring import outcome_table
+def answer_lines(returned: Any, folder: Path) -> Iterator[Any]:
+    """Yield what is printed of a score or a comparison whose report lies in a folder."""
+    from flgpr.commands.scoring import Scored
+    from flgpr.commands.trials import needed_trials
+    from flgpr.scoring import SideBySide
 
-    report = Folder(folder).json("roc.json")
+    if returned is None:  # this very score of a sealed truth is there
+        return
+    if isinstance(returned, SideBySide):
+        yield from comparison_lines(returned)
+        yield f"page: {(folder / 'comparison.html').resolve()}"
+        return
+    if isinstance(returned, Scored):
+        folder = returned.folder
+        yield from score_lines(returned.scores)
+    else:
+        yield from needed_trials("--sealed").lines(returned)
+    yield f"report: {(folder / 'report.html').resolve()}"
+
+
+def answer_json(returned: Any, folder: Path, report: str) -> Any:
+    """Return the summary of a score, or the JSON of another report as it was written."""
+    from flgpr.commands.scoring import Scored
+
+    if isinstance(returned, Scored):
+        return score_summary(returned)
+    return parse_json(Folder(folder).read(report, MOST_JSON))
+
+
+def score_summary(scored: Scored) -> ScoreSummary:
+    """Return the figures of a score as ``--json`` prints them."""
+    report = Folder(scored.folder).json("roc.json")
     detection = report["detections"]["main"]
     operating_point = detection["operating_point"]
     last_point = detection["points"][-1]
     return {
-        "result": str(folder),
+        "result": str(scored.folder),
         "targets": detection["n_targets"],
         "found": operating_point["n_detected"],
         "false_alarms": operating_point["n_false"],
@@ -46,7 +72,7 @@ def score_summary(folder: Path, scored: list[Score]) -> ScoreSummary:
         "pd_mean": detection["pd_mean"],
         "rules": report["rules"],
         "notes": report["notes"],
-        "outcomes": json.loads(outcome_table(scored).to_json(orient="records")),
+        "outcomes": json.loads(scored.outcomes().to_json(orient="records")),
     }
 
 
@@ -85,136 +111,40 @@ def _outcome_cells(row: Mapping[Any, Any]) -> list[str]:
     return [target, outcome, far, str(row["rank"]), str(row["n_false"]), f"{row['distance']:.2f} m"]
 
 
-def comparison_lines(comparison: SideBySide) -> list[str]:
-    """Return the Pd of each detector with interval, counts and chance, and the differences."""
-    lines = [
-        "95 % intervals in brackets; chance is the Pd of alarms that know nothing of the targets"
-    ]
+_POINT = (
+    "Pd {pd:.2f} ({pd_low:.2f} to {pd_high:.2f}), {n_detected:.0f} of {n_targets:.0f}, "
+    "chance {by_chance}; {n_false:.0f} false, FAR {far:.4f} ({far_low:.4f} to {far_high:.4f})"
+)
+_DIFFERENCE = (
+    "  {first} less {second}: {difference:+.2f} ({low:+.2f} to {high:+.2f}); "
+    "alone found {only_first} and {only_second}, McNemar's p = {p:.2g}"
+)
+_MEANS = (
+    "mean Pd: {first} {pd_mean_a:.3f} ({low_a:.3f} to {high_a:.3f}, chance {chance_a:.3f}), "
+    "{second} {pd_mean_b:.3f} ({low_b:.3f} to {high_b:.3f}, chance {chance_b:.3f})"
+)
+_MEAN_DIFFERENCE = (
+    "  {first} less {second}: {difference:+.3f} ({low:+.3f} to {high:+.3f}), "
+    "p = {p_value:.2g} by sign flips"
+)
+
+
+def comparison_lines(comparison: SideBySide) -> Iterator[str]:
+    """Yield the Pd of each detector with interval, counts and chance, and the differences."""
+    yield "95 % intervals in brackets; chance is the Pd of alarms that know nothing of the targets"
     width = max(len(name) for name in comparison.points["detector"])
     for far, points in comparison.points.groupby("far_allowed"):
-        lines += ["", f"at most {far:g} false alarms per m²"]
+        yield ""
+        yield f"at most {far:g} false alarms per m²"
         for row in points.to_dict("records"):
-            lines.append(_detector_line(row, width))
+            is_known = not math.isnan(row["chance"])
+            row["by_chance"] = f"{row['chance']:.2f}" if is_known else "not known"
+            yield f"  {row['detector']:{width}}  {_POINT.format_map(row)}"
         pairs = comparison.pairs[comparison.pairs["far_allowed"] == far]
         for row in pairs.to_dict("records"):
-            lines.append(_difference_line(row))
+            yield _DIFFERENCE.format_map(row)
     if comparison.means is not None:
         for row in comparison.means.to_dict("records"):
-            lines += ["", *_mean_lines(row)]
-    return lines
-
-
-def _detector_line(row: Mapping[Any, Any], width: int) -> str:
-    """Return the operating point of a detector, whose name is padded to a width."""
-    by_chance = "not known" if math.isnan(row["chance"]) else f"{row['chance']:.2f}"
-    return (
-        f"  {row['detector']:{width}}  "
-        f"Pd {row['pd']:.2f} ({row['pd_low']:.2f} to {row['pd_high']:.2f}), "
-        f"{row['n_detected']:.0f} of {row['n_targets']:.0f}, chance {by_chance}; "
-        f"{row['n_false']:.0f} false, "
-        f"FAR {row['far']:.4f} ({row['far_low']:.4f} to {row['far_high']:.4f})"
-    )
-
-
-def _difference_line(row: Mapping[Any, Any]) -> str:
-    """Return by how much two detectors differ at an operating point."""
-    return (
-        f"  {row['first']} less {row['second']}: "
-        f"{row['difference']:+.2f} ({row['low']:+.2f} to {row['high']:+.2f}); "
-        f"alone found {row['only_first']} and {row['only_second']}, "
-        f"McNemar's p = {row['p']:.2g}"
-    )
-
-
-def _mean_lines(row: Mapping[Any, Any]) -> list[str]:
-    """Return the mean Pd of two detectors and their difference."""
-    first = (
-        f"{row['first']} {row['pd_mean_a']:.3f} "
-        f"({row['low_a']:.3f} to {row['high_a']:.3f}, chance {row['chance_a']:.3f})"
-    )
-    second = (
-        f"{row['second']} {row['pd_mean_b']:.3f} "
-        f"({row['low_b']:.3f} to {row['high_b']:.3f}, chance {row['chance_b']:.3f})"
-    )
-    return [
-        f"mean Pd: {first}, {second}",
-        f"  {row['first']} less {row['second']}: "
-        f"{row['difference']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f}), "
-        f"p = {row['p_value']:.2g} by sign flips",
-    ]
-
-
-def blind_lines(blind: BlindScore) -> Iterator[str]:
-    """Yield what a score against a sealed truth shows: points, counts, looks and log heads."""
-    yield blind.points.to_string(index=False, float_format=_three_digits)
-    if blind.targets is not None:
-        yield blind.targets.to_string(index=False, na_rep="never", float_format=_three_digits)
-    counts = []
-    for name, value in blind.counts.items():
-        text = f"{value:.6g}" if isinstance(value, float) else value
-        counts.append(f"{name} {text}")
-    yield ", ".join(counts)
-    yield (
-        f"look {blind.looks} at this truth, different alarm lists so far: {blind.lists}; "
-        "the seal guards against accidents, not against the holder of the passphrase"
-    )
-    for name, head in blind.heads.items():
-        yield f"{name}: {head['lines']} lines, the last is {head['head']}"
-
-
-def _three_digits(value: float) -> str:
-    """Return a number to three digits."""
-    return f"{value:.3g}"
-
-
-def agreement_lines(pairs: Mapping[tuple[str, str], PairAgreement]) -> list[str]:
-    """Return how far every two analysts agree, with a table of their verdicts."""
-    lines = ["95 % intervals in brackets; kappa is what of the agreement chance does not explain"]
-    for (first, second), (agreement, only_first, only_second) in pairs.items():
-        lines += [
-            "",
-            f"{first} and {second}: {agreement.agreed} of {agreement.n} alarms judged alike, "
-            f"{agreement.share:.2f} ({agreement.share_low:.2f} to {agreement.share_high:.2f}); "
-            f"by chance {agreement.expected:.2f}",
-            f"  Cohen's kappa {_kappa(agreement)}",
-            f"  judged by {first} alone {only_first}, by {second} alone {only_second}",
-        ]
-        lines += _verdict_lines(agreement.table, first, second)
-    return lines
-
-
-def _kappa(agreement: Agreement) -> str:
-    """Return Cohen's kappa with its interval, which one verdict throughout leaves undefined."""
-    if math.isnan(agreement.kappa):
-        return "not defined: one verdict throughout"
-    return f"{agreement.kappa:.2f} ({agreement.kappa_low:.2f} to {agreement.kappa_high:.2f})"
-
-
-def _verdict_lines(counts: pd.DataFrame, first: str, second: str) -> list[str]:
-    """Return a table of counts, verdicts of the first (rows) by those of the second (columns)."""
-    table = counts.rename_axis(None)
-    width = max(len(first), *[len(verdict) for verdict in table.index]) + 2
-    heading = "".join(f"{verdict:>9}" for verdict in table.columns)
-    lines = [f"  {first:{width}}{heading}  {second}"]
-    for verdict, *row in table.itertuples():
-        cells = "".join(f"{count:9d}" for count in row)
-        lines.append(f"  {verdict:{width}}{cells}")
-    return lines
-
-
-def agreement_json(pairs: Mapping[tuple[str, str], PairAgreement]) -> list[dict[str, Any]]:
-    """Return how far every two analysts agree as ``--json`` prints it; undefined is null."""
-    entries = []
-    for (first, second), (agreement, only_first, only_second) in pairs.items():
-        entry: dict[str, Any] = {
-            "first": first,
-            "second": second,
-            "only_first": only_first,
-            "only_second": only_second,
-        }
-        for name, value in vars(agreement).items():
-            if name != "table":
-                entry[name] = None if math.isnan(value) else value
-        entry["table"] = agreement.table.to_dict("index")
-        entries.append(entry)
-    return entries
+            yield ""
+            yield _MEANS.format_map(row)
+            yield _MEAN_DIFFERENCE.format_map(row)

@@ -1,23 +1,27 @@
 """Scoring against an open truth, of one detector or of several side by side: files in, files out.
 
-A sealed truth is in :mod:`flgpr.commands.sealed_scoring`.
+Lists are read, the truth is opened, they are scored, and the files are written. Registers and
+sealed truths are kept by another package, see :mod:`flgpr.commands.trials`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
 from flgpr.commands.reach import targets_in_reach, tell_doubts
-from flgpr.commands.registering import Entrant, find_entrant, open_registered_truth
+from flgpr.commands.score_options import refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
-from flgpr.commands.trial_card import TrialCard, ranking_notes
+from flgpr.commands.score_request import ScoreRequest
+from flgpr.commands.trial_card import ranking_notes
+from flgpr.commands.trials import REGISTER_COLUMN, installed_trials, needed_trials
 from flgpr.door import Folder, read_named, refuse_links
 from flgpr.model import Lane
 from flgpr.model.faults import faults_of
@@ -33,45 +37,58 @@ from flgpr.results.score import (
     view_score,
 )
 from flgpr.results.sections import SECTIONS, read_sections, results_at
-from flgpr.scoring import Rules, Score, SideBySide, as_lanes, side_by_side
-from flgpr.scoring import score as score_list
+from flgpr.scoring import Rules, Score, SideBySide, as_lanes, score, side_by_side
 from flgpr.scoring.matching import LaneLike
-from flgpr.store import read_table
-from flgpr.store.dialects import TableReading
+from flgpr.store import read_table, sha256
 from flgpr.store.files import existing
-from flgpr.store.tables import read_columns
+from flgpr.store.tables import parse_table, read_columns
 from flgpr.toml_text import parse_toml
-from flgpr.trials.ledger import RegisterLike
 
 PathLike = str | Path
-_OUTCOME_COLUMNS = [
-    "target_id",
-    "kind",
-    "depth",
-    "found",
-    "detected",
-    "far",
-    "rank",
-    "n_false",
-    "distance",
-]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
+class Lists:
+    """Alarm lists that were read, and by what all of them are scored."""
+
+    entrants: list[Entrant]
+    tables: list[pd.DataFrame]  #: alarms of each list; none of a result
+    lanes: LaneLike
+    rules: Rules
+    result: Result | None = None  #: that is scored by the rules of its recipe
+
+
+@dataclass(frozen=True)
+class OpenedTruth:
+    """Targets, and for each list what its report states of it."""
+
+    targets: pd.DataFrame
+    notes: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
 class Scored:
     """The scores of a result or an alarm list, and where their report is."""
 
     folder: Path  #: with ``report.html`` and ``roc.json``
     scores: list[Score]  #: of each detection; of an alarm list a single one
     result: Result | None = None  #: the result that was scored
-    source: Any = dataclasses.field(default=None, repr=False)  #: what was given to be scored
+    source: Any = field(default=None, repr=False)  #: what was given to be scored
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.result, self.scores))
 
     def outcomes(self) -> pd.DataFrame:
-        """Return what became of each target, see :func:`outcome_table`."""
-        return outcome_table(self.scores)
+        """Return what became of each target, a row for each detection and target.
+
+        Columns are detection, target_id, kind, depth (m), whether it is found at the operating
+        point, whether any alarm detects it, and that alarm's far (per m²), rank, n_false and
+        distance (m).
+        """
+        columns = ["target_id", "kind", "depth", "found", "detected"]
+        columns += ["far", "rank", "n_false", "distance"]
+        tables = [one.outcomes[columns].assign(detection=one.name) for one in self.scores]
+        return pd.concat(tables, ignore_index=True)
 
     def _repr_html_(self) -> str:
         """Return the summary, the outcomes and a picture for a notebook."""
@@ -81,6 +98,270 @@ class Scored:
         if self.result is None:
             return curve_html(sentence, outcomes, main.curve)
         return outcomes_html(sentence, outcomes, self.result.detections[0], self.result.lane)
+
+
+def score_output(
+    lists: Sequence[Path], lane: PathLike | None = None, output: PathLike | None = None
+) -> Path:
+    """Return the folder in which the score of lists is written: a result has its own."""
+    if output is not None:
+        return Path(output)
+    folder = lists[0].parent if lists[0].name == "alarms.csv" else lists[0]
+    is_result = any((folder / name).is_file() for name in ("manifest.json", SECTIONS))
+    if not is_result or lane is not None or len(lists) > 1:
+        return Path("score")
+    return folder / "score" if Folder(folder).has(SECTIONS) else folder
+
+
+def score_one(request: ScoreRequest, track: Track = silent) -> Scored:
+    """Score a result by its recipe's rules, or an alarm list by the rules that are given.
+
+    The list inside a result is scored with the result, unless a lane is given.
+    """
+    [path] = request.lists
+    is_list = path.suffix == ".csv" and not (path.parent / "manifest.json").is_file()
+    if is_list or request.lane is not None:
+        refuse({"objects": request.objects}, "an alarm list is scored without pictures")
+        return score_list(request)
+
+    refuse({"halo": request.rules.get("halo")}, "a result is scored by the halo of its recipe")
+    reading = request.reading
+    if reading is not None and (reading.columns or reading.unranked):
+        name = "columns are" if reading.columns else "unranked is"
+        raise ValueError(f"{name} of alarm lists: a result's list has its own; see --truth-columns")
+    folder = path.parent if path.name == "alarms.csv" else path
+    return score_result(dataclasses.replace(request, lists=[folder]), track)
+
+
+def score_list(request: ScoreRequest) -> Scored:
+    """Score an alarm list of any detector and write the report.
+
+    A list whose alarms rank equal has a single operating point, at its own false alarm rate:
+    targets count as found there, unless the rules name ``far``.
+
+    Parameters
+    ----------
+    request : ScoreRequest
+        One list with its lane.
+
+    Returns
+    -------
+    Scored
+        A single score.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, or the register does not hold the recipe.
+    FileExistsError
+        If another score is there and is not to be overwritten.
+    """
+    if request.lane is None:
+        raise ValueError(
+            "an alarm list needs --lane (x_min, x_max, y_min, y_max), "
+            f"got {request.lists[0]} without it"
+        )
+    refuse_links(request.output)
+    entrants = find_entrants(request.lists, request.trial.recipes, request.reading)
+    lanes = read_lanes(request.lane)
+    lists = _read_lists(entrants, lanes, Rules(**request.rules))
+    truth = open_truth(request, lists)
+
+    [table] = lists.tables
+    scored = score(table, truth.targets, lanes, lists.rules)
+    only_far = _only_far(table, scored)
+    if only_far and "far" not in request.rules:
+        far_max = max(lists.rules.far_max, only_far)  # the figures reach the only point
+        rules = dataclasses.replace(lists.rules, far=only_far, far_max=far_max)
+        scored = score(table, truth.targets, lanes, rules)
+
+    files = score_files([scored], truth.notes[0], title="Detection report")
+    write_score_files(request.output, files, request.overwrite)
+    return Scored(request.output, [scored])
+
+
+def score_result(request: ScoreRequest, track: Track = silent) -> Scored:
+    """Score a result by the rules of its recipe, and write the report.
+
+    A lane in sections is scored as one. With ``score.area = "frames"`` in the recipe, score and
+    report are of the alarms of every frame, see :func:`flgpr.scoring.score_frames`; the viewer
+    shows those of the lane.
+
+    Parameters
+    ----------
+    request : ScoreRequest
+        The folder of a result, or of sections. Its recipe has the halo.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Scored
+        The result, and a score for each of its detections.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid or altered, or the recipe is not registered; nothing is written.
+    FileExistsError
+        If another score is there and is not to be overwritten; nothing is written.
+    """
+    [folder] = request.lists
+    result = _read_result(folder)
+    refuse_links(request.output)
+    objects = None if request.objects is None else read_table(request.objects, "objects")
+    entrants = find_entrants(request.lists, request.trial.recipes)
+    rules = Rules(**{**request.rules, "halo": result.recipe.score.halo})
+    truth = open_truth(request, Lists(entrants, [], result.lane, rules, result))
+
+    of_lane = score_detections(result, truth.targets, rules.far)
+    scores = of_lane
+    if result.recipe.score.area == "frames":
+        scores = [score_by_frames(result, truth.targets, rules.far)]
+
+    files = _result_files(request, result, scores, objects, truth.notes[0], track)
+    # The viewer shows a lane in one piece, and its alarms, whatever the report is of.
+    if results_at(folder) == [folder]:
+        files[VIEW_SCORE] = view_score(result, of_lane, objects)
+    request.output.mkdir(parents=True, exist_ok=True)
+    # A result states the digests of its files, those of a score inside it among them.
+    if request.output.resolve() == folder.resolve():
+        _add_to_result(folder, files, request.overwrite)
+        return Scored(request.output, scores, read_result(folder))
+    write_score_files(request.output, files, request.overwrite)
+    return Scored(request.output, scores, result)
+
+
+def compare_lists(request: ScoreRequest) -> SideBySide:
+    """Compare two alarm lists or results, or more; write ``comparison.html`` and its JSON.
+
+    Parameters
+    ----------
+    request : ScoreRequest
+        The lists. By default the lane is that of the results, and the halo that of their recipes,
+        of which there must be one.
+
+    Returns
+    -------
+    SideBySide
+        Points of each detector and differences of every two.
+
+    Raises
+    ------
+    ValueError
+        If lists cannot be compared, an input is not valid, or a register lacks a recipe.
+    FileExistsError
+        If another comparison is there and is not to be overwritten.
+    """
+    entrants = find_entrants(request.lists, request.trial.recipes, request.reading)
+    lanes, rules = _common_lanes_and_rules(entrants, request)
+    names = entrant_names(entrants)
+    lists = _read_lists(entrants, lanes, rules)
+    truth = open_truth(request, lists)
+
+    scores = {}
+    only_fars = set()
+    for name, table in zip(names, lists.tables, strict=True):
+        scores[name] = score(table, truth.targets, lanes, rules)
+        only_fars.add(_only_far(table, scores[name]))
+    first = scores[names[0]]
+    common_fars = first.operating_points()["far_allowed"].tolist()
+    # A list whose alarms rank equal has one operating point, which may lie between the usual ones.
+    far_points = sorted({*common_fars, *only_fars} - {0.0})
+    matches = {name: scored.matched for name, scored in scores.items()}
+    comparison = side_by_side(matches, far_points, rules)
+
+    stated_rules = {**first.rules_summary(), "far_max": rules.far_max}
+    notes = dict(zip(names, truth.notes, strict=True))
+    curves = {name: scored.curve for name, scored in scores.items()}
+    page = comparison_html(comparison, curves, stated_rules, notes, as_lanes(lanes))
+    files = {
+        "comparison.html": page,
+        "comparison.json": comparison_json(comparison, stated_rules, notes),
+    }
+    write_score_files(request.output, files, request.overwrite)
+    return comparison
+
+
+def _read_lists(entrants: list[Entrant], lanes: LaneLike, rules: Rules) -> Lists:
+    """Read alarm lists, all of them before a truth is opened, and tell what is doubtful."""
+    tables = [entrant.table() for entrant in entrants]
+    for entrant, table in zip(entrants, tables, strict=True):
+        tell_doubts(table, "alarms", entrant.path.name, lanes)
+    return Lists(entrants, tables, lanes, rules)
+
+
+def open_truth(request: ScoreRequest, lists: Lists) -> OpenedTruth:
+    """Open a truth for alarm lists, by its register where it has one.
+
+    Parameters
+    ----------
+    request : ScoreRequest
+        The truth, the columns it has, and the register.
+    lists : Lists
+        All that may be wrong with them must be known: the opening is entered in the register.
+
+    Returns
+    -------
+    OpenedTruth
+        Targets whose halos touch the lanes, and the notes of each list's report.
+
+    Raises
+    ------
+    ValueError
+        If the truth is not valid, or its register does not hold what it must.
+    """
+    rules = lists.rules
+    package = installed_trials()
+    if package is None:
+        targets, notes = _open_without_register(request, lists.entrants)
+    else:
+        entered = {"halo": rules.halo, "far": rules.far}
+        targets, notes = package.open_truth(request, lists.entrants, borders(lists.lanes), entered)
+
+    name = request.truth.name
+    tell_doubts(targets, "truth", name, lists.lanes)
+    targets, outside = targets_in_reach(targets, lists.lanes, rules.halo, name)
+    for number, of_list in enumerate(notes):
+        of_list |= outside
+        if lists.result is None:
+            of_list |= _reading_notes(lists.tables[number], targets)
+            of_list |= ranking_notes(lists.tables[number])
+        if request.card is not None:
+            of_list |= request.card.notes(number, lists.entrants[number])
+    return OpenedTruth(targets, notes)
+
+
+def _open_without_register(
+    request: ScoreRequest, entrants: Sequence[Entrant]
+) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+    """Read a truth that has no register, and note the digests."""
+    options = request.trial.options()
+    if options:
+        needed_trials(" and ".join(options))
+    data = read_named(existing(request.truth, "truth file"))
+    targets = parse_table(data, "truth", request.truth, request.truth_reading)
+    if REGISTER_COLUMN in targets.columns:
+        needed_trials(f"{request.truth}, which names a register")
+    digest = {"truth_sha256": sha256(data)}
+    return targets, [entrant.digests() | digest for entrant in entrants]
+
+
+def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
+    """Return what the reader of the tables assumed or converted, for the report."""
+    notes_by_table = {}
+    for name, table in (("alarms_read", alarms), ("truth_read", truth)):
+        reading_notes = table.attrs.get("notes", [])
+        if reading_notes:
+            notes_by_table[name] = reading_notes
+    return notes_by_table
+
+
+def _only_far(alarms: pd.DataFrame, scored: Score) -> float:
+    """Return the false alarm rate of a list whose alarms rank equal, per m²; else 0."""
+    if not alarms.attrs.get("unranked"):
+        return 0.0
+    return float(scored.curve["far"].iloc[-1])
 
 
 def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
@@ -105,125 +386,36 @@ def borders(lanes: LaneLike) -> dict[str, dict[str, float]]:
     return {name: dataclasses.asdict(lane) for name, lane in as_lanes(lanes).items()}
 
 
-def score_result(
-    folder: PathLike,
-    truth: PathLike,
-    objects: PathLike | None = None,
-    output: PathLike | None = None,
-    track: Track = silent,
-    *,
-    recipe: PathLike | None = None,
-    register: RegisterLike | None = None,
-    far: float = Rules.far,
-    overwrite: bool = True,
-    truth_reading: TableReading | None = None,
-    card: TrialCard | None = None,
-) -> tuple[Result, list[Score]]:
-    """Score a result by the rules of its recipe, and write the report.
-
-    A lane in sections is scored as one. With ``score.area = "frames"`` in the recipe, score and
-    report are of the alarms of every frame, see :func:`flgpr.scoring.score_frames`; the viewer
-    shows those of the lane.
-
-    Parameters
-    ----------
-    folder : path
-        Result folder, or folder of sections.
-    truth : path
-        Targets (CSV).
-    objects : path, optional
-        Other objects (CSV), for the pictures.
-    output : path, optional
-        Folder of the report, by default :func:`score_folder`.
-    track : Track
-        Shows progress.
-    recipe, register : optional
-        As for :func:`score_alarms`.
-    far : float
-        Operating point at which targets count as found or missed, per m².
-    overwrite : bool
-        Whether another score may be replaced.
-    truth_reading : TableReading, optional
-        Columns of the truth.
-    card : TrialCard, optional
-        What the report states of the trial.
-
-    Returns
-    -------
-    result, scores
-        The result, and a score for each of its detections.
-
-    Raises
-    ------
-    ValueError
-        If an input is not valid or altered, or the recipe is not registered; nothing is written.
-    FileExistsError
-        If another score is there and is not to be overwritten; nothing is written.
-    """
-    result_folder = Path(folder)
-    lane_folders = results_at(result_folder)
-    is_one_piece = lane_folders == [result_folder]
-    result = _read_result(result_folder, lane_folders)
-
-    target = score_folder(result_folder) if output is None else Path(output)
-    refuse_links(target)
-    other_objects = None if objects is None else read_table(objects, "objects")
-
-    halo = result.recipe.score.halo
-    rules = {"halo": halo, "far": far}
-    entrant = find_entrant(result_folder, recipe)
-    lane_borders = borders(result.lane)
-    # After all that may be wrong: the opening is entered in the register.
-    targets, [provenance] = open_registered_truth(
-        truth, [entrant], lane_borders, rules, register, truth_reading
-    )
-    truth_name = Path(truth).name
-    tell_doubts(targets, "truth", truth_name, result.lane)
-    targets, outside = targets_in_reach(targets, result.lane, halo, truth_name)
-    provenance |= outside
-    if card is not None:
-        provenance |= card.notes(0, entrant)
-
-    of_lane = score_detections(result, targets, far)
-    of_frames = []
-    if result.recipe.score.area == "frames":
-        of_frames.append(score_by_frames(result, targets, far))
-    pages = {}
-    if not is_one_piece:
-        pages = {section.name: _page_address(section, target) for section in lane_folders}
-
-    files: dict[str, bytes | str] = {}
-    # A single item: the bar shows that the report is being drawn.
-    for _ in track(["report.html"], "drawing the report", 1):
-        if of_frames:
-            files |= score_files(of_frames, provenance, title=of_frames[0].title)
-        else:
-            files |= score_files(
-                of_lane,
-                provenance,
-                result=result,
-                objects=other_objects,
-                sections=pages,
-            )
-    # The viewer shows a lane in one piece, and its alarms, whatever the report is of.
-    if is_one_piece:
-        files[VIEW_SCORE] = view_score(result, of_lane, other_objects)
-
-    scores = of_frames or of_lane
-    target.mkdir(parents=True, exist_ok=True)
-    # A result states the digests of its files, those of a score inside it among them.
-    if target.resolve() == result_folder.resolve():
-        _add_to_result(target, files, overwrite)
-        return read_result(target), scores
-    write_score_files(target, files, overwrite)
-    return result, scores
-
-
-def _read_result(folder: Path, lane_folders: Sequence[Path]) -> Result:
+def _read_result(folder: Path) -> Result:
     """Read a result; the sections of a lane are joined."""
+    lane_folders = results_at(folder)
     if lane_folders == [folder]:
         return read_result(folder)
     return join_sections(folder, lane_folders)
+
+
+def _result_files(
+    request: ScoreRequest,
+    result: Result,
+    scores: list[Score],
+    objects: pd.DataFrame | None,
+    notes: Mapping[str, Any],
+    track: Track,
+) -> dict[str, bytes | str]:
+    """Return the report on a scored result, on its frames alone where these are scored."""
+    [folder] = request.lists
+    sections = {}
+    if results_at(folder) != [folder]:
+        for section in results_at(folder):
+            sections[section.name] = _page_address(section, request.output)
+    page: dict[str, Any] = {"result": result, "objects": objects, "sections": sections}
+    if result.recipe.score.area == "frames":
+        page = {"title": scores[0].title}
+    files: dict[str, bytes | str] = {}
+    # A single item: the bar shows that the report is being drawn.
+    for _ in track(["report.html"], "drawing the report", 1):
+        files |= score_files(scores, notes, **page)
+    return files
 
 
 def _add_to_result(folder: Path, files: Mapping[str, bytes | str], overwrite: bool) -> None:
@@ -235,15 +427,6 @@ def _add_to_result(folder: Path, files: Mapping[str, bytes | str], overwrite: bo
         add_files(folder, ordered)
 
 
-def score_folder(folder: PathLike) -> Path:
-    """Return where the score of a result is written by default.
-
-    That is the result itself, or ``score`` in a folder of sections.
-    """
-    path = Path(folder)
-    return path / "score" if Folder(path).has(SECTIONS) else path
-
-
 def _page_address(section: Path, folder: Path) -> str:
     """Return the address of a section's page as seen from a folder; "" if it has none."""
     page = section / "report.html"
@@ -252,244 +435,19 @@ def _page_address(section: Path, folder: Path) -> str:
     return Path(os.path.relpath(page, folder)).as_posix()
 
 
-def score_alarms(
-    alarms: PathLike,
-    truth: PathLike,
-    lane: PathLike,
-    output: PathLike,
-    *,
-    recipe: PathLike | None = None,
-    register: RegisterLike | None = None,
-    title: str = "Detection report",
-    overwrite: bool = True,
-    reading: TableReading | None = None,
-    truth_reading: TableReading | None = None,
-    card: TrialCard | None = None,
-    **rules: Any,
-) -> list[Score]:
-    """Score an alarm list of any detector and write the report.
-
-    A list whose alarms rank equal has a single operating point, at its own false alarm rate:
-    targets count as found there, unless ``far`` is given.
-
-    Parameters
-    ----------
-    alarms, truth : path
-        Alarm list and targets (CSV).
-    lane : path
-        Lane or lanes, see :func:`read_lanes`.
-    output : path
-        Folder of ``report.html``, ``roc.json`` and the figures as PNG and PDF.
-    recipe : path, optional
-        Recipe whose hash the register must hold before the truth is first opened.
-    register : path or WitnessedRegister, optional
-        Register of recipes and openings; the opening is entered there. A planned truth names its
-        own.
-    title : str
-        Title of the report.
-    overwrite : bool
-        Whether another score may be replaced.
-    reading, truth_reading : TableReading, optional
-        Columns of the list and of the truth, and the anchor of their geographic positions.
-    card : TrialCard, optional
-        What the report states of the trial.
-    **rules
-        Fields of :class:`flgpr.scoring.Rules`.
-
-    Returns
-    -------
-    list of Score
-        A single score.
-
-    Raises
-    ------
-    ValueError
-        If an input is not valid, or the register does not hold the recipe.
-    FileExistsError
-        If another score is there and is not to be overwritten.
-    """
-    refuse_links(Path(output))
-    entrant = find_entrant(alarms, recipe, reading)
-    lanes = read_lanes(lane)
-    score_rules = Rules(**rules)
-
-    table = entrant.table()
-    tell_doubts(table, "alarms", entrant.path.name, lanes)
-
-    entered = {"halo": score_rules.halo, "far": score_rules.far}
-    targets, [provenance] = open_registered_truth(
-        truth, [entrant], borders(lanes), entered, register, truth_reading
-    )
-    truth_name = Path(truth).name
-    tell_doubts(targets, "truth", truth_name, lanes)
-    targets, outside = targets_in_reach(targets, lanes, score_rules.halo, truth_name)
-    provenance |= outside
-
-    provenance |= _reading_notes(table, targets)
-    provenance |= ranking_notes(table)
-    if card is not None:
-        provenance |= card.notes(0, entrant)
-    scored = score_list(table, targets, lanes, score_rules)
-    only_far = _only_far(table, scored)
-    if only_far and "far" not in rules:
-        far_max = max(score_rules.far_max, only_far)  # the figures reach the only point
-        rules_of_point = dataclasses.replace(score_rules, far=only_far, far_max=far_max)
-        scored = score_list(table, targets, lanes, rules_of_point)
-    scores = [scored]
-    files = score_files(scores, provenance, title=title)
-    write_score_files(Path(output), files, overwrite)
-    return scores
-
-
-def _only_far(alarms: pd.DataFrame, scored: Score) -> float:
-    """Return the false alarm rate of a list whose alarms rank equal, per m²; else 0."""
-    if not alarms.attrs.get("unranked"):
-        return 0.0
-    return float(scored.curve["far"].iloc[-1])
-
-
-def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
-    """Return what the reader of the tables assumed or converted, for the report."""
-    notes_by_table = {}
-    for name, table in (("alarms_read", alarms), ("truth_read", truth)):
-        reading_notes = table.attrs.get("notes", [])
-        if reading_notes:
-            notes_by_table[name] = reading_notes
-    return notes_by_table
-
-
-def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
-    """Return what became of each target, a row for each detection and target.
-
-    Columns are detection, target_id, kind, depth (m), whether it is found at the operating point,
-    whether any alarm detects it, and that alarm's far (per m²), rank, n_false and distance (m).
-    """
-    tables = []
-    for score in scored:
-        tables.append(score.outcomes[_OUTCOME_COLUMNS].assign(detection=score.name))
-    return pd.concat(tables, ignore_index=True)
-
-
-def compare_alarms(
-    alarms: Sequence[PathLike],
-    truth: PathLike,
-    output: PathLike,
-    lane: PathLike | None = None,
-    *,
-    recipes: Sequence[PathLike] = (),
-    register: RegisterLike | None = None,
-    halo: float | None = None,
-    far: float = Rules.far,
-    overwrite: bool = True,
-    reading: TableReading | None = None,
-    truth_reading: TableReading | None = None,
-    card: TrialCard | None = None,
-) -> SideBySide:
-    """Compare two alarm lists or results, or more; write ``comparison.html`` and its JSON.
-
-    Parameters
-    ----------
-    alarms : sequence of path
-        Alarm lists (CSV) or result folders.
-    truth : path
-        Targets (CSV).
-    output : path
-        Folder of the page and ``comparison.json``.
-    lane : path, optional
-        Lane or lanes, see :func:`read_lanes`; by default that of the results, which must be one.
-    recipes : sequence of path
-        A recipe for each list, or none.
-    register : path or WitnessedRegister, optional
-        As for :func:`score_alarms`.
-    halo : float, optional
-        Halo radius, m; by default that of the results' recipes, which must be one.
-    far : float
-        Operating point beside the usual ones, per m².
-    overwrite : bool
-        Whether another comparison may be replaced.
-    reading, truth_reading : TableReading, optional
-        Columns of all lists, and of the truth.
-    card : TrialCard, optional
-        What the page states of the trial.
-
-    Returns
-    -------
-    SideBySide
-        Points of each detector and differences of every two.
-
-    Raises
-    ------
-    ValueError
-        If lists cannot be compared, an input is not valid, or a register lacks a recipe.
-    FileExistsError
-        If another comparison is there and is not to be overwritten.
-    """
-    entrants = find_entrants(alarms, recipes, reading)
-    lanes, rules = _common_lanes_and_rules(entrants, lane, halo, far)
-    names = entrant_names(entrants)
-    # All lists are read before the truth is opened, which is entered in the register.
-    tables = [entrant.table() for entrant in entrants]
-
-    entered = {"halo": rules.halo, "far": far}
-    targets, provenance = open_registered_truth(
-        truth, entrants, borders(lanes), entered, register, truth_reading
-    )
-
-    for entrant, table in zip(entrants, tables, strict=True):
-        tell_doubts(table, "alarms", entrant.path.name, lanes)
-    tell_doubts(targets, "truth", Path(truth).name, lanes)
-    targets, outside = targets_in_reach(targets, lanes, rules.halo, Path(truth).name)
-
-    scores = {}
-    provenance_by_name = {}
-    only_fars = set()
-    lists = zip(names, entrants, tables, provenance, strict=True)
-    for number, (name, entrant, table, of_list) in enumerate(lists):
-        scores[name] = score_list(table, targets, lanes, rules)
-        only_fars.add(_only_far(table, scores[name]))
-        notes = of_list | outside
-        notes |= _reading_notes(table, targets)
-        notes |= ranking_notes(table)
-        if card is not None:
-            notes |= card.notes(number, entrant)
-        provenance_by_name[name] = notes
-
-    first_score = scores[names[0]]
-    common_fars = first_score.operating_points()["far_allowed"].tolist()
-    # A list whose alarms rank equal has one operating point, which may lie between the usual ones.
-    far_points = sorted({*common_fars, *only_fars} - {0.0})
-    matches = {name: score.matched for name, score in scores.items()}
-    comparison = side_by_side(matches, far_points, rules)
-
-    curves = {name: score.curve for name, score in scores.items()}
-    stated_rules = {**first_score.rules_summary(), "far_max": rules.far_max}
-    write_comparison(
-        output, comparison, curves, stated_rules, provenance_by_name, overwrite, as_lanes(lanes)
-    )
-    return comparison
-
-
 def _common_lanes_and_rules(
-    entrants: Sequence[Entrant], lane: PathLike | None, halo: float | None, far: float
+    entrants: Sequence[Entrant], request: ScoreRequest
 ) -> tuple[Lane | dict[str, Lane], Rules]:
     """Return the lanes and the rules by which lists are compared.
 
     Options count before what the results state; results that differ, or none, are a ValueError.
     """
-    result_lanes = set()
-    result_halos = set()
-    count = 0
-    for entrant in entrants:
-        if entrant.of_result:
-            result_lane, result_halo = _lane_and_halo(entrant.path.parent)
-            result_lanes.add(result_lane)
-            result_halos.add(result_halo)
-            count += 1
-
+    of_results = [_lane_and_halo(one.path.parent) for one in entrants if one.of_result]
+    result_lanes = {lane for lane, _ in of_results}
     lanes: Lane | dict[str, Lane]
-    if lane is not None:
-        lanes = read_lanes(lane)
-    elif len(result_lanes) == 1 and count == len(entrants):
+    if request.lane is not None:
+        lanes = read_lanes(request.lane)
+    elif len(result_lanes) == 1 and len(of_results) == len(entrants):
         [lanes] = result_lanes
     else:
         raise ValueError(
@@ -497,113 +455,20 @@ def _common_lanes_and_rules(
             f"got {len(result_lanes)} lanes"
         )
 
-    halos = result_halos if halo is None else {halo}
+    halos = {request.rules["halo"]} if "halo" in request.rules else {halo for _, halo in of_results}
     if len(halos) > 1:
         raise ValueError(
             "halo must be given to compare results whose recipes have several, "
             f"got {sorted(halos)} m"
         )
-    [common_halo] = halos or {Rules.halo}
-    return lanes, Rules(halo=common_halo, far=far)
+    [halo] = halos or {Rules.halo}
+    return lanes, Rules(**{**request.rules, "halo": halo})
 
 
 def _lane_and_halo(folder: Path) -> tuple[Lane, float]:
     """Return the lane of a result, or of one in sections, and its recipe's halo, m."""
-    first_folder = results_at(folder)[0]
-    first_result = read_result(first_folder)
+    first_result = read_result(results_at(folder)[0])
     lane = first_result.lane
     if Folder(folder).has(SECTIONS):
         lane = read_sections(folder).lane()
     return lane, first_result.recipe.score.halo
-
-
-def find_entrants(
-    alarms: Sequence[PathLike], recipes: Sequence[PathLike], reading: TableReading | None = None
-) -> list[Entrant]:
-    """Find the alarm lists that are compared.
-
-    Parameters
-    ----------
-    alarms : sequence of path
-        Alarm lists (CSV) or result folders.
-    recipes : sequence of path
-        A recipe for each list, or none.
-    reading : TableReading, optional
-        Columns of the lists.
-
-    Returns
-    -------
-    list of Entrant
-        List, recipe and model of each.
-
-    Raises
-    ------
-    ValueError
-        If there are recipes, but not one for each list, or one does not fit its list.
-    """
-    if recipes and len(recipes) != len(alarms):
-        raise ValueError(
-            f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists"
-        )
-    entrants = []
-    for path, recipe in itertools.zip_longest(alarms, recipes):
-        entrants.append(find_entrant(path, recipe, reading))
-    return entrants
-
-
-def entrant_names(entrants: Sequence[Entrant]) -> list[str]:
-    """Name alarm lists by file or result folder, or by full paths where those are equal."""
-    paths = [entrant.path for entrant in entrants]
-    different_files = {path.resolve() for path in paths}
-    if len(different_files) < len(paths):
-        listed = ", ".join(map(str, paths))
-        raise ValueError(f"alarms must be different lists to be compared, got {listed}")
-    short_names = []
-    for entrant in entrants:
-        if entrant.of_result:
-            short_names.append(entrant.path.parent.resolve().name)
-        else:
-            short_names.append(entrant.path.stem)
-    if len(set(short_names)) == len(short_names):
-        return short_names
-    return [str(path) for path in paths]
-
-
-def write_comparison(
-    output: PathLike,
-    comparison: SideBySide,
-    curves: Mapping[str, pd.DataFrame],
-    rules: Mapping[str, Any],
-    provenance: Mapping[str, Any],
-    overwrite: bool = True,
-    lanes: Mapping[str, Lane] | None = None,
-) -> None:
-    """Write the page and the JSON of a comparison.
-
-    Parameters
-    ----------
-    output : path
-        The folder.
-    comparison : SideBySide
-        Points, pairs and means.
-    curves : mapping of str to pandas.DataFrame
-        ROC curves by list; empty where they are secret.
-    rules : mapping
-        Rules of the scores.
-    provenance : mapping
-        Provenance of every list.
-    overwrite : bool
-        Whether another comparison may be replaced.
-    lanes : mapping of str to Lane, optional
-        The lanes; none where they are secret.
-
-    Raises
-    ------
-    FileExistsError
-        If another comparison is there and is not to be replaced.
-    """
-    files = {
-        "comparison.html": comparison_html(comparison, curves, rules, provenance, lanes),
-        "comparison.json": comparison_json(comparison, rules, provenance),
-    }
-    write_score_files(Path(output), files, overwrite)

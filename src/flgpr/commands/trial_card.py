@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.commands.registering import Entrant
+from flgpr.commands.entrants import Entrant
 from flgpr.door import MOST_JSON, Folder
 from flgpr.json_text import parse_json
 
@@ -49,6 +49,18 @@ class TrialCard:
         if self.scored_on:
             notes["scored_on"] = self.scored_on
         return notes
+
+
+def stated_card(
+    vendors: Sequence[str], lists: int, folder: Path, report: str, overwrite: bool
+) -> TrialCard:
+    """Return what the user states of a trial of so many lists, with the day of the score.
+
+    The other parameters are those of :func:`day_of_score`.
+    """
+    return TrialCard(
+        checked_vendors(list(map(str, vendors)), lists), day_of_score(folder, report, overwrite)
+    )
 
 
 def checked_vendors(vendors: Sequence[str], lists: int) -> tuple[str, ...]:
@@ -122,15 +134,14 @@ def day_of_score(folder: Path, report: str, overwrite: bool) -> str:
         return today
     try:
         notes = parse_json(Folder(folder).read(report, MOST_JSON))["notes"]
-        stated = next(_stated_days(notes), today)
-        return datetime.strptime(stated, "%Y-%m-%d").date().isoformat()
+        stated = [
+            of_list["scored_on"] for of_list in notes_of_lists(notes) if "scored_on" in of_list
+        ]
+        return datetime.strptime([*stated, today][0], "%Y-%m-%d").date().isoformat()
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return today
 
 
-def _stated_days(notes: Mapping[str, Any]) -> Any:
-    """Yield the days in the notes of one alarm list, or in those of several by name."""
-    of_lists = [value for value in notes.values() if isinstance(value, dict)]
-    for entry in [notes, *of_lists]:
-        if "scored_on" in entry:
-            yield entry["scored_on"]
+def notes_of_lists(notes: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the notes of a report's one alarm list, or those of several, which stand by name."""
+    return [notes, *(value for value in notes.values() if isinstance(value, dict))]

@@ -28,7 +28,7 @@ FEATURES = (
     "P_tau",
     "P_psi",
 )
-"""The paper's features in its order, #1 to #10."""
+"""The paper's features in its order, #1 to #10. A new column is a stage (``stages/__init__.py``)."""
 POLARIMETRIC = ("P_H", "P_alpha", "P_tau", "P_psi")
 _WINDOW = 5  # pixels of the window of <·> in Eq. 10
 FloatArray = NDArray[np.float64]

@@ -2,7 +2,8 @@
 
 The chain is that of Wang et al. 2007 with causal estimates. The background comes from the scans
 before, the run-view from the scans that still see the ground ahead, and the density rule counts
-maxima on the ground seen so far.
+maxima on the ground seen so far. Where a scan goes whose pose is bad is told at the top of
+``live/session.py``.
 """
 
 from __future__ import annotations

@@ -26,7 +26,8 @@ from flgpr.method.steps import Steps, check_confidence
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
 from flgpr.recipe.schema import Recipe, as_imaged
 from flgpr.recipe.tables import ImageTable
-from flgpr.screen import RunViewSums, view_array
+from flgpr.screen import view_array
+from flgpr.screen.views import reached_rows
 from flgpr.stages import (
     ComplexArray,
     FeatureStage,
@@ -333,8 +334,11 @@ class ImagedRun:
         """
         if block is None:
             return self.view_rows
-        sums = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0))
-        reached = [sums.reach(self.imager.grid, self.setup.pose(index)) for index in block]
+        y_max = self.recipe.run_view.y_max
+        reached = []
+        for index in block:
+            pose = self.setup.pose(index)
+            reached.append(reached_rows(self.grid, y_max, self.imager.grid, pose))
         first_reached = min(rows.start for rows in reached)
         last_reached = max(rows.stop for rows in reached)
         first = max(first_reached, self.view_rows.start)

@@ -5,6 +5,10 @@ memory, worker processes, sections of a long lane and training all run this list
 detection takes the same steps (:mod:`flgpr.method.steps`) with the background and the run-view of
 the scans so far.
 
+``flgpr detect`` makes a job, ``jobs/driver.py`` hands out its passes, and ``do_block`` of
+``jobs/pieces.py`` does a block of 16 scans: for each of them the engine calls ``add`` of the pass,
+and ``result`` when the blocks are merged.
+
 The image of a scan is made when a pass asks for it (``method/imaged_run.py``): A^H of its data
 (``imaging/operator.py``). The sum itself is compiled; ``_make_backend`` there chooses it. On a CPU
 it is by default ``adjoint`` of ``kernels/profiles.py``, over range profiles that ``compress`` of

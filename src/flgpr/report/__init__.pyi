@@ -1,3 +1,4 @@
+from flgpr.report.comparison_page import comparison_html as comparison_html
 from flgpr.report.design_page import design_report as design_report
 from flgpr.report.figures import geometry_figure as geometry_figure
 from flgpr.report.kit import figure_png as figure_png
@@ -5,6 +6,5 @@ from flgpr.report.kit import render as render
 from flgpr.report.score_page import report_html as report_html
 from flgpr.report.score_page import score_files as score_files
 from flgpr.report.score_page import write_score_report as write_score_report
-from flgpr.report.trial_pages import blind_html as blind_html
-from flgpr.report.trial_pages import comparison_html as comparison_html
-from flgpr.report.trial_pages import sheet_html as sheet_html
+from flgpr_trials.pages import blind_html as blind_html
+from flgpr_trials.pages import sheet_html as sheet_html

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.report.curve_figures import figure_bytes, patch_figure, roc_figure
 from flgpr.report.figures import (
     channel_figure,
     complete_roc_figure,
@@ -28,8 +29,6 @@ from flgpr.results.result import Result
 from flgpr.results.score import roc_json
 from flgpr.scoring import Rules, Score, score
 from flgpr.store import write_whole
-from flgpr.trials import figure_bytes, patch_figure, roc_figure
-from flgpr.trials.standards import checklist_rows, source_rows
 
 if TYPE_CHECKING:
     from flgpr.scoring.matching import LaneLike
@@ -238,7 +237,6 @@ def report_html(
         values["bands"] = bands or {}
         values["provenance"] = {**main.rules_summary(), **provenance}
         values["trial"] = score_block(main, provenance, scored_name or "alarm list")
-        values["standards"] = {"rows": checklist_rows(), "sources": source_rows()}
         values["in_words"] = in_words
         alarms = main.labels
     values |= _alarm_values(alarms)

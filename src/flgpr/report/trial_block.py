@@ -11,7 +11,6 @@ from typing import Any
 
 from flgpr.model import Lane
 from flgpr.scoring import Score
-from flgpr.trials import BlindScore
 
 _DIGEST = 12  # first digits of a digest in a margin; the head has all
 _MOST_LANES = 3  # that are described one by one
@@ -50,50 +49,60 @@ def score_block(main: Score, notes: Mapping[str, Any], title: str) -> TrialBlock
         The head.
     """
     matched = main.matched
-    rows = [
-        ("vendor", _note(notes, "vendor")),
-        ("scored", _scored_list(notes, title, len(matched.alarms))),
-        ("against", _with_digest(f"{len(matched.truth)} targets", notes.get("truth_sha256"))),
-        ("date of the score", _note(notes, "scored_on")),
-        ("lane", lanes_in_words(matched.lanes)),
-        ("rules", _rules_of_score(main)),
-    ]
-    if "ranking" in notes:
-        rows.append(("ranking", f"{notes['ranking']}; the page has one operating point"))
-    return _block(rows, notes, notes.get("alarms_file", title), rows[4][1], rows[5][1])
+    return list_block(
+        notes,
+        title,
+        (len(matched.alarms), len(matched.truth)),
+        notes.get("truth_sha256"),
+        lanes_in_words(matched.lanes),
+        _rules_of_score(main),
+    )
 
 
-def blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
-    """Return the head of the page of a blind score, whose lane and places stay secret.
+def list_block(
+    notes: Mapping[str, Any],
+    title: str,
+    counts: tuple[int, int],
+    truth_digest: Any,
+    lane: str,
+    rules: str,
+    margin: str = "",
+) -> TrialBlock:
+    """Return the head of the page of one alarm list.
 
     Parameters
     ----------
-    blind : BlindScore
-        The score.
     notes : mapping
         Provenance, as for :func:`score_block`.
+    title : str
+        What was scored, where no file is stated.
+    counts : (int, int)
+        Numbers of alarms and of targets.
+    truth_digest : str or None
+        SHA-256 of the truth, open or sealed.
+    lane, rules : str
+        Lane and rules in words.
+    margin : str
+        The lane in the margin, where it has other words there.
 
     Returns
     -------
     TrialBlock
         The head.
     """
-    counts = blind.counts
-    rules = (
-        f"halo radius {counts['halo_radius']:g} m, FAR over {counts['area']:.2f} m² "
-        f"(rule {counts['area_rule']}), 95 % intervals"
-    )
+    alarms, targets = counts
+    scored = f"{notes.get('alarms_file') or title}, {alarms} alarms"
     rows = [
         ("vendor", _note(notes, "vendor")),
-        ("scored", _scored_list(notes, "alarm list", counts["n_alarms"])),
-        ("against", _with_digest(f"{counts['n_targets']} targets", notes.get("sealed_sha256"))),
+        ("scored", _with_digest(scored, notes.get("alarms_sha256"))),
+        ("against", _with_digest(f"{targets} targets", truth_digest)),
         ("date of the score", _note(notes, "scored_on")),
-        ("lane", "sealed with the truth"),
+        ("lane", lane),
         ("rules", rules),
     ]
     if "ranking" in notes:
         rows.append(("ranking", f"{notes['ranking']}; the page has one operating point"))
-    return _block(rows, notes, notes.get("alarms_file", "alarm list"), "sealed lane", rules)
+    return _block(rows, notes, notes.get("alarms_file", title), margin or lane, rules)
 
 
 def comparison_block(
@@ -181,12 +190,6 @@ def _block(
 def _note(notes: Mapping[str, Any], name: str) -> str:
     """Return a note as text, or that it is not stated."""
     return str(notes.get(name) or NOT_STATED)
-
-
-def _scored_list(notes: Mapping[str, Any], title: str, count: int) -> str:
-    """Return file, number of alarms and digest of a list in words."""
-    name = str(notes.get("alarms_file") or title)
-    return _with_digest(f"{name}, {count} alarms", notes.get("alarms_sha256"))
 
 
 def _with_digest(text: str, digest: Any) -> str:

@@ -30,12 +30,10 @@ from flgpr.scoring import (
     operating_row,
     pd_mean,
     refraction_shift,
-    roc_of,
     score,
     score_frames,
 )
 from flgpr.store import canonical_json, sha256
-from flgpr.trials import BlindScore
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
@@ -160,21 +158,7 @@ def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
     An infinite threshold and all that is unknown are null.
     """
     detections = {entry.name: entry.summary() for entry in scored}
-    return _roc_json(scored[0].rules_summary(), notes, detections)
-
-
-def blind_roc_json(blind: BlindScore, notes: Mapping[str, Any]) -> str:
-    """Return ``roc.json`` of a blind score: points per group at fixed FARs.
-
-    It holds no thresholds and no positions, which would give the truth away.
-    """
-    counts = dict(blind.counts)
-    rules = {name: counts.pop(name) for name in ("area_rule", "halo_radius")}
-    main = {"title": "", **counts, "points": blind.points.to_dict("records")}
-    if blind.targets is not None:
-        main["targets"] = blind.targets.to_dict("records")
-    all_notes = {"looks": blind.looks, "lists": blind.lists, **notes}
-    return _roc_json(rules, all_notes, {"main": main})
+    return detections_json(scored[0].rules_summary(), notes, detections)
 
 
 def comparison_json(
@@ -199,10 +183,10 @@ def _records(table: pd.DataFrame | None) -> list[dict[Any, Any]] | None:
     return None if table is None else table.to_dict("records")
 
 
-def _roc_json(
+def detections_json(
     rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]
 ) -> str:
-    """Return the text of ``roc.json``."""
+    """Return the text of ``roc.json``, by rules, notes and the entries of each detection."""
     content = {
         "format": ROC_FORMAT,
         "version": ROC_VERSION,
@@ -386,12 +370,7 @@ def _shared(scored: Score) -> dict[str, Any]:
 
 def _curve(scored: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the curve of the chosen targets."""
-    subset = chosen if len(chosen) else None
-    rules = scored.rules
-    roc_curve = roc_of(
-        scored.matched, subset, area=rules.area, frame_area=rules.frame_area, level=rules.level
-    )
-    curve = scored.chance.add_chance_column(roc_curve, subset)
+    curve = scored.curve_of(chosen if len(chosen) else None)
     return {
         "n_targets": int(curve.iloc[-1]["n_targets"]),
         "pd_mean": pd_mean(curve) if len(chosen) else None,

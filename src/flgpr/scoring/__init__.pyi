@@ -1,13 +1,6 @@
 from flgpr.scoring.area import union_area as union_area
 from flgpr.scoring.bootstrap import band as band
 from flgpr.scoring.bootstrap import pd_mean_interval as pd_mean_interval
-from flgpr.scoring.boxes import box_peaks as box_peaks
-from flgpr.scoring.boxes import box_roc as box_roc
-from flgpr.scoring.boxes import example_roc as example_roc
-from flgpr.scoring.boxes import offset_boxes as offset_boxes
-from flgpr.scoring.boxes import peak_roc as peak_roc
-from flgpr.scoring.breakdown import decision_curves as decision_curves
-from flgpr.scoring.breakdown import decision_table as decision_table
 from flgpr.scoring.breakdown import pd_table as pd_table
 from flgpr.scoring.chance_level import Chance as Chance
 from flgpr.scoring.chance_level import chance as chance
@@ -25,6 +18,7 @@ from flgpr.scoring.curve import CONVENTIONS as CONVENTIONS
 from flgpr.scoring.curve import CURVE_COLUMNS as CURVE_COLUMNS
 from flgpr.scoring.curve import Convention as Convention
 from flgpr.scoring.curve import clopper_pearson as clopper_pearson
+from flgpr.scoring.curve import example_roc as example_roc
 from flgpr.scoring.curve import operating_row as operating_row
 from flgpr.scoring.curve import pd_at as pd_at
 from flgpr.scoring.curve import pd_mean as pd_mean
@@ -42,8 +36,6 @@ from flgpr.scoring.lane_roc import roc_of as roc_of
 from flgpr.scoring.lane_score import Rules as Rules
 from flgpr.scoring.lane_score import Score as Score
 from flgpr.scoring.lane_score import score as score
-from flgpr.scoring.lane_splits import Split as Split
-from flgpr.scoring.lane_splits import splits as splits
 from flgpr.scoring.matching import Match as Match
 from flgpr.scoring.matching import as_lanes as as_lanes
 from flgpr.scoring.matching import match as match
@@ -53,3 +45,11 @@ from flgpr.scoring.places import SurveyShare as SurveyShare
 from flgpr.scoring.places import jitter as jitter
 from flgpr.scoring.places import refraction_shift as refraction_shift
 from flgpr.scoring.places import survey_share as survey_share
+from flgpr_papers.kit.boxes import box_peaks as box_peaks
+from flgpr_papers.kit.boxes import box_roc as box_roc
+from flgpr_papers.kit.boxes import offset_boxes as offset_boxes
+from flgpr_papers.kit.boxes import peak_roc as peak_roc
+from flgpr_papers.kit.decisions import decision_curves as decision_curves
+from flgpr_papers.kit.decisions import decision_table as decision_table
+from flgpr_papers.kit.lane_splits import Split as Split
+from flgpr_papers.kit.lane_splits import splits as splits

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.scoring.bootstrap import (
     ResamplingDesign,
     Scores,
+    draws_of,
     make_design,
     make_scores,
     pd_mean_interval,
@@ -148,7 +149,11 @@ def compare(
     share_a = scores_a.shares(far_max, every_block, design.area)
     share_b = scores_b.shares(far_max, every_block, design.area)
 
-    differences = _resampled_differences(scores_a, scores_b, design, far_max, draws, seed)
+    differences = []
+    for target, weight, drawn_area in draws_of(design, draws, seed):
+        gain = scores_a.shares(far_max, weight, drawn_area)
+        gain -= scores_b.shares(far_max, weight, drawn_area)
+        differences.append((target * gain).sum() / target.sum())
     low, high = np.quantile(differences, tails(level, design.clusters))
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
@@ -179,25 +184,6 @@ def compare(
         chance_a=by_chance[0],
         chance_b=by_chance[1],
     )
-
-
-def _resampled_differences(
-    scores_a: Scores,
-    scores_b: Scores,
-    design: ResamplingDesign,
-    far_max: float,
-    draws: int,
-    seed: int,
-) -> NDArray[np.float64]:
-    """Return the difference of the PD_mean of two detectors in each resampling (draw,)."""
-    rng = np.random.default_rng(seed)
-    differences = np.empty(draws)
-    for number in range(draws):
-        target, block = design.draw(rng)
-        area = float((block * design.block_area).sum())
-        gain = scores_a.shares(far_max, block, area) - scores_b.shares(far_max, block, area)
-        differences[number] = (target * gain).sum() / target.sum()
-    return differences
 
 
 def _found_by_one(
@@ -381,19 +367,14 @@ def side_by_side(
         for row in _paired_points(first, second, fars, rules):
             pairs.append(names | row)
         if means:
-            row = _compared_means(first, second, rules)
+            compared = compare(first, second, **_mean_options(rules))
+            row = {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
             row["low_a"], row["high_a"] = intervals[name]
             row["low_b"], row["high_b"] = intervals[other]
             pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
     table.attrs = {}
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
-
-
-def _compared_means(first: Match, second: Match, rules: Rules) -> dict[str, Any]:
-    """Return the entries of a row that compares the PD_mean of two detectors."""
-    compared = compare(first, second, **_mean_options(rules))
-    return {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
 
 
 def _mean_options(rules: Rules) -> dict[str, Any]:

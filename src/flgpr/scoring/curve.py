@@ -238,6 +238,105 @@ def make_curve(
     return curve
 
 
+def example_roc(
+    score: ArrayLike,
+    is_target: ArrayLike,
+    area: float,
+    *,
+    n_targets: int | None = None,
+    repeats: int = 1,
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Compute the ROC of held-out scores of examples, false alarms over the area that was searched.
+
+    Every example that passed the prescreener counts by itself, whether or not another shows the
+    same mine.
+
+    Parameters
+    ----------
+    score : (example,) array_like
+        Held-out score of each example, e.g. leave-one-out.
+    is_target : (example,) array_like of bool
+        Whether it shows a target.
+    area : float
+        Area that was searched to find the examples, m².
+    n_targets : int, optional
+        Number of target examples with those that a prescreener lost; by default none was lost.
+    repeats : int
+        How often each clutter example occurs, e.g. once for each held-out mine with a one-class
+        detector (flsar2004, par. 52); the false alarms are divided by it.
+    level : float
+        Level of the exact intervals of each row.
+
+    Returns
+    -------
+    DataFrame
+        As of :func:`flgpr.scoring.roc`.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, a score is not finite, ``n_targets`` is less than the target examples, or
+        ``repeats`` does not divide the number of clutter examples.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import example_roc
+    >>> curve = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
+    >>> curve[["threshold", "pd", "far"]].round(3)
+       threshold     pd   far
+    0        inf  0.000  0.00
+    1        4.0  0.333  0.00
+    2        3.0  0.333  0.02
+    3        2.0  0.667  0.02
+    4        1.0  1.000  0.02
+    """
+    scores, is_target_example = _checked_examples(score, is_target)
+    n_prescreened = int(is_target_example.sum())
+    n_clutter = len(scores) - n_prescreened
+    total = n_prescreened if n_targets is None else int(n_targets)
+    if total < n_prescreened:
+        raise ValueError(
+            f"n_targets must be at least the {n_prescreened} target examples, got {n_targets}"
+        )
+    if repeats < 1 or n_clutter % repeats:
+        raise ValueError(f"repeats must divide the {n_clutter} clutter examples, got {repeats}")
+    if not (math.isfinite(area) and area > 0):
+        raise ValueError(f"area must be positive, got {area}")
+
+    thresholds = np.append(np.inf, np.unique(scores)[::-1])
+    n_detected = count_at(thresholds, scores[is_target_example])
+    n_false = count_at(thresholds, scores[~is_target_example])
+    attrs = {
+        **describe("examples"),
+        "n_examples": len(scores),
+        "n_prescreened": n_prescreened,
+        "repeats": int(repeats),
+    }
+    counted = n_false if repeats == 1 else n_false / repeats
+    return make_curve(thresholds, n_detected, counted, total, area, attrs, level)
+
+
+def _checked_examples(
+    score: ArrayLike, is_target: ArrayLike
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return scores and labels of examples as arrays (example,), which must fit together."""
+    scores = np.asarray(score, dtype=np.float64)
+    labels = np.asarray(is_target)
+    if scores.ndim != 1 or labels.shape != scores.shape:
+        raise ValueError(
+            "score and is_target must be of one length, "
+            f"got shapes {scores.shape} and {labels.shape}"
+        )
+    if not np.isin(labels, (0, 1)).all():
+        raise ValueError(f"is_target must hold truth values, got {np.unique(labels)[:4]}")
+    if not np.isfinite(scores).all():
+        raise ValueError(
+            f"score must be finite, got {int((~np.isfinite(scores)).sum())} values that are not"
+        )
+    return scores, labels.astype(bool)
+
+
 def pd_at(curve: pd.DataFrame, far: Any) -> Any:
     """Return the highest Pd of a curve that is reached without exceeding a false alarm rate.
 

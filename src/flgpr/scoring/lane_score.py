@@ -186,11 +186,11 @@ class Score:
         kinds = self.matched.truth["kind"].astype(str)
         curves = {}
         for name in sorted(kinds.unique()):
-            curves[name] = self._curve_of((kinds == name).to_numpy())
+            curves[name] = self.curve_of((kinds == name).to_numpy())
         return curves
 
-    def _curve_of(self, rows: NDArray[np.bool_]) -> pd.DataFrame:
-        """Compute the curve of some targets, with its chance level."""
+    def curve_of(self, rows: NDArray[np.bool_] | None) -> pd.DataFrame:
+        """Compute the curve of some targets, or of all, with the Pd that chance gives."""
         curve = roc_of(
             self.matched,
             rows,
@@ -231,7 +231,7 @@ class Score:
         for name in names:
             rows = (groups == name).to_numpy()
             band_of_rows = band(self.matched, rows, grid, **self._bootstrap)
-            bands[str(name)] = (self._curve_of(rows), band_of_rows)
+            bands[str(name)] = (self.curve_of(rows), band_of_rows)
         return bands
 
     def operating_points(self, curve: pd.DataFrame | None = None) -> pd.DataFrame:

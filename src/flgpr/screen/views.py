@@ -35,6 +35,26 @@ def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.
     return bilinear(np.abs(image.values), row, column)
 
 
+def reached_rows(view: Grid, y_max: float, image: Grid, pose: NDArray[np.float64]) -> slice:
+    """Return the rows of a run-view that a scan can reach.
+
+    Parameters
+    ----------
+    view : Grid
+        Pixels of the run-view, in the lane frame.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+    image : Grid
+        Pixels of the scan in its frame.
+    pose : (6,) ndarray
+        Pose of the scan, m and rad.
+    """
+    lowest, highest = seen_along(image, pose, y_max + image.dy)
+    first = math.floor((lowest - view.y_min) / view.dy)
+    end = math.ceil((highest - view.y_min) / view.dy) + 1
+    return slice(min(max(first, 0), view.ny), min(max(end, 0), view.ny))
+
+
 def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[float, float]:
     """Return the first and last y of the lane, m, that a scan sees up to ``y_max`` ahead."""
     along = scan_to_lane(grid.corners(y_max), pose)[:, 1]
@@ -133,20 +153,8 @@ class LaneSums:
         self._add_sums(_rows_of(self._sums, rows), _rows_of(other_sums, other_rows))
 
     def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
-        """Return the rows of the grid that a scan can reach.
-
-        Parameters
-        ----------
-        grid : Grid
-            Pixels of the scan in its frame.
-        pose : (6,) ndarray
-            Pose of the scan, m and rad.
-        """
-        lowest, highest = seen_along(grid, pose, self.y_max + grid.dy)
-        first = math.floor((lowest - self.grid.y_min) / self.grid.dy)
-        end = math.ceil((highest - self.grid.y_min) / self.grid.dy) + 1
-        rows = self.grid.ny
-        return slice(min(max(first, 0), rows), min(max(end, 0), rows))
+        """Return the rows of the grid that a scan can reach, see :func:`reached_rows`."""
+        return reached_rows(self.grid, self.y_max, grid, pose)
 
     def _begun_sums(self) -> dict[str, NDArray[Any]]:
         """Return the sums of at least one scan."""

@@ -1,4 +1,8 @@
-"""Trials: sealed truth, registers that only grow, plans and figures of a test."""
+"""The public names of trials: sealed truth, registers that only grow, plans and figures of a test.
+
+All but the figures are at home in the package ``flgpr_trials``, and left out where that is not
+installed.
+"""
 
 from flgpr.lazy import face
 

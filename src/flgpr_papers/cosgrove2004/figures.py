@@ -17,6 +17,7 @@ from flgpr.scoring import pd_at
 from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve
 from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+from flgpr_papers.kit.figures import decibels, show, subplots
 
 _STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}
 _CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
@@ -29,8 +30,7 @@ def geometry(recipe: StudyRecipe) -> Figure:
     far = recipe.radar.range
     x0, x1 = recipe.image.x
     y0, y1 = recipe.image.y
-    figure = Figure(figsize=(9, 4.6), layout="constrained")
-    plan, side = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    figure, (plan, side) = subplots(9, 4.6, 2, 1, sharex=True, height_ratios=[2, 1])
     antennas = f"{len(tx)} positions of the antenna pair"
     plan.plot(tx[:, 1], tx[:, 0], ".", ms=3, color="#1b5e9b", label=antennas)
     image = Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image")
@@ -57,21 +57,12 @@ def geometry(recipe: StudyRecipe) -> Figure:
 
 def sample_image(image: xr.DataArray) -> Figure:
     """Show the HH image of three mines (Fig. 2)."""
-    figure = Figure(figsize=(8.5, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(8.5, 4.2)
     x = image["x"].values
     y = image["y"].values
     magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
-    level = _level(magnitude / np.median(magnitude, axis=1, keepdims=True))
-    shown = axes.imshow(
-        level.T,
-        origin="lower",
-        extent=(y[0], y[-1], x[0], x[-1]),
-        cmap="gray",
-        vmin=0,
-        vmax=25,
-        aspect="equal",
-    )
+    level = decibels(magnitude / np.median(magnitude, axis=1, keepdims=True))
+    shown = show(axes, level.T, (y[0], y[-1], x[0], x[-1]), 0, 25, cmap="gray")
     figure.colorbar(shown, ax=axes, label="dB over the median of the range", shrink=0.8)
     for at, (px, py) in enumerate(((-0.6, 15), (0.5, 20), (0.0, 25))):
         axes.add_patch(Rectangle((py - 0.5, px - 0.5), 1, 1, fill=False, color="#ffb347", lw=1))
@@ -82,8 +73,7 @@ def sample_image(image: xr.DataArray) -> Figure:
 
 def simulated_signature(offset: NDArray[np.float64], cuts: NDArray[np.complex64]) -> Figure:
     """Show range cuts through a mine without clutter (Fig. 3)."""
-    figure = Figure(figsize=(6, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(6, 3.4)
     for name, cut in zip(("HH", "VV"), cuts, strict=True):
         colour, dash = _STYLE[name]
         level = np.abs(cut) / np.abs(cuts).max()
@@ -97,8 +87,7 @@ def simulated_signature(offset: NDArray[np.float64], cuts: NDArray[np.complex64]
 
 def imaged_signatures(recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) -> Figure:
     """Show range cuts through three imaged mines, HH and VV back to back (Fig. 4)."""
-    figure = Figure(figsize=(7, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(7, 3.6)
     for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
         axes.plot(
             cut["magnitude"], style, color="#1b1b1b", label=f"{100 * cut['depth']:.0f} cm deep"
@@ -111,8 +100,7 @@ def imaged_signatures(recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) ->
 
 def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     """Show how a feature vector is taken from the image (Fig. 5)."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    hh, vv, vector = figure.subplots(1, 3, width_ratios=[1, 1, 2.2])
+    figure, (hh, vv, vector) = subplots(9, 3.6, 1, 3, width_ratios=[1, 1, 2.2])
     y = image["y"].values
     length = recipe.cut.length
     stretch = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
@@ -128,9 +116,7 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
         down = stretch["y"].values
         extent = (x[0], x[-1], down[0], down[-1])
         top = float(np.abs(stretch.values).max())
-        shown = axes.imshow(
-            stack, origin="lower", extent=extent, cmap="gray", aspect="auto", vmin=0, vmax=top
-        )
+        shown = show(axes, stack, extent, 0, top, cmap="gray", aspect="auto")
         axes.set(xlim=(x[column] - 0.8, x[column] + 0.8), xlabel="x (m)", title=name)
         low = row - length // 2
         height = down[low + length - 1] - down[low]
@@ -146,13 +132,12 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     return figure
 
 
-def eigenvector_figure(
-    recipe: StudyRecipe, magnitudes: NDArray[np.float64], ratios: NDArray[np.float64]
-) -> Figure:
-    """Show the magnitudes of the first six eigenvectors (Fig. 6)."""
-    figure = Figure(figsize=(9, 4.6), layout="constrained")
-    panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
-    for j, axes in enumerate(panels):
+def eigenvector_figure(recipe: StudyRecipe, case: Case) -> Figure:
+    """Show the magnitudes of the first six eigenvectors of a lane (Fig. 6)."""
+    magnitudes = np.array(case["eigenvectors"])
+    ratios = np.array(case["ratios"])
+    figure, grid = subplots(9, 4.6, 2, 3, sharex=True, sharey=True)
+    for j, axes in enumerate(grid.ravel()):
         reached = j < len(magnitudes) and np.isfinite(ratios[j])
         if reached:
             axes.plot(magnitudes[j], color="#1b1b1b")
@@ -162,9 +147,9 @@ def eigenvector_figure(
             pad=14,
         )
         _stacked(axes, recipe)
-    for axes in panels[3:]:
+    for axes in grid[1]:
         axes.set_xlabel("sample")
-    for axes in panels[::3]:
+    for axes in grid[:, 0]:
         axes.set_ylabel("magnitude")
     return figure
 
@@ -174,12 +159,11 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
 
     The first seed's curve is drawn over the spread of all seeds.
     """
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
     soils = [soil for soil in SOILS if soil in cases]
+    figure, row = subplots(9, 3.6, 1, len(soils), sharey=True, squeeze=False)
     names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)
-    panels = figure.subplots(1, len(soils), sharey=True, squeeze=False).ravel()
-    for axes, soil in zip(panels, soils, strict=True):
+    for axes, soil in zip(row[0], soils, strict=True):
         for detector, label in names.items():
             colour = _CURVES[label]
             curves = [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
@@ -204,14 +188,13 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
 
 def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
     """Draw the response to a point with and without the ramp."""
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    down, cross = figure.subplots(1, 2, sharey=True)
+    figure, (down, cross) = subplots(9, 3.4, 1, 2, sharey=True)
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
         down_width, cross_width = response.resolution
         down_label = f"{name}: {100 * down_width:.1f} cm"
         cross_label = f"{name}: {100 * cross_width:.1f} cm"
-        down.plot(response.down, _level(response.down_level), style, label=down_label)
-        cross.plot(response.cross, _level(response.cross_level), style, label=cross_label)
+        down.plot(response.down, decibels(response.down_level), style, label=down_label)
+        cross.plot(response.cross, decibels(response.cross_level), style, label=cross_label)
     down.set(xlabel="down-track (m)", ylabel="dB", ylim=(-40, 1), xlim=(-0.6, 0.6))
     cross.set(xlabel="cross-track (m)", xlim=(-1, 1))
     for axes in (down, cross):
@@ -222,8 +205,7 @@ def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
 
 def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
     """Draw Pd at the study's P_FA over depth, all seeds pooled."""
-    figure = Figure(figsize=(6, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(6, 3.4)
     name = f"rank {recipe.detector.rank}"
     for site, marker in zip(cases, "os^D", strict=False):
         detected: dict[float, list[bool]] = {}
@@ -260,8 +242,3 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
             transform=transform,
         )
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))
-
-
-def _level(level: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return magnitudes in dB, at least -120."""
-    return np.asarray(20 * np.log10(np.maximum(level, 1e-6)))

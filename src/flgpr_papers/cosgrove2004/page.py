@@ -1,35 +1,63 @@
-"""The page of the study: the paper's figures and statements, and what the simulated lanes give."""
+"""What the page of the study says beside findings and figures: facts, numbers and tables."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from flgpr_papers.cosgrove2004.findings import Case, contrast_table, interval
-from flgpr_papers.cosgrove2004.images import PointResponse
+from flgpr_papers.cosgrove2004.findings import (
+    PAPER_PD,
+    SOILS,
+    Case,
+    contrast_table,
+    eigenvalue_ratios_of,
+    interval,
+)
+from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.cosgrove2004.twins import BESIDE, own_twins, paper_twins
-from flgpr_papers.kit.findings import Finding, by_chance
-from flgpr_papers.kit.page import study_html
-from flgpr_papers.kit.study_worlds import OtherWorld, StudyWorld
+from flgpr_papers.kit.findings import SHARE, Finding, by_chance
+from flgpr_papers.kit.page import Rows
 
-Row = tuple[Any, ...]
+Cases = Mapping[str, Mapping[str, Sequence[Case]]]
+"""Cases of every seed by surroundings and site."""
+BESIDE = {"open": "open lanes", "roadside": "beside bushes and posts"}
+"""What stands beside a lane, in words."""
+_PAPER_PD = {
+    "sand": f"best, {PAPER_PD:g} by deflection in the best soil; PWF and HH below",
+    "gravel": "PWF and HH below deflection",
+    "clay": "worst; PWF and HH below deflection",
+}
+_PAPER_RESOLUTION = {"down-range": "about 10 cm", "cross-range": "about 40 cm"}
 
 
-def page_html(
+def page_facts(recipe: StudyRecipe) -> dict[str, Any]:
+    """Return what the captions and their numbers take."""
+    sensor = study_sensor(recipe)
+    tx, _ = sensor.pairs()
+    tones = sensor.tones.axis()
+    length = recipe.cut.length
+    polarizations = recipe.cut.polarizations
+    return {
+        "recipe": recipe,
+        "sensor": sensor,
+        "antennas": len(tx),
+        "across": np.ptp(tx[:, 0]),
+        "tones": (tones[0] / 1e9, tones[-1] / 1e9),
+        "samples": ", then ".join(f"{length} of {name}" for name in polarizations),
+        "features": length * len(polarizations),
+    }
+
+
+def page_tables(
     recipe: StudyRecipe,
-    cases: Mapping[str, Mapping[str, Sequence[Case]]],
+    cases: Cases,
     tables: Mapping[str, pd.DataFrame],
-    found: Mapping[str, Sequence[Finding]],
-    responses: Mapping[str, PointResponse],
-    pictures: Mapping[str, bytes],
-    quick: bool,
-    study_world: StudyWorld,
-    other: OtherWorld,
-) -> str:
-    """Return the page, which needs no other file.
+    found: Sequence[Finding],
+) -> dict[str, Any]:
+    """Return what the template of the page takes.
 
     Parameters
     ----------
@@ -39,65 +67,84 @@ def page_html(
         Cases of every seed by surroundings and site.
     tables : mapping of str to DataFrame
         Pd of every detector by surroundings.
-    found : mapping of str to sequence of Finding
-        Findings by surroundings.
-    responses : mapping of str to PointResponse
-        Image of a point with and without the ramp filter.
-    pictures : mapping of str to bytes
-        Figures by name, PNG.
-    quick : bool
-        Whether the study is a quick run.
-    study_world : StudyWorld
-        World of the lanes.
-    other : OtherWorld
-        Findings of the same study on roads as found.
+    found : sequence of Finding
+        The findings, with the surroundings for a group.
     """
-    detectors: dict[str, dict[str, Any]] = {}
-    chance_counts = {}
-    contrast = {}
+    detectors = {}
+    contrast: dict[str, list[Any]] = {}
     for surroundings, lanes in cases.items():
-        detectors[surroundings] = {}
-        for site in lanes:
-            title = recipe.sites[site].title
-            detectors[surroundings][title] = _detector_rows(tables[surroundings], site)
-        chance_counts[surroundings] = by_chance(found[surroundings])
-        contrast[surroundings] = _contrast_rows(recipe, lanes)
-    return study_html(
-        "cosgrove2004.html",
-        quick=quick,
-        study_world=study_world,
-        other=other,
-        recipe=recipe,
-        found=found,
-        by_chance=chance_counts,
-        sizes=next(iter(cases.values())),
-        detectors=detectors,
-        contrast=contrast,
-        beside=BESIDE,
-        twins=list(paper_twins(recipe, cases, tables, found, pictures)),
-        others=list(own_twins(responses, pictures)),
-    )
+        titles = {site: recipe.sites[site].title for site in lanes}
+        table = tables[surroundings]
+        detectors[surroundings] = {
+            title: _detector_rows(table[table["site"] == site]) for site, title in titles.items()
+        }
+        contrast[surroundings] = []
+        for site, depth, looks, level in contrast_table(lanes).to_numpy().tolist():
+            row = (titles[site], f"{100 * depth:.0f} cm", looks, f"{level:.1f} dB")
+            contrast[surroundings].append(row)
+    return {
+        "recipe": recipe,
+        "by_chance": {name: by_chance([f for f in found if f.group == name]) for name in BESIDE},
+        "sizes": next(iter(cases.values())),
+        "detectors": detectors,
+        "contrast": contrast,
+        "beside": BESIDE,
+    }
 
 
-def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
+def _detector_rows(table: pd.DataFrame) -> list[list[str]]:
     """Tabulate the detectors' Pd at a site."""
-    rows_of_site = table[table["site"] == site]
     rows = []
-    for name in dict.fromkeys(rows_of_site["detector"]):
-        chosen = rows_of_site[rows_of_site["detector"] == name]
+    for name, chosen in table.groupby("detector", sort=False):
         row = [str(name)]
         for column in ("pd", "pd_quantile", "pd_rockless", "pd_mean"):
-            mean, low, high = interval(chosen[column].to_numpy(), bounds=(0.0, 1.0))
-            row.append(f"{mean:.2f} ({low:.2f} to {high:.2f})")
+            pd_words = "{:.2f} ({:.2f} to {:.2f})"
+            row.append(pd_words.format(*interval(chosen[column].to_numpy(), bounds=SHARE)))
         rows.append(row)
     return rows
 
 
-def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> list[Row]:
-    """Tabulate the contrast of mines and clutter by site and depth."""
-    rows: list[Row] = []
-    for row in contrast_table(lanes).to_dict("records"):
-        title = recipe.sites[row["site"]].title
-        depth = f"{100 * row['depth']:.0f} cm"
-        rows.append((title, depth, row["looks"], f"{row['contrast']:.1f} dB"))
+def figure_rows(
+    recipe: StudyRecipe,
+    cases: Cases,
+    tables: Mapping[str, pd.DataFrame],
+    responses: Mapping[str, PointResponse],
+) -> dict[str, Rows]:
+    """Return numbers of the paper beside ours by the name of the figure.
+
+    The parameters are those of :func:`page_tables`, and the image of a point with and without the
+    ramp filter.
+    """
+    rows: dict[str, Rows] = {}
+    for surroundings in BESIDE:
+        rows[f"figure-6-{surroundings}"] = ratio_rows(cases[surroundings]["sand"])
+        rows[f"figure-7-{surroundings}"] = _pd_rows(recipe, tables[surroundings])
+    resolution = []
+    for axis, (name, paper) in enumerate(_PAPER_RESOLUTION.items()):
+        for filtered, response in responses.items():
+            width = f"{100 * response.resolution[axis]:.1f} cm"
+            resolution.append((f"{name}, {filtered}", paper, width))
+    return rows | {"resolution": resolution}
+
+
+def ratio_rows(lanes: Sequence[Case]) -> Rows:
+    """Tabulate the ratios of eigenvalues, mean over the seeds with the interval."""
+    rows = []
+    for number, paper, ratio in eigenvalue_ratios_of(lanes):
+        ours = "{:.3f} ({:.3f} to {:.3f})".format(*ratio)
+        if np.isnan(ratio[0]):
+            ours = "no example reaches it"
+        rows.append((f"σ{number}/σ1", f"{paper:g}", ours))
+    return rows
+
+
+def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
+    """Tabulate Pd at the study's P_FA, mean over the seeds, by soil."""
+    names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
+    rows = []
+    for soil in (soil for soil in SOILS if soil in recipe.sites):
+        means = table[table["site"] == soil].groupby("detector")["pd"].mean()
+        ours = ", ".join(f"{name} {means[detector]:.2f}" for detector, name in names.items())
+        title = f"{recipe.sites[soil].title}, Pd at {recipe.score.pfa:g} per m²"
+        rows.append((title, _PAPER_PD[soil], ours))
     return rows

@@ -32,6 +32,7 @@ from flgpr.stages.clusters import (
     templates_of,
 )
 from flgpr_papers.flsar2004.lanes import Pass, Settings
+from flgpr_papers.flsar2004.machines import Examples
 
 FloatArray = NDArray[np.float64]
 POLARIZATIONS = ("HH", "VV")
@@ -214,7 +215,7 @@ def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> N
 
 def open_examples(
     settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
-) -> tuple[pd.DataFrame, FloatArray]:
+) -> Examples:
     """Return the examples without prescreener and their features.
 
     They are every mine outside the subset, and the tiles of the lane that hold none.
@@ -248,7 +249,7 @@ def _with_features(
     templates: NDArray[Any],
     table: pd.DataFrame,
     magnitude: bool = True,
-) -> tuple[pd.DataFrame, FloatArray]:
+) -> Examples:
     """Return examples with their correlations with the templates."""
     table = table.assign(site=site.name).drop(columns=["clutter", "subset"], errors="ignore")
     table["target"] = table["target"].fillna("") if "target" in table else ""
@@ -357,7 +358,7 @@ def _sizes(settings: Settings) -> dict[str, Any]:
 
 def screened_examples(
     settings: Settings, site: Site, templates: NDArray[Any], regions: pd.DataFrame
-) -> tuple[pd.DataFrame, FloatArray]:
+) -> Examples:
     """Return screened regions as examples with features, labelled by the mines within the halo.
 
     Further regions of one mine, and those of the subset, are dropped.

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
@@ -20,17 +18,18 @@ from flgpr.detect.one_class import FORMULATIONS
 from flgpr.screen import fit_ellipse
 from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
 from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.kit.figures import show, subplots
 from flgpr_papers.kit.settings import packaged_text
 
-Curves = dict[str, dict[str, pd.DataFrame]]
+Curves = dict[str, dict[str, dict[Any, Any]]]
 TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 """Title of every panel of ROCs by its name."""
 
 
-def draw(
-    settings: Settings, sites: list[Site], curves: Curves, details: dict[str, Any]
-) -> Iterator[tuple[str, Figure]]:
-    """Yield the figures with their names: those of the paper in its order, then our own.
+def drawings(
+    settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
+) -> dict[str, Callable[[], Figure]]:
+    """Return what draws each figure: those of the paper in its order, then our own.
 
     Parameters
     ----------
@@ -39,43 +38,41 @@ def draw(
     sites : list of Site
         Both sites.
     curves : dict
-        ROC by figure and label.
-    details : dict
+        Columns of each ROC by figure and label.
+    notes : dict
         Further numbers of the results.
     """
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        yield "fig1", _lane(settings, sites[0])
-        yield "fig2", _ellipse(settings, sites[0])
-        yield "fig3", _templates(settings, sites)
-        yield "fig4", margin_figure()
-        for number in range(5, 11):
-            names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-            yield f"fig{number}", _rocs(curves, names, (1, len(names)), details)
-        yield "machines", _rocs(curves, ["machines"], (1, 1), details)
-        yield "vectors", _vectors(details["vectors by fold"])
-        yield "one-class-width", kernel_width_figure()
-        all_names = [name for name in TITLES if name != "machines"]
-        yield "rocs", _rocs(curves, all_names, (3, 3), details)
+
+    def rocs(names: list[str], shape: tuple[int, int]) -> Callable[[], Figure]:
+        return lambda: _rocs(curves, names, shape, notes)
+
+    figures: dict[str, Callable[[], Figure]] = {
+        "fig1": lambda: _lane(settings, sites[0]),
+        "fig2": lambda: _ellipse(settings, sites[0]),
+        "fig3": lambda: _templates(settings, sites),
+        "fig4": margin_figure,
+    }
+    for number in range(5, 11):
+        names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
+        figures[f"fig{number}"] = rocs(names, (1, len(names)))
+    figures["machines"] = rocs(["machines"], (1, 1))
+    figures["vectors"] = lambda: _vectors(notes["vectors by fold"])
+    figures["one-class-width"] = kernel_width_figure
+    figures["rocs"] = rocs([name for name in TITLES if name != "machines"], (3, 3))
+    return figures
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
     """Draw Fig. 1: HH and VV over part of the lane, with mines."""
-    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    figure, rows_of_panels = subplots(10, 4.6, 2, 1, sharex=True)
     end = min(30.0, settings.length)
     rows = (site.grid.y >= 0) & (site.grid.y <= end)
     shown_mines = site.mines[site.mines["y"].between(0, end)]
-    for p, axes in enumerate(figure.subplots(2, 1, sharex=True)):
+    for p, axes in enumerate(rows_of_panels):
         level = 20 * np.log10(np.maximum(site.image[p, 0][rows], 1e-6))
         level -= np.median(level)
-        axes.imshow(
-            level.T,
-            origin="lower",
-            extent=(0, end, site.grid.x[0], site.grid.x[-1]),
-            vmin=-5,
-            vmax=25,
-            cmap="viridis",
-            aspect="equal",
-        )
+        extent = (0, end, site.grid.x[0], site.grid.x[-1])
+        show(axes, level.T, extent, -5, 25, cmap="viridis")
         for x, y, kind, depth in shown_mines[["x", "y", "kind", "depth"]].to_numpy():
             where = "surface" if depth < -0.05 else f"{100 * depth:.0f} cm"
             axes.plot(y, x, "o", mfc="none", mec="white", ms=11)
@@ -104,8 +101,7 @@ def _ellipse(settings: Settings, site: Site) -> Figure:
     long and wide as the ellipse.
     """
     ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
-    figure = Figure(figsize=(5, 4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(5, 4)
     centre = ellipse.offset_y, ellipse.offset_x
     corner = centre[0] - 2 * ellipse.half_y, centre[1] - 2 * ellipse.half_x
     axes.add_patch(
@@ -127,8 +123,7 @@ def _ellipse(settings: Settings, site: Site) -> Figure:
 
 def _templates(settings: Settings, sites: list[Site]) -> Figure:
     """Draw Fig. 3, with the ellipse of Fig. 2."""
-    figure = Figure(figsize=(5.6, 8.4), layout="constrained")
-    panels = figure.subplots(4, len(settings.ranges))
+    figure, panels = subplots(5.6, 8.4, 4, len(settings.ranges))
     for s, site in enumerate(sites):
         templates = make_templates(settings, site)
         for p, r in np.ndindex(*templates.shape[:2]):
@@ -181,8 +176,7 @@ def margin_figure() -> Figure:
     sparse_value = sparse.decision_function(positions).reshape(u.shape)
     support = points[machine.support_]
     relevance = points[sparse.relevance_]
-    figure = Figure(figsize=(6, 4.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(6, 4.6)
     for side, colour, name in ((0, "#b3261e", "l = -1"), (1, "#1f4e8c", "l = +1")):
         axes.plot(*points[label == side].T, "o", color=colour, ms=4, label=name)
     axes.plot(*support.T, "o", mfc="none", mec="black", ms=10, label="support vectors")
@@ -206,14 +200,13 @@ def margin_figure() -> Figure:
 
 
 def _rocs(
-    curves: Curves, names: Sequence[str], shape: tuple[int, int], details: dict[str, Any]
+    curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
 ) -> Figure:
     """Draw ROC curves by name, a panel each."""
     rows, columns = shape
-    size = (11, 10) if rows > 1 else (5.2 * columns, 3.8)
-    figure = Figure(figsize=size, layout="constrained")
-    panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
-    for axes, name in zip(panels, names, strict=True):
+    width, height = (11, 10) if rows > 1 else (5.2 * columns, 3.8)
+    figure, panels = subplots(width, height, rows, columns, squeeze=False)
+    for axes, name in zip(panels.ravel(), names, strict=True):
         for label, curve in curves.get(name, {}).items():
             # Not in the paper's figure.
             is_our_addition = "sum of the correlations" in label or "binary" in label
@@ -231,15 +224,14 @@ def _rocs(
         if curves.get(name):
             axes.legend(fontsize=7, loc="lower right")
         else:
-            reason = details.get(f"{name} both", "too few examples").replace("; ", ";\n")
+            reason = notes.get(f"{name} both", "too few examples").replace("; ", ";\n")
             axes.text(0.5, 0.5, reason, transform=axes.transAxes, ha="center", fontsize=8)
     return figure
 
 
 def _vectors(shares_by_machine: dict[str, list[float]]) -> Figure:
     """Draw histograms of the share of the training examples that are vectors, by machine."""
-    figure = Figure(figsize=(5, 3), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(5, 3)
     largest = max(max(shares) for shares in shares_by_machine.values())
     bins = np.linspace(0, largest * 1.05, 40)
     for label, shares in shares_by_machine.items():
@@ -257,8 +249,7 @@ def kernel_width_figure() -> Figure:
     mines = np.concatenate([first, second])
     u, v = np.meshgrid(np.linspace(-4, 4, 120), np.linspace(-3, 3, 90))
     positions = np.column_stack([u.ravel(), v.ravel()])
-    figure = Figure(figsize=(10, 6.4), layout="constrained")
-    panels = figure.subplots(3, 4, sharex=True, sharey=True)
+    figure, panels = subplots(10, 6.4, 3, 4, sharex=True, sharey=True)
     for row, formulation in enumerate(FORMULATIONS):
         for column, gamma in enumerate((0.05, 0.5, 3.0, 30.0)):
             machine = OneClassRelevanceVectorMachine(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from flgpr.features import max_correlation, mean_template, principal_templates
 from flgpr.scoring import clopper_pearson, example_roc
 from flgpr_papers.flsar2004.machines import HeldOut
-from flgpr_papers.kit.findings import Interval
+from flgpr_papers.kit.findings import Interval, percentiles
 
 FloatArray = NDArray[np.float64]
 FAR_LIMIT = 0.07
@@ -83,8 +84,7 @@ def auc_interval(scores: HeldOut, count: int) -> Interval:
     """
     mines, clutter = _draws(scores, count, 1)
     total = np.einsum("bi,ij,bj->b", mines, _wins(scores), clutter, optimize=True)
-    low, high = np.quantile(total / (mines.sum(axis=1) * clutter.sum(axis=1)), (0.025, 0.975))
-    return auc(scores), float(low), float(high)
+    return percentiles(auc(scores), total / (mines.sum(axis=1) * clutter.sum(axis=1)))
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,7 @@ class Measure:
         count : int
             Number of draws.
         """
-        low, high = np.quantile(self.of(scores, *_draws(scores, count, 1)), (0.025, 0.975))
-        return self.value(scores), float(low), float(high)
+        return percentiles(self.value(scores), self.of(scores, *_draws(scores, count, 1)))
 
 
 def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval:
@@ -195,8 +194,7 @@ def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval
         if has_same_clutter:
             second_tiles = first_tiles
     draws = measure.of(a, first_mines, first_tiles) - measure.of(b, second_mines, second_tiles)
-    low, high = np.quantile(draws, (0.025, 0.975))
-    return measure.value(a) - measure.value(b), float(low), float(high)
+    return percentiles(measure.value(a) - measure.value(b), draws)
 
 
 def proportion(successes: int, trials: int) -> Interval:
@@ -237,14 +235,12 @@ def ratio_interval(a: FloatArray, b: FloatArray) -> Interval:
     a, b : (fold,) ndarray
         Share of the training examples that are vectors, of each machine.
     """
-    low, high = np.quantile(a / b, (0.025, 0.975))
-    return float(a.mean() / b.mean()), float(low), float(high)
+    return percentiles(a.mean() / b.mean(), a / b)
 
 
 def spread_of_folds(shares: FloatArray) -> Interval:
     """Return the mean share of vectors, with the range that holds 95 % of the folds."""
-    low, high = np.quantile(shares, (0.025, 0.975))
-    return float(shares.mean()), float(low), float(high)
+    return percentiles(shares.mean(), shares)
 
 
 def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
@@ -257,14 +253,24 @@ def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
     count : int
         Number of bootstrap draws, of which 200 are made at the most.
     """
-    rng = np.random.default_rng(5)
-    draws = []
-    for _ in range(min(count, 200)):
-        first = _drawn_targets(a, rng)
-        second = _drawn_targets(b, rng)
-        draws.append(_stronger_share(first, second))
-    low, high = np.nanquantile(draws, (0.025, 0.975))
-    return _stronger_share(a, b), float(low), float(high)
+    return _resampled(_stronger_share, _drawn_targets, (a, b), min(count, 200), 5)[0]
+
+
+def _resampled(
+    statistic: Callable[..., Any],
+    draw: Callable[..., Any],
+    samples: tuple[Any, ...],
+    count: int,
+    seed: int,
+) -> list[Interval]:
+    """Return the numbers of a statistic with their intervals.
+
+    ``draw`` makes a bootstrap sample of each sample.
+    """
+    rng = np.random.default_rng(seed)
+    drawn = [statistic(*[draw(sample, rng) for sample in samples]) for _ in range(count)]
+    numbers = np.atleast_1d(statistic(*samples))
+    return list(map(percentiles, numbers, np.reshape(drawn, (count, -1)).T))
 
 
 def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
@@ -272,6 +278,11 @@ def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFram
     names = table["target"].unique()
     drawn = rng.choice(names, len(names))
     return pd.concat([table[table["target"] == name] for name in drawn])
+
+
+def _drawn_rows(chips: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
+    """Draw as many signatures as there are."""
+    return np.asarray(chips[rng.integers(0, len(chips), len(chips))])
 
 
 def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:
@@ -298,13 +309,8 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
     count : int
         Number of bootstrap draws, of which 100 are made at the most.
     """
-    rng = np.random.default_rng(3)
-    draws = []
-    for _ in range(min(count, 100)):
-        draws.append(_first_component(chips[rng.integers(0, len(chips), len(chips))]))
-    low, high = np.quantile(np.array(draws), (0.025, 0.975), axis=0)
-    share, cosine = _first_component(chips)
-    return (share, float(low[0]), float(high[0])), (cosine, float(low[1]), float(high[1]))
+    share, cosine = _resampled(_first_component, _drawn_rows, (chips,), min(count, 100), 3)
+    return share, cosine
 
 
 def _first_component(chips: NDArray[Any]) -> tuple[float, float]:
@@ -331,22 +337,11 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     count : int
         Number of bootstrap draws, of which 100 are made at the most.
     """
-    rng = np.random.default_rng(4)
-    draws = []
-    for _ in range(min(count, 100)):
-        first = a[rng.integers(0, len(a), len(a))]
-        second = b[rng.integers(0, len(b), len(b))]
-        draws.append(_likeness(first, second))
-    low, high = np.quantile(draws, (0.025, 0.975))
-    return _likeness(a, b), float(low), float(high)
+    return _resampled(_likeness, _drawn_rows, (a, b), min(count, 100), 4)[0]
 
 
 def _likeness(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Return the largest correlation of mean templates, mean over polarizations and ranges."""
     s = mean_template(a)
     t = mean_template(b)
-    correlations = []
-    for polarization, distance in np.ndindex(*s.shape[:2]):
-        correlation = max_correlation(s[polarization, distance], t[polarization, distance])
-        correlations.append(correlation)
-    return float(np.mean(correlations))
+    return float(np.mean([max_correlation(s[k], t[k]) for k in np.ndindex(*s.shape[:2])]))

@@ -26,8 +26,6 @@ from flgpr.model import (
 )
 from flgpr.progress import Track, silent
 from flgpr.simulate import Scene
-from flgpr.simulate.scene.scene import SceneObject, Surface, TargetDraw
-from flgpr.simulate.scene.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.scenes import turned
@@ -161,12 +159,14 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
     sensor = study_sensor(settings)
     seed = settings.seed + 10 * settings.sites.index(site)
     scene = _scene(settings, site)
-    turned_scene = turned(scene, seed)
-    out = Simulator(scene, sensor, seed)
-    back = Simulator(turned_scene, sensor, seed + 1)
-    folder.mkdir(parents=True, exist_ok=True)
+    margin = settings.margin
+    dx, dy = settings.spacing
+    x = np.arange(settings.lane[0] - margin, settings.lane[1] + margin + dx / 2, dx)
+    ny = round((settings.length + 2 * margin) / dy) + 1
+    grid = Grid(float(x[0]), -margin, x.size, ny, dx, dy)
     passes = []
-    for direction, simulator, driven in (("out", out, scene), ("back", back, turned_scene)):
+    for number, (direction, driven) in enumerate((("out", scene), ("back", turned(scene, seed)))):
+        simulator = Simulator(driven, sensor, seed + number)
         content = {
             "scene": driven.model_dump(mode="json"),
             "sensor": sensor.model_dump(mode="json"),
@@ -175,7 +175,21 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
             "length": settings.length,
         }
         path = folder / f"{site}-{direction}-{key_of(content)}.bundle"
-        passes.append(_one_pass(settings, site, direction, simulator, sensor, path, track))
+        if not path.is_file():
+            count = len(simulator.reported_pose())
+            stops = track(range(count), f"{site} {direction}", count)
+            write_arrays(path, {"image": lane_images(settings, simulator, sensor, grid, stops)})
+        objects = simulator.objects
+        one = Pass(
+            site=site,
+            direction=direction,
+            image=read_arrays(path)["image"],
+            grid=grid,
+            truth=simulator.truth.reset_index(drop=True),
+            fiducials=objects[objects["kind"] == "fiducial"].reset_index(drop=True),
+            key=path.stem,
+        )
+        passes.append(one)
     return passes
 
 
@@ -199,80 +213,32 @@ def study_sensor(settings: Settings) -> Sensor:
 
 
 def _scene(settings: Settings, site: str) -> Scene:
-    """Return the scene of a site's lane."""
+    """Return the scene of a site's lane, with fiducials on both of its sides."""
     draws = []
     for mines in settings.mines:
         for kind, count in (("metal", mines.metal), ("plastic", mines.plastic)):
-            draws.append(TargetDraw(kind=kind, depth=mines.depth, count=count, position_jitter=0.2))
-    return Scene(
-        name=site,
-        site=settings.scenes[site],
-        x_min=settings.lane[0],
-        x_max=settings.lane[1],
-        length=settings.length,
-        draws=tuple(draws),
-        objects=tuple(_fiducials(settings)),
-        track=_track(settings),
-        surface=Surface(density=settings.density),
-    )
-
-
-def _fiducials(settings: Settings) -> list[SceneObject]:
-    """Return the fiducials on both sides of the lane."""
+            draw = {"kind": kind, "depth": mines.depth, "count": count, "position_jitter": 0.2}
+            draws.append(draw)
     fiducials = []
-    first = settings.fiducial_pitch / 2
-    for y in np.arange(first, settings.length, settings.fiducial_pitch):
-        for side in (-1, 1):
-            fiducials.append(
-                SceneObject(
-                    kind="fiducial",
-                    x=side * settings.fiducial_x,
-                    y=float(y),
-                    height=0.3,
-                    rcs_db=settings.fiducial_rcs,
-                )
-            )
-    return fiducials
-
-
-def _track(settings: Settings) -> Drive:
-    """Return the stops of a drive."""
+    for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch):
+        for x in (-settings.fiducial_x, settings.fiducial_x):
+            place = {"kind": "fiducial", "x": x, "y": float(y), "height": 0.3}
+            fiducials.append({**place, "rcs_db": settings.fiducial_rcs})
     first = -settings.ranges[-1] - settings.step
     last = settings.length - settings.ranges[0] + settings.step
-    return Drive(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
-
-
-def _one_pass(
-    settings: Settings,
-    site: str,
-    direction: str,
-    simulator: Simulator,
-    sensor: Sensor,
-    path: Path,
-    track: Track,
-) -> Pass:
-    """Return the lane images of a drive in one direction, or read them if they are on disk."""
-    margin = settings.margin
-    dx, dy = settings.spacing
-    x = np.arange(settings.lane[0] - margin, settings.lane[1] + margin + dx / 2, dx)
-    ny = round((settings.length + 2 * margin) / dy) + 1
-    grid = Grid(float(x[0]), -margin, x.size, ny, dx, dy)
-    if path.is_file():
-        image = read_arrays(path)["image"]
-    else:
-        count = len(simulator.reported_pose())
-        stops = track(range(count), f"{site} {direction}", count)
-        image = lane_images(settings, simulator, sensor, grid, stops)
-        write_arrays(path, {"image": image})
-    objects = simulator.objects
-    return Pass(
-        site=site,
-        direction=direction,
-        image=image,
-        grid=grid,
-        truth=simulator.truth.reset_index(drop=True),
-        fiducials=objects[objects["kind"] == "fiducial"].reset_index(drop=True),
-        key=path.stem,
+    stops = np.arange(first, last + 0.1, settings.step)
+    return Scene.model_validate(
+        {
+            "name": site,
+            "site": settings.scenes[site],
+            "x_min": settings.lane[0],
+            "x_max": settings.lane[1],
+            "length": settings.length,
+            "draws": draws,
+            "objects": fiducials,
+            "track": {"positions": stops.tolist()},
+            "surface": {"density": settings.density},
+        }
     )
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -37,9 +37,14 @@ Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
 
 Returns the scorer and the share of the training examples that are vectors.
 """
+Examples = tuple[pd.DataFrame, FloatArray]
+"""Table of the examples, and their features (example, feature)."""
+Fold = tuple[Classifier, NDArray[Any], NDArray[Any]]
+"""A classifier, and the rows of the examples that train it and that it scores."""
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
-_FORMULATION_OF = {f"rvm, {name}": name for name in FORMULATIONS}
+_KERNEL = ("kernel", "gamma", "degree", "coef0")
+"""Parameters of a kernel."""
 
 
 @dataclass(frozen=True)
@@ -63,53 +68,17 @@ def rvm(settings: Classify, kernel: str = "rbf", rate: float = 1.0) -> TunedClas
     Its kernel is that of the SVM (par. 48). ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which
     the paper says nothing.
     """
-    return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map", rate=rate)
+    machine = partial(RelevanceVectorClassifier, prior="laplacian-map", rate=rate)
+    return _as_the_svm(settings, kernel, machine, _KERNEL)
 
 
-def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
+def rvm_by_evidence(settings: Classify) -> TunedClassifier:
     """Return a relevance vector machine by another reading of the prior.
 
     It is exponential on the variances of the weights, which the evidence gives.
     """
-    return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian", n_starts=3, tol=1e-4)
-
-
-def _rvm_on_the_kernel_of_the_svm(
-    settings: Classify, kernel: str, **option: Any
-) -> TunedClassifier:
-    """Return a relevance vector machine whose kernel is that of the chosen SVM."""
-
-    def choose(X: FloatArray, y: BoolArray) -> Classifier:
-        chosen = search_svm(settings, kernel, X, y)[-1].get_params()
-        kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
-        return partial(_relevance, **kernel_options, **option)
-
-    return TunedClassifier(choose)
-
-
-def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Return a relevance vector machine of our own choice.
-
-    It has the ARD prior, and its width is chosen by the evidence of the training examples.
-    """
-
-    def choose(X: FloatArray, y: BoolArray) -> Classifier:
-        Z = StandardScaler().fit_transform(X)
-        options = [{"kernel": kernel, "gamma": width / X.shape[1]} for width in settings.widths]
-        evidence = []
-        for option in options:
-            machine = RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
-            evidence.append(machine.log_evidence_)
-        best = options[int(np.argmax(evidence))]
-        return partial(_relevance, n_starts=3, tol=1e-4, **best)
-
-    return TunedClassifier(choose)
-
-
-def _relevance(X: FloatArray, y: BoolArray, **option: Any) -> tuple[Scorer, float]:
-    """Train a relevance vector machine; return its scorer and the share of relevance vectors."""
-    machine = make_pipeline(StandardScaler(), RelevanceVectorClassifier(**option)).fit(X, y)
-    return machine.decision_function, len(machine[-1].relevance_) / len(X)
+    machine = partial(RelevanceVectorClassifier, prior="laplacian", n_starts=3, tol=1e-4)
+    return _as_the_svm(settings, "rbf", machine, _KERNEL)
 
 
 def svm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
@@ -117,17 +86,49 @@ def svm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
 
     C and width or degree are chosen by cross-validation inside the training examples.
     """
+    return _as_the_svm(settings, kernel, SVC, (*_KERNEL, "C"))
+
+
+def _as_the_svm(
+    settings: Classify, kernel: str, machine: Callable[..., Any], names: Sequence[str]
+) -> TunedClassifier:
+    """Return a machine with some of the parameters of the chosen SVM."""
 
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
-
-        def fit(train: FloatArray, label: BoolArray) -> tuple[Scorer, float]:
-            machine = make_pipeline(StandardScaler(), SVC(**chosen)).fit(train, label)
-            return machine.decision_function, len(machine[-1].support_) / len(train)
-
-        return fit
+        return partial(_train, partial(machine, **{name: chosen[name] for name in names}))
 
     return TunedClassifier(choose)
+
+
+def evidence_rvm(settings: Classify) -> TunedClassifier:
+    """Return a relevance vector machine of our own choice.
+
+    It has the ARD prior, and its width is chosen by the evidence of the training examples.
+    """
+
+    def choose(X: FloatArray, y: BoolArray) -> Classifier:
+        Z = StandardScaler().fit_transform(X)
+        machine = partial(RelevanceVectorClassifier, kernel="rbf")
+        widths = [width / X.shape[1] for width in settings.widths]
+        evidence = []
+        for gamma in widths:
+            trained = machine(gamma=gamma, n_starts=1, tol=1e-3).fit(Z, y)
+            evidence.append(trained.log_evidence_)
+        best = widths[int(np.argmax(evidence))]
+        return partial(_train, partial(machine, gamma=best, n_starts=3, tol=1e-4))
+
+    return TunedClassifier(choose)
+
+
+def _train(
+    machine: Callable[[], Any], X: FloatArray, y: BoolArray | None = None
+) -> tuple[Scorer, float]:
+    """Train a machine on standardised features; return its scorer and its share of vectors."""
+    pipeline = make_pipeline(StandardScaler(), machine()).fit(X, y)
+    last = pipeline[-1]
+    vectors = last.support_ if hasattr(last, "support_") else last.relevance_
+    return pipeline.decision_function, len(vectors) / len(X)
 
 
 def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> Any:
@@ -164,7 +165,10 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
             f"y must hold at least two mines and two clutter examples, got {y.sum()} and "
             f"{(~y).sum()}"
         )
-    options = _kernel_options(settings, kernel, X.shape[1])
+    features = X.shape[1]
+    options = [{"gamma": width / features} for width in settings.widths]
+    if kernel == "poly":
+        options = [{"degree": d, "coef0": 1.0, "gamma": 1 / features} for d in settings.degrees]
     area = np.zeros((len(settings.costs), len(options)))
     with config_context(assume_finite=True, skip_parameter_validation=True):
         for train, test in StratifiedKFold(folds, shuffle=True, random_state=0).split(X, y):
@@ -182,18 +186,6 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
     best_cost, best_option = np.unravel_index(int(area.argmax()), area.shape)
     chosen = SVC(C=settings.costs[best_cost], kernel=kernel, **options[best_option])
     return make_pipeline(StandardScaler(), chosen)
-
-
-def _kernel_options(settings: Classify, kernel: str, features: int) -> list[dict[str, float]]:
-    """Return the parameters of a kernel to choose from: widths, or degrees."""
-    options: list[dict[str, float]] = []
-    if kernel == "rbf":
-        for width in settings.widths:
-            options.append({"gamma": width / features})
-    else:
-        for degree in settings.degrees:
-            options.append({"degree": degree, "coef0": 1.0, "gamma": 1 / features})
-    return options
 
 
 def sum_of_correlations(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
@@ -238,18 +230,15 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
         if kind == "gmm":
             return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
         if kind == "svm":
-            machine = OneClassSVM(nu=0.1, gamma=median_width(mines))
-            pipeline = make_pipeline(StandardScaler(), machine).fit(mines)
-            return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
-        relevance_machine = OneClassRelevanceVectorMachine(
+            return _train(partial(OneClassSVM, nu=0.1, gamma=median_width(mines)), mines)
+        machine = OneClassRelevanceVectorMachine(
             gamma=median_width(mines),
             prior="laplacian-map",
             p0=settings.p0,
-            formulation=_FORMULATION_OF[kind],
+            formulation=cast("Any", kind.removeprefix("rvm, ")),
             random_state=0,
         ).fit(mines)
-        vector_share = len(relevance_machine.relevance_) / len(mines)
-        return relevance_machine.score_samples, vector_share
+        return machine.score_samples, len(machine.relevance_) / len(mines)
 
     return fit
 
@@ -267,9 +256,7 @@ class HeldOut:
 
     def of_mines(self, rows: BoolArray) -> HeldOut:
         """Return the scores of some of the mines, and of all clutter."""
-        return HeldOut(
-            self.mine[rows], self.clutter, self.target[rows], self.tile, self.vector_share
-        )
+        return replace(self, mine=self.mine[rows], target=self.target[rows])
 
 
 def held_out(
@@ -292,25 +279,8 @@ def held_out(
     novelty : bool
         Whether it is a novelty detector, which scores all clutter in every fold.
     """
-    y = _is_mine(table)
-    score = np.full(len(table), np.nan)
-    clutter_scores = []
-    shares = []
-    for group in _mine_groups(table, y, folds):
-        if novelty and not y[group.test].any():
-            continue
-        scorer, share = classifier(X[group.train], y[group.train])
-        score[group.test] = scorer(X[group.test])
-        shares.append(share)
-        if novelty:
-            clutter_scores.append(scorer(X[~y]))
-    return HeldOut(
-        mine=score[y],
-        clutter=np.stack(clutter_scores, axis=1) if novelty else score[~y][:, None],
-        target=_names(table, y),
-        tile=_tile_names(y),
-        vector_share=np.array(shares),
-    )
+    groups = _mine_groups(table, folds)
+    return _scores(table, X, [(classifier, one.train, one.test) for one in groups], novelty)
 
 
 def leave_one_out(
@@ -333,26 +303,47 @@ def leave_one_out(
     """
     y = _is_mine(table)
     every = np.arange(len(table))
-    score = np.full(len(table), np.nan)
-    shares = np.full(len(table), np.nan)
-    clutter_scores = []
-    for group in _mine_groups(table, y, folds):
+    singles: list[Fold] = []
+    for group in _mine_groups(table, folds):
         chosen = classifier
         if isinstance(classifier, TunedClassifier):
             chosen = classifier.choose(X[group.train], y[group.train])
-        left_out = group.test[y[group.test]] if novelty else group.test
-        for n in left_out:
-            is_training = every != n
-            scorer, shares[n] = chosen(X[is_training], y[is_training])
-            score[n] = scorer(X[n : n + 1])[0]
-            if novelty:
-                clutter_scores.append(scorer(X[~y]))
+        singles += [(chosen, every[every != n], every[n : n + 1]) for n in group.test]
+    return _scores(table, X, singles, novelty)
+
+
+def across(train: Examples, test: Examples, classifier: Classifier) -> HeldOut:
+    """Train on the examples of one site and test on those of the other (par. 39)."""
+    table = pd.concat([train[0], test[0]], ignore_index=True)
+    rows = np.arange(len(table))
+    split = len(train[0])
+    X = np.concatenate([train[1], test[1]])
+    return _scores(table, X, [(classifier, rows[:split], rows[split:])])
+
+
+def _scores(
+    table: pd.DataFrame, X: FloatArray, folds: Sequence[Fold], novelty: bool = False
+) -> HeldOut:
+    """Score the test examples of every fold by what its classifier learns from the others."""
+    y = _is_mine(table)
+    score = np.full(len(table), np.nan)
+    shares = {}
+    clutter_scores = []
+    for classifier, train, test in folds:
+        if novelty and not y[test].any():
+            continue
+        scorer, shares[int(test[0])] = classifier(X[train], y[train])
+        score[test] = scorer(X[test])
+        if novelty:
+            clutter_scores.append(scorer(X[~y]))
+    is_scored = ~np.isnan(score)
+    clutter = np.stack(clutter_scores, axis=1) if novelty else score[~y & is_scored][:, None]
     return HeldOut(
-        mine=score[y],
-        clutter=np.stack(clutter_scores, axis=1) if novelty else score[~y][:, None],
-        target=_names(table, y),
-        tile=_tile_names(y),
-        vector_share=shares[np.isfinite(shares)],
+        mine=score[y & is_scored],
+        clutter=clutter,
+        target=_names(table, y & is_scored),
+        tile=np.arange(len(clutter)).astype(str),
+        vector_share=np.array([shares[first] for first in sorted(shares)]),
     )
 
 
@@ -400,39 +391,6 @@ def retrained(
     return np.array(areas)
 
 
-def across(
-    train: tuple[pd.DataFrame, FloatArray],
-    test: tuple[pd.DataFrame, FloatArray],
-    classifier: Classifier,
-) -> HeldOut:
-    """Train on one site and test on the other (par. 39).
-
-    Parameters
-    ----------
-    train, test : tuple of DataFrame and ndarray
-        Examples and their features.
-    classifier : Classifier
-        What is trained.
-    """
-    train_table, train_features = train
-    test_table, test_features = test
-    scorer, share = classifier(train_features, _is_mine(train_table))
-    score = scorer(test_features)
-    is_mine = _is_mine(test_table)
-    return HeldOut(
-        mine=score[is_mine],
-        clutter=score[~is_mine][:, None],
-        target=_names(test_table, is_mine),
-        tile=_tile_names(is_mine),
-        vector_share=np.array([share]),
-    )
-
-
-def _tile_names(is_mine: BoolArray) -> NDArray[Any]:
-    """Return the names of the clutter examples: their numbers."""
-    return np.arange((~is_mine).sum()).astype(str)
-
-
 def with_lost(scores: HeldOut, passed: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
     """Return scores with the mines that the prescreeners lost, which no threshold finds.
 
@@ -449,18 +407,14 @@ def with_lost(scores: HeldOut, passed: pd.DataFrame, offered: pd.DataFrame) -> H
     score_of_look = dict(zip(passed_looks, scores.mine, strict=True))
     offered_looks = zip(offered["target"], offered["direction"], strict=True)
     mine_scores = [score_of_look.get(look, -np.inf) for look in offered_looks]
-    return HeldOut(
-        mine=np.array(mine_scores),
-        clutter=scores.clutter,
-        target=offered["target"].to_numpy(dtype=str),
-        tile=scores.tile,
-        vector_share=scores.vector_share,
-    )
+    target = offered["target"].to_numpy(dtype=str)
+    return replace(scores, mine=np.array(mine_scores), target=target)
 
 
-def _mine_groups(table: pd.DataFrame, y: BoolArray, folds: int) -> list[Any]:
+def _mine_groups(table: pd.DataFrame, folds: int) -> list[Any]:
     """Return the folds, in which all looks at a mine are together."""
-    return splits(table, "target", folds=min(folds, len(np.unique(_names(table, y)))))
+    mines = np.unique(_names(table, _is_mine(table)))
+    return splits(table, "target", folds=min(folds, len(mines)))
 
 
 def _is_mine(table: pd.DataFrame) -> BoolArray:

@@ -20,8 +20,9 @@ from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
-from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS
+from flgpr_papers.kit.figures import show, subplots
 from flgpr_papers.kit.findings import clustered
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -38,16 +39,30 @@ COMPARED = {
 }
 
 
-def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool = False) -> Figure:
+BANDS = {"vv": "L band VV", "vh": "L band VH", "x": "X band"}
+"""Images of Fig. 3 to 5, and what they are of."""
+MIXED = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
+"""Masks of Fig. 6."""
+READINGS = {
+    "fundamental": "intersected pixel by pixel",
+    "fundamental by region": "by connected region",
+}
+"""The fundamental part by the two readings of "the intersection"."""
+STAGES = {"stage #1": "(a) #1", "stage #3": "(b) #3", "stage #4": "(c) #4", "stage #6": "(d) #6"}
+"""Averages of Fig. 7."""
+CLEANED = {f"variant {name}": name for name in VARIANTS}
+"""The example frame as every variant leaves it."""
+
+
+def mask_figure(example: Arrays, band: str, title: str) -> Figure:
     """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
-    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    shown = _image(left, example, example[image])
+    figure, (left, right) = subplots(8.6, 3.1, 1, 2, sharey=True)
+    shown = _image(left, example, example[band])
     figure.colorbar(shown, ax=left, label="dB")
     left.set_title(f"{title}: (a) SAR image", fontsize=10)
-    _mask(right, example, example[mask], "(b) binary mask, fundamental part")
+    _mask(right, example, example[f"mask {band}"], "(b) binary mask, fundamental part")
     for axes in (left, right):
-        _dress(axes, example, boxes)
+        _dress(axes, example, band == "vv")
     return figure
 
 
@@ -99,7 +114,7 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
 
 def procedure_figure(example: Arrays) -> Figure:
     """Draw how the fundamental and the extended mask are made, as Fig. 2."""
-    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    figure, panels = subplots(9.0, 4.4, 3, 4, sharex=True, sharey=True)
     vv = example["mask vv"]
     vh = example["mask vh"]
     x = example.get("mask x")
@@ -120,7 +135,7 @@ def procedure_figure(example: Arrays) -> Figure:
             "\u222a VH low, roadside: extended part": example["extended"],
         },
     )
-    for row, images in zip(figure.subplots(3, 4, sharex=True, sharey=True), rows, strict=True):
+    for row, images in zip(panels, rows, strict=True):
         for axes, (title, mask) in zip(row, images.items(), strict=False):
             _mask(axes, example, mask, title)
             axes.title.set_fontsize(8)
@@ -132,55 +147,23 @@ def procedure_figure(example: Arrays) -> Figure:
     return figure
 
 
-def mixed_figure(example: Arrays) -> Figure:
-    """Draw the mixed masks of the example frame, as Fig. 6."""
-    titles = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
-    return _masks(example, titles)
-
-
-def regions_figure(example: Arrays) -> Figure:
-    """Draw the fundamental part by the two readings of "the intersection": pixel and region."""
-    titles = {
-        "fundamental": "intersected pixel by pixel",
-        "fundamental by region": "by connected region",
-    }
-    return _masks(example, titles)
-
-
-def _masks(example: Arrays, titles: Mapping[str, str]) -> Figure:
-    """Draw two masks side by side."""
-    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+def masks_figure(example: Arrays, titles: Mapping[str, str]) -> Figure:
+    """Draw two masks of the example frame side by side, as Fig. 6."""
+    figure, panels = subplots(8.6, 3.1, 1, 2, sharey=True)
     for axes, (name, title) in zip(panels, titles.items(), strict=True):
         _mask(axes, example, example[name], title)
         _dress(axes, example)
     return figure
 
 
-def stages_figure(example: Arrays) -> Figure:
-    """Draw the averages #1, #3, #4 and #6 of the example frame, as Fig. 7."""
-    chosen = {}
-    for letter, combination in zip("abcd", (1, 3, 4, 6), strict=True):
-        chosen[f"stage #{combination}"] = f"({letter}) #{combination}"
-    return _many(example, chosen, (8.6, 5.2), 2)
-
-
-def variants_figure(example: Arrays) -> Figure:
-    """Draw the example frame as every variant leaves it."""
-    chosen = {}
-    for name in VARIANTS:
-        if f"variant {name}" in example:
-            chosen[f"variant {name}"] = name
-    return _many(example, chosen, (9.5, 8.6), 3)
-
-
-def _many(
-    example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int
+def images_figure(
+    example: Arrays, titles: Mapping[str, str], size: tuple[float, float], columns: int
 ) -> Figure:
-    """Draw chosen images of an example in columns, on one scale."""
-    figure = Figure(figsize=size, layout="constrained")
+    """Draw those images of the example frame that there are in columns, on one scale."""
+    chosen = {name: title for name, title in titles.items() if name in example}
     rows = -(-len(chosen) // columns)
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    figure, grid = subplots(*size, rows, columns, sharex=True, sharey=True, squeeze=False)
+    panels = grid.ravel()
     top = float(example["vv"].max())
     for axes, (name, title) in zip(panels, chosen.items(), strict=False):
         shown = _image(axes, example, example[name], top)
@@ -194,7 +177,7 @@ def _many(
 
 def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecipe) -> Figure:
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
-    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
+    figure, all_axes = subplots(8.6, 3.5, 1, 2, sharey=True)
     boxes = strongest_boxes(lanes)
     named_boxes = strongest_boxes(lanes[:1])
     named_boxes = named_boxes[named_boxes["frame"] == int(example["frame"])]
@@ -204,7 +187,6 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
         ("(a) without averaging", "iteration", singles),
         ("(b) with averaging", "combination # (Table II)", averages),
     )
-    all_axes = figure.subplots(1, 2, sharey=True)
     for axes, (title, label, stages) in zip(all_axes, panels, strict=True):
         numbers = list(stages)
         for row in named_boxes.to_dict("records"):
@@ -232,9 +214,8 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 
     Every frame counts its area.
     """
-    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
+    figure, panels = subplots(8.6, 3.5, 1, len(lanes), sharey=True)
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
-    panels = figure.subplots(1, len(lanes), sharey=True)
     for axes, letter, lane in zip(panels, "ab", lanes, strict=True):
         for name, (dash, label) in styles.items():
             _, curve, _ = scored(lane, name, recipe, "frames")
@@ -248,8 +229,8 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 
 def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """Draw the ROC curves of all variants on both lanes by both conventions."""
-    figure = Figure(figsize=(8.6, 6.4), layout="constrained")
-    panels = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
+    shared = {"sharex": True, "sharey": True, "squeeze": False}
+    figure, panels = subplots(8.6, 6.4, len(CONVENTIONS), len(lanes), **shared)
     for row, (convention, title) in zip(panels, CONVENTIONS.items(), strict=True):
         for axes, lane in zip(row, lanes, strict=True):
             for name, (colour, dash) in COMPARED.items():
@@ -285,8 +266,7 @@ def _chance(axes: Axes, recipe: FuseRecipe) -> None:
 
 def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult) -> Figure:
     """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
-    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = subplots(8.6, 3.1, 1, 2)
     errors = 1000 * np.asarray(study.errors)
     for band, dash in (("l", "-"), ("x", "--")):
         left.plot(
@@ -328,29 +308,18 @@ def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult
 
 def fullwave_figure(study: FullwaveStudy) -> Figure:
     """Draw the full-wave lane before and after, with its masks."""
-    figure = Figure(figsize=(9.5, 5.8), layout="constrained")
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
-    panels = figure.subplots(len(rules), 4, sharex=True, sharey=True)
+    figure, panels = subplots(9.5, 5.8, len(rules), 4, sharex=True, sharey=True)
     top = study.images["VV"].max()
     x = study.images["x"]
     y = study.images["y"]
     extent = (x[0], x[-1], y[0], y[-1])
     for row, rule in zip(panels, rules, strict=True):
-        row[0].imshow(
-            study.images[f"{rule}/mask"], origin="lower", extent=extent, cmap="gray", aspect="equal"
-        )
+        show(row[0], study.images[f"{rule}/mask"], extent, 0, 1, cmap="gray")
         row[0].set_title(f"mask, roadside {rule}", fontsize=9)
         for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
             level = 20 * np.log10(np.maximum(study.images[f"{rule}/{method}"] / top, 1e-6))
-            shown = axes.imshow(
-                level,
-                origin="lower",
-                extent=extent,
-                vmin=-_RANGE,
-                vmax=0,
-                cmap="viridis",
-                aspect="equal",
-            )
+            shown = show(axes, level, extent, -_RANGE, 0, cmap="viridis")
             axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
         for axes in row:
             for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
@@ -366,22 +335,12 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
     """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
-    return axes.imshow(
-        level,
-        origin="lower",
-        extent=_extent(example),
-        vmin=-_DEEP,
-        vmax=0,
-        cmap="viridis",
-        aspect="auto",
-    )
+    return show(axes, level, _extent(example), -_DEEP, 0, cmap="viridis", aspect="auto")
 
 
 def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
     """Draw a mask."""
-    axes.imshow(
-        mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1
-    )
+    show(axes, mask, _extent(example), 0, 1, cmap="gray", aspect="auto")
     axes.set_title(title, fontsize=10)
 
 

@@ -8,6 +8,7 @@ what becomes of each object.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +36,7 @@ from flgpr.model import Grid, Lane, Sensor, check_tones, vehicle_to_lane
 from flgpr.screen import prescreen
 from flgpr.simulate import Scene, Simulator
 from flgpr.store import open_run, read_table, sample_lane
+from flgpr_papers.kit.settings import packaged_text
 
 HALF_WIDTH = 1.4
 """Half width of the imaged ground, m."""
@@ -53,6 +55,8 @@ _EDGES = np.linspace(2.56, 6.2, 5)
 # m, as for this lane elsewhere
 _HALO = 0.5
 _RADIUS = 0.375
+_DECLARED = tomllib.loads(packaged_text("fuse2018", "fullwave"))
+_POLARIZATIONS = ("VV", "HH", "VH")
 _REACH = 0.4  # m about a body within which its response is measured
 Body = tuple[str, float, float]
 """Name of a mine or object, and its position x and y, m."""
@@ -85,7 +89,7 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
     run = open_run(folder / "run.zarr")
     worlds = 6 if quick else 24
     limits = _calibrate(run, worlds)
-    frames = _Frames(run, ("VV", "HH", "VH"))
+    frames = _Frames(run)
     truth = read_table(folder / "truth.csv", "truth")
     bodies = _bodies(truth, read_table(folder / "objects.csv", "objects"))
     rows: list[dict[str, Any]] = []
@@ -125,18 +129,24 @@ def _bodies(truth: pd.DataFrame, objects: pd.DataFrame) -> list[Body]:
 class _Frames:
     """Frames of a run of this lane's array, imaged together."""
 
-    def __init__(self, run: xr.Dataset, polarizations: tuple[str, ...]) -> None:
+    def __init__(self, run: xr.Dataset) -> None:
         f = np.asarray(run["frequency"].values, dtype=np.float64)
         # The direct coupling outshines every echo. A taper keeps its sidelobes out; half of it goes
         # to the data and half to A, so that A and A^H stay each other's transposes.
         taper = np.sqrt(hann(2 * (f - f.mean()) / np.ptp(f)))
-        signal = run["signal"].sel(polarization=list(polarizations)).values
+        signal = run["signal"].sel(polarization=list(_POLARIZATIONS)).values
         self.data = np.asarray(signal * taper, dtype=np.complex64)
         self.operators = [_operator_on(run, f, taper, pose) for pose in run["pose"].values]
         self.pixels = _GRID.points()
         self.region = subregions(self.pixels[..., 1], _EDGES)
         self.images = self._stack(self.pixels).adjoint(self.data)[:, 0]
-        self.level = np.array([_medians(image, self.region) for image in self.images])
+
+    def over_median(self, polarization: int) -> NDArray[np.complex64]:
+        """Return an image over the median magnitude of every pixel's sub-region."""
+        image = self.images[polarization]
+        numbers = range(self.region.max() + 1)
+        medians = [np.median(np.abs(image[self.region == number])) for number in numbers]
+        return np.asarray(image / np.array(medians)[self.region])
 
     def _stack(self, points: NDArray[np.float64]) -> FrameStack:
         """Return the frames' operators on points as one."""
@@ -152,8 +162,8 @@ class _Frames:
         side : tuple of float
             Nearest and farthest distance of the roadside from the middle, m.
         """
-        vv = self.images[0] / self.level[0]
-        vh = self.images[2] / self.level[2]
+        vv = self.over_median(0)
+        vh = self.over_median(2)
         return mixed_mask(vv, vh, limits, self.region, self.pixels[..., 0], roadside=side)
 
     def clean(self, mask: NDArray[np.bool_]) -> dict[str, NDArray[np.complex64]]:
@@ -190,14 +200,6 @@ def _operator_on(
     return operator_on
 
 
-def _medians(image: NDArray[np.complex64], region: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the median magnitude of every pixel's sub-region."""
-    medians = []
-    for number in range(region.max() + 1):
-        medians.append(np.median(np.abs(image[region == number])))
-    return np.asarray(np.array(medians)[region])
-
-
 def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
     """Learn the thresholds of every roadside rule on simulated lanes."""
     calibrations = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
@@ -205,14 +207,14 @@ def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
     across = np.abs(_GRID.points()[..., 0])
     for seed in range(worlds):
         simulator = Simulator(_scene(run, seed), sensor, seed)
-        frames = _Frames(simulator.run(), ("VV", "HH", "VH"))
+        frames = _Frames(simulator.run())
         x = frames.pixels[..., 0]
         y = frames.pixels[..., 1]
         halos = []
         for target in simulator.world.targets:
             halos.append(np.hypot(x - target.x, y - target.y) <= _REACH)
-        vv = frames.images[0] / frames.level[0]
-        vh = frames.images[2] / frames.level[2]
+        vv = frames.over_median(0)
+        vh = frames.over_median(2)
         for name, (nearest, farthest) in ROADSIDES.items():
             is_roadside = (across >= nearest) & (across <= farthest)
             calibrations[name].add(vv, vh, frames.region, halos, is_roadside)
@@ -224,15 +226,12 @@ def _sensor(run: xr.Dataset) -> Sensor:
     f = run["frequency"].values
     sensor = Sensor.model_validate(
         {
-            "name": "full-wave array",
-            "source": "packaged full-wave lane",
+            **_DECLARED["sensor"],
             "tones": {"start": f[0], "step": f[1] - f[0], "count": f.size},
             "polarization": tuple(run["polarization"].values.tolist()),
             "tx": np.unique(run["tx_position"].values, axis=0).tolist(),
             "rx": np.unique(run["rx_position"].values, axis=0).tolist(),
             "height": float(run["pose"].values[0, 2]),
-            "antenna": {"kind": "dipole"},
-            "footprint": (-2.0, 2.0, 0.8, 6.5),
         }
     )
     check_tones(sensor, (-HALF_WIDTH, HALF_WIDTH), (float(_GRID.y[0]), float(_GRID.y[-1])))
@@ -245,50 +244,24 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
     It has two metal and two plastic mines along it, a rock in it and a post beside it.
     """
     rng = np.random.default_rng([2018, seed])
-    soil = run.attrs["soil"]
     order = rng.permutation(["metal", "metal", "plastic", "plastic"]).tolist()
     targets = []
     for kind, y in zip(order, (3.0, 3.9, 4.8, 5.7), strict=True):
-        targets.append(
-            {
-                "kind": kind,
-                "x": rng.uniform(-0.6, 0.6),
-                "y": y + rng.uniform(-0.2, 0.2),
-                "depth": rng.uniform(0.015, 0.06),
-                "radius": 0.165,
-                "height": 0.12,
-            }
-        )
-    rock = {
-        "kind": "rock",
-        "x": rng.uniform(-0.8, 0.8),
-        "y": rng.uniform(2.6, 6.0),
-        "radius": 0.06,
-    }
-    post = {
-        "kind": "post",
-        "x": rng.choice([-1.2, 1.2]),
-        "y": rng.uniform(2.8, 6.0),
-        "radius": 0.03,
-        "height": 0.4,
-    }
+        place = {"x": rng.uniform(-0.6, 0.6), "y": y + rng.uniform(-0.2, 0.2)}
+        depth = rng.uniform(0.015, 0.06)
+        targets.append({"kind": kind, **place, "depth": depth, **_DECLARED["mine"]})
+    rock = {"x": rng.uniform(-0.8, 0.8), "y": rng.uniform(2.6, 6.0)}
+    post = {"x": rng.choice([-1.2, 1.2]), "y": rng.uniform(2.8, 6.0)}
+    scene = _DECLARED["scene"]
+    soil = {name: run.attrs["soil"][name] for name in ("permittivity", "conductivity")}
     return Scene.model_validate(
         {
+            **scene,
             "name": f"calibration {seed}",
-            "length": 7.0,
-            "soil": {
-                "model": "fixed",
-                "permittivity": soil["permittivity"],
-                "conductivity": soil["conductivity"],
-            },
-            "surface": {
-                "rms_height": 0.006,
-                "correlation_length": 0.1,
-                "slope": 0.0,
-                "texture_shape": None,
-            },
+            "soil": {"model": "fixed", **soil},
+            "surface": {**scene["surface"], "texture_shape": None},
             "targets": targets,
-            "objects": [rock, post],
+            "objects": [_DECLARED["rock"] | rock, _DECLARED["post"] | post],
             "track": {"positions": tuple(run["pose"].values[:, 1].tolist())},
         }
     )

@@ -16,7 +16,7 @@ from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, r
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
 from flgpr_papers.fuse2018.lanes import FuseRecipe
-from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.process import LaneResult
 
 CONVENTIONS = {
     "frames": "area accumulated over all frames (Sec. 4)",

@@ -1,115 +1,115 @@
-"""The page of the reproduction: findings, figures and tables of the paper, and ours."""
+"""What the page says beside findings and figures: facts, numbers and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
-from flgpr.store import write_whole
+from flgpr.scoring import pd_at
+from flgpr_papers.fuse2018.findings import STATEMENTS
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
-from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
+from flgpr_papers.fuse2018.lanes import BANDS, FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
-from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
-from flgpr_papers.fuse2018.twins import Drawing, Shown, own_drawings, paper_drawings
-from flgpr_papers.kit.findings import Finding, by_chance
-from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html
-from flgpr_papers.kit.study_worlds import OtherWorld, StudyWorld
+from flgpr_papers.kit.cache import Arrays
+from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.page import HEADER, Rows, point_rows
 
 Row = tuple[Any, ...]
+_THRESHOLDS = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
 
 
-def page_html(
-    recipe: FuseRecipe,
-    lanes: Sequence[LaneResult],
-    loose: LaneResult,
-    calibration: Calibration,
-    example: Mapping[str, NDArray[Any]],
-    poses: PoseStudy,
-    fullwave: FullwaveStudy,
-    found: Sequence[Finding],
-    quick: bool,
-    folder: Path,
-    study_world: StudyWorld,
-    other: OtherWorld,
-) -> str:
-    """Return the page, which needs no other file, and write its figures into a folder as PNG.
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures and its page."""
 
-    Parameters
-    ----------
-    recipe : FuseRecipe
-        The study.
-    lanes : sequence of LaneResult
-        Results of lanes A and B.
-    loose : LaneResult
-        Result of a lane with the presets' looser navigation.
-    calibration : Calibration
-        What the calibration lane teaches.
-    example : mapping of str to ndarray
-        What the figures show of one aperture.
-    poses : PoseStudy
-        Loss of the coherent sum by wrong poses.
-    fullwave : FullwaveStudy
-        The packaged full-wave lane.
-    found : sequence of Finding
-        The findings.
-    quick : bool
-        Whether the study is a quick run.
-    folder : Path
-        Folder of the study.
-    study_world : StudyWorld
-        World of the lanes.
-    other : OtherWorld
-        Findings of the same study on roads as found.
-    """
-    example_arrays = {**example, "box side": np.asarray(recipe.boxes.side)}
-    drawn_from = Shown(recipe, lanes, loose, example_arrays, poses, fullwave, found)
-    twins = [_twin(drawing, folder, quick) for drawing in paper_drawings(drawn_from)]
-    own_twins = [_twin(drawing, folder, quick) for drawing in own_drawings(drawn_from)]
-    write_whole(folder / "fullwave.csv", fullwave.table.to_csv(index=False))
-    return study_html(
-        "fuse2018.html",
-        quick=quick,
-        study_world=study_world,
-        other=other,
-        recipe=recipe,
-        lanes=[_lane_row(recipe, lane) for lane in lanes],
-        found=found,
-        chance=by_chance(found),
-        header=HEADER,
-        points=list(_points(recipe, lanes)),
-        regions=[f"{a:g} to {b:g} m" for a, b in pairwise(recipe.image.edges)],
-        thresholds=_threshold_rows(calibration),
-        courses=_course_rows(lanes),
-        poses=poses,
-        errors=[f"{1000 * error:g}" for error in poses.errors],
-        losses=_loss_rows(poses),
-        fullwave=fullwave,
-        peaks=_peak_rows(fullwave.table),
-        false_alarms=_false_alarm_rows(fullwave.false),
-        system=_system_rows(recipe),
-        combinations=[(f"#{k}", _iterations(iterations)) for k, iterations in TABLE_II.items()],
-        twins=twins,
-        others=own_twins,
-    )
+    recipe: FuseRecipe  #: the study
+    lanes: Sequence[LaneResult]  #: results of lanes A and B
+    loose: LaneResult  #: result of lane A with the presets' looser navigation
+    calibration: Calibration  #: what the calibration lane teaches
+    example: Arrays  #: what the figures show of one aperture
+    poses: PoseStudy  #: loss of the coherent sum by wrong poses
+    fullwave: FullwaveStudy  #: the packaged full-wave lane
 
 
-def _twin(drawing: Drawing, folder: Path, quick: bool) -> Twin:
-    """Write a figure into the folder and return what the page shows of it."""
-    picture = draw(drawing.figure, quick, 60 if quick else 110)
-    write_whole(folder / f"{drawing.name}.png", picture)
-    return Twin(drawing.number, drawing.title, picture, drawing.caption, drawing.numbers)
+def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
+    """Return what the captions and their numbers take."""
+    recipe = measured.recipe
+    by_claim = {finding.claim: finding.ours for finding in found}
+    ours = {}
+    for name, statement in STATEMENTS.declared.items():
+        ours[name] = by_claim.get(statement["claim"], "nothing to measure")
+    return {
+        "recipe": recipe,
+        "regions": len(recipe.image.edges) - 1,
+        "borders": ", ".join(f"{edge:g}" for edge in recipe.image.edges),
+        "pixels": {
+            name: f"{100 * np.mean(mask):.1f} %"
+            for name, mask in measured.example.items()
+            if mask.dtype == bool
+        },
+        "ours": ours,
+    }
 
 
-def _iterations(iterations: Sequence[int]) -> str:
+def roc_rows(measured: Measured) -> Rows:
+    """Return Pd without and with suppression, for Fig. 9."""
+    recipe = measured.recipe
+    rows = []
+    for lane in measured.lanes:
+        curves = [scored(lane, name, recipe, "frames")[1] for name in ("original", "iteration")]
+        for far in (0.05, 0.1):
+            text = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
+            quantity = f"Pd, lane {lane.name}, {far:g} per m², without and with"
+            rows.append((quantity, "not told in numbers", text))
+    return rows
+
+
+def page_tables(measured: Measured) -> dict[str, Any]:
+    """Return what the template of the page takes."""
+    recipe = measured.recipe
+    lanes = measured.lanes
+    learnt = measured.calibration.learnt
+    poses = measured.poses
+    fullwave = measured.fullwave
+    losses = {f"formula, {band.upper()} band, dB": poses.predicted[band] for band in BANDS}
+    losses["reflectors, L band, median, dB"] = np.median(poses.measured, axis=1)
+    thresholds: list[Row] = []
+    for title, name in _THRESHOLDS.items():
+        if name in learnt:
+            levels = 20 * np.log10(learnt[name])
+            thresholds.append((title, *[f"{level:.1f}" for level in levels]))
+    return {
+        "recipe": recipe,
+        "lanes": [_lane_row(recipe, lane) for lane in lanes],
+        "header": HEADER,
+        "points": _points(recipe, lanes),
+        "regions": [f"{a:g} to {b:g} m" for a, b in pairwise(recipe.image.edges)],
+        "thresholds": [*thresholds, ("looks at mines", *learnt["looks"])],
+        "courses": _course_rows(lanes),
+        "poses": poses,
+        "errors": [f"{1000 * error:g}" for error in poses.errors],
+        "losses": [(name, *[f"{one:.1f}" for one in loss]) for name, loss in losses.items()],
+        "fullwave": fullwave,
+        "peaks": _peak_rows(fullwave.table),
+        "false_alarms": [
+            (row["roadside"], row["method"], row["false alarms"], f"{100 * row['masked']:.0f} %")
+            for row in fullwave.false.to_dict("records")
+        ],
+        "system": _system_rows(recipe),
+        "combinations": [(f"#{k}", _output(iterations)) for k, iterations in TABLE_II.items()],
+    }
+
+
+def _output(iterations: Sequence[int]) -> str:
     """Name the output images of a combination as Table II does."""
     if not any(iterations):
         return "Original SAR image"
@@ -118,11 +118,11 @@ def _iterations(iterations: Sequence[int]) -> str:
 
 def _system_rows(recipe: FuseRecipe) -> list[Row]:
     """Tabulate both radars as Table I does."""
-    sensors = [band_sensor(recipe, band) for band in ("l", "x")]
     antennas = []
     bands = []
     polarizations = []
-    for sensor in sensors:
+    for band in BANDS:
+        sensor = band_sensor(recipe, band)
         tx, rx = (len(np.unique(side, axis=0)) for side in sensor.pairs())
         tones = sensor.tones.axis()
         antennas.append(f"{tx} transmitters, {rx} receivers")
@@ -138,8 +138,9 @@ def _system_rows(recipe: FuseRecipe) -> list[Row]:
     ]
 
 
-def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
-    """Yield Pd at operating points, before and after, by both conventions of FAR."""
+def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> list[Row]:
+    """Return Pd at operating points, before and after, by both conventions of FAR."""
+    rows: list[Row] = []
     for lane in lanes:
         for convention in CONVENTIONS:
             for variant in ("original", "iteration"):
@@ -147,25 +148,14 @@ def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
                 area = {name: options[name] for name in ("area", "frame_area") if name in options}
                 inside = matched.truth["inside"].to_numpy(dtype=bool)
                 subsets = {f"lane {lane.name}, {convention}": inside}
-                yield from point_rows({variant: matched}, subsets, shared="count", **area)
+                rows += point_rows({variant: matched}, subsets, shared="count", **area)
+    return rows
 
 
 def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:
     """Return the row of a lane: its length, mines, frames and objects."""
     counts = [(lane.objects["kind"] == kind).sum() for kind in ("bush", "post", "rock")]
     return lane.name, f"{recipe.lanes.length:g} m", len(lane.truth), lane.frames, *counts
-
-
-def _threshold_rows(calibration: Calibration) -> list[Row]:
-    """Tabulate the learnt thresholds, dB."""
-    names = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
-    learnt = calibration.learnt
-    rows: list[Row] = []
-    for title, name in names.items():
-        if name in learnt:
-            levels = [f"{20 * np.log10(level):.1f}" for level in learnt[name]]
-            rows.append((title, *levels))
-    return [*rows, ("looks at mines", *learnt["looks"])]
 
 
 def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
@@ -178,10 +168,8 @@ def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
             continue
         counts = ["no iterations"] * 3
         if "least" not in name:
-            counts = []
-            for column in ("rises", "diverged", "fallen"):
-                count = (rows_of_variant[column] > 0).sum()
-                counts.append(f"{count} of {len(rows_of_variant)}")
+            flags = rows_of_variant[["rises", "diverged", "fallen"]] > 0
+            counts = [f"{count} of {len(flags)}" for count in flags.sum()]
         masked = f"{100 * rows_of_variant['masked'].mean():.1f}"
         residual = f"{rows_of_variant['residual'].mean():.3f}"
         seconds = f"{rows_of_variant['cpu'].median():.2f}"
@@ -189,44 +177,11 @@ def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
     return rows
 
 
-def _loss_rows(study: PoseStudy) -> list[Row]:
-    """Tabulate the loss by wrong poses, by formula and measured."""
-    losses = {f"formula, {band.upper()} band, dB": study.predicted[band] for band in ("l", "x")}
-    losses["reflectors, L band, median, dB"] = np.median(study.measured, axis=1)
-    rows: list[Row] = []
-    for name, values in losses.items():
-        rows.append((name, *[f"{value:.1f}" for value in values]))
-    return rows
-
-
-def _false_alarm_rows(table: pd.DataFrame) -> list[Row]:
-    """Tabulate the false alarms of the full-wave run by method."""
-    rows: list[Row] = []
-    for row in table.to_dict("records"):
-        masked = f"{100 * row['masked']:.0f} %"
-        rows.append((row["roadside"], row["method"], row["false alarms"], masked))
-    return rows
-
-
 def _peak_rows(table: pd.DataFrame) -> list[Row]:
     """Tabulate the peaks of the full-wave run by method."""
     rows: list[Row] = []
     for row in table[table["method"] != "none"].to_dict("records"):
-        rank = ""
-        false_above = ""
-        if row["rank"]:
-            rank = row["rank"]
-            false_above = row["above"]
-        rows.append(
-            (
-                row["roadside"],
-                row["method"],
-                row["object"],
-                f"{row['VV']:+.1f}",
-                f"{row['HH']:+.1f}",
-                f"{100 * row['masked']:.0f} %",
-                rank,
-                false_above,
-            )
-        )
+        changes = (f"{row['VV']:+.1f}", f"{row['HH']:+.1f}", f"{100 * row['masked']:.0f} %")
+        ranks = (row["rank"], row["above"]) if row["rank"] else ("", "")
+        rows.append((row["roadside"], row["method"], row["object"], *changes, *ranks))
     return rows

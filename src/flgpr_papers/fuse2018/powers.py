@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from flgpr_papers.fuse2018.lanes import FuseRecipe
-from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.kit.findings import Interval, clustered
 
 FloatArray = NDArray[np.float64]
@@ -47,9 +47,11 @@ def power_db(boxes: pd.DataFrame, stage: str) -> FloatArray:
     return np.asarray(10 * np.log10(boxes[stage].to_numpy() / boxes["#0"].to_numpy()))
 
 
-def mean_over_boxes(boxes: pd.DataFrame, values: FloatArray, recipe: FuseRecipe) -> Interval:
+def mean_over_boxes(
+    boxes: pd.DataFrame, values: ArrayLike, recipe: FuseRecipe, level: float = 0.95
+) -> Interval:
     """Return the mean of values over boxes with its interval over objects."""
-    return clustered(values, boxes["cluster"], recipe.boxes.draws)
+    return clustered(values, boxes["cluster"], recipe.boxes.draws, level=level)
 
 
 def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:

@@ -1,53 +1,28 @@
-"""Records of what becomes of alarms, clutter boxes and mines in the apertures of a lane.
+"""Rows of what becomes of alarms, clutter boxes and mines in an aperture of a lane.
 
 The truth says where mines and roadside objects are when something is measured.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.clutter import TABLE_II, fundamental_mask
-from flgpr.engine import Arrays
+from flgpr.clutter import TABLE_II, above, extended_mask, fundamental_mask, roadside_level
 from flgpr.model import Grid, ground_points, scan_to_lane
 from flgpr.screen import frame_alarms
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.suppression import Cleaned, suppressed_alone
+from flgpr_papers.kit.cache import Arrays
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
-
-
-@dataclass
-class LaneRecords:
-    """What a lane's frames yield, row by row."""
-
-    #: variant, frame, x, y (m, lane frame), across, ahead (m, scan frame), magnitude over the
-    #: background
-    alarms: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, object, side, stage, power in the box
-    boxes: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, target, variant, peak, whether the mask covers the original peak
-    mines: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, variant, iterations that raised the residual and by how much at most, whether the last
-    #: was worse than another, whether the best had to stand in, residual, share of pixels masked,
-    #: CPU seconds
-    courses: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, loss of the coherent sum at the strongest pixels, dB
-    coherence: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, target, variant, change of what the mine alone gives at its peak, dB
-    own: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it
-    #: lies in, share of its VV power that the fundamental mask covers
-    bands: list[dict[str, Any]] = field(default_factory=list)
-    #: mean magnitude over the background of all looks, by variant
-    maps: Arrays = field(default_factory=dict)
+Rows = list[dict[str, Any]]
 
 
 def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd.DataFrame:
@@ -75,13 +50,6 @@ def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd
     is_inside = (np.abs(x) >= near) & (np.abs(x) <= far - margin)
     is_inside &= (y >= y_min + margin) & (y <= y_max - margin)
     return objects.assign(x=x, y=y)[is_inside]
-
-
-def box_of(grid: Grid, x: float, y: float, side: float) -> BoolArray:
-    """Return which pixels (y, x) lie in a square box about a position, m."""
-    columns = np.abs(grid.x - x) <= side / 2
-    rows = np.abs(grid.y - y) <= side / 2
-    return rows[:, None] & columns[None, :]
 
 
 def halo_of(grid: Grid, position: FloatArray, radius: float) -> BoolArray:
@@ -128,13 +96,11 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
     return images
 
 
-def record_boxes(
-    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
-) -> None:
-    """Record the power in the boxes of roadside objects, at every stage and of every variant."""
+def box_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
+    """Return the power in the boxes of roadside objects, at every stage and of every variant."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
-        return
+        return []
     boxes = _boxes_of(objects, cleaned, recipe)
     # Only pixels in some box are imaged: the stages are many.
     in_any_box = np.any(boxes, axis=0)
@@ -142,32 +108,36 @@ def record_boxes(
     for name, image in cleaned.images.items():
         images[name] = image[in_any_box]
     sides = np.where(objects["x"] < 0, "left", "right")
+    rows: Rows = []
     for name, side, box in zip(objects["object_id"], sides, boxes, strict=True):
         inside = box[in_any_box]
         for stage, image in images.items():
             power = float(np.mean(np.abs(image[inside]) ** 2))
             row = {"frame": cleaned.index, "object": name, "side": side, "stage": stage}
-            records.boxes.append(row | {"power": power})
+            rows.append(row | {"power": power})
+    return rows
 
 
 def _boxes_of(objects: pd.DataFrame, cleaned: Cleaned, recipe: FuseRecipe) -> list[BoolArray]:
-    """Return the pixels of every object's box."""
+    """Return the pixels (y, x) of every object's square box."""
+    grid = cleaned.stage.grid
+    half = recipe.boxes.side / 2
     boxes = []
     for x, y in objects[["x", "y"]].to_numpy():
-        boxes.append(box_of(cleaned.stage.grid, x, y, recipe.boxes.side))
+        rows = np.abs(grid.y - y) <= half
+        boxes.append(rows[:, None] & (np.abs(grid.x - x) <= half))
     return boxes
 
 
-def record_mines(
-    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
-) -> None:
-    """Record the mines' peaks under each variant."""
+def mine_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
+    """Return the mines' peaks under each variant."""
     original = np.abs(cleaned.aperture.vv)
+    rows: Rows = []
     for target, position in targets_in_area(frames, cleaned.pose, recipe):
         halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
         is_masked = bool(cleaned.masks["pixel"][_peak_pixel(original, halo)])
         for variant, image in cleaned.images.items():
-            records.mines.append(
+            rows.append(
                 {
                     "frame": cleaned.index,
                     "target": target.target_id,
@@ -177,6 +147,7 @@ def record_mines(
                     "masked": is_masked,
                 }
             )
+    return rows
 
 
 def _peak_pixel(magnitude: NDArray[np.floating[Any]], halo: BoolArray) -> tuple[Any, ...]:
@@ -184,25 +155,23 @@ def _peak_pixel(magnitude: NDArray[np.floating[Any]], halo: BoolArray) -> tuple[
     return np.unravel_index(int(np.where(halo, magnitude, -1).argmax()), halo.shape)
 
 
-def record_mines_alone(
-    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
-) -> None:
-    """Record how the suppression changes what the mines alone give at their peaks."""
+def mine_alone_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
+    """Return how the suppression changes what the mines alone give at their peaks."""
     stage = cleaned.stage
     mask = cleaned.masks["pixel"]
     targets = targets_in_area(frames, cleaned.pose, recipe)
     if frames.mines is None or not targets or not mask.any():
-        return
+        return []
     stack = cleaned.aperture.stack_on(stage.points)
     levels = {}
     for variant, data in _mines_through_variants(cleaned, frames.mines).items():
         levels[variant] = np.abs(stack.adjoint(data)[0, 0])
     original = levels.pop("original")
+    rows: Rows = []
     for target, position in targets:
-        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
-        pixel = _peak_pixel(original, halo)
+        pixel = _peak_pixel(original, halo_of(stage.grid, position, recipe.score.halo / 2))
         for variant, level in levels.items():
-            records.own.append(
+            rows.append(
                 {
                     "frame": cleaned.index,
                     "target": target.target_id,
@@ -211,6 +180,7 @@ def record_mines_alone(
                     "change_db": float(20 * np.log10(level[pixel] / original[pixel])),
                 }
             )
+    return rows
 
 
 def _mines_through_variants(cleaned: Cleaned, mines: ComplexArray) -> dict[str, ComplexArray]:
@@ -234,23 +204,14 @@ def _mines_through_variants(cleaned: Cleaned, mines: ComplexArray) -> dict[str, 
     return data
 
 
-def record_bands(
-    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
-) -> None:
-    """Record how strong mines and roadside objects are in VV, VH and the X band."""
+def band_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
+    """Return how strong mines and roadside objects are in VV, VH and the X band."""
     aperture = cleaned.aperture
     stage = cleaned.stage
     images = {"vv": np.abs(aperture.vv), "vh": np.abs(aperture.vh)}
     if aperture.second is not None:
         images["x"] = aperture.second
-    mask = fundamental_mask(
-        aperture.vv,
-        aperture.vh,
-        stage.limits_for(aperture),
-        stage.region,
-        aperture.second,
-        stage.settings.intersect,
-    )
+    mask = _fundamental(cleaned, stage.settings.intersect)
     objects = roadside_objects(frames, cleaned.pose, recipe)
     regions = []
     boxes = _boxes_of(objects, cleaned, recipe)
@@ -259,32 +220,98 @@ def record_bands(
     for target, position in targets_in_area(frames, cleaned.pose, recipe):
         halo = halo_of(stage.grid, position, recipe.score.halo / 2)
         regions.append(("mine", target.target_id, halo))
+    rows: Rows = []
     for what, name, pixels in regions:
         power = images["vv"][pixels] ** 2
-        row = {
-            "frame": cleaned.index,
-            "what": what,
-            "name": name,
-            "held": float(power[mask[pixels]].sum() / power.sum()),
-        }
+        held = float(power[mask[pixels]].sum() / power.sum())
+        row = {"frame": cleaned.index, "what": what, "name": name, "held": held}
         for band, image in images.items():
-            row[band] = _over_rows(image, pixels)
-        records.bands.append(row)
+            # over the median of the rows that the pixels lie in
+            row[band] = float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
+        rows.append(row)
+    return rows
 
 
-def _over_rows(image: NDArray[np.floating[Any]], pixels: BoolArray) -> float:
-    """Return the peak of a magnitude on some pixels over the median of the rows they lie in."""
-    return float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
+def _fundamental(cleaned: Cleaned, intersect: Any = "pixel") -> BoolArray:
+    """Return the fundamental mask of an aperture by a way to intersect."""
+    aperture = cleaned.aperture
+    limits = cleaned.stage.limits_for(aperture)
+    region = cleaned.stage.region
+    return fundamental_mask(aperture.vv, aperture.vh, limits, region, aperture.second, intersect)
 
 
-def record_alarms(
-    records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe
-) -> None:
-    """Record the alarms of a frame by variant, in the lane frame."""
-    for variant, level in levels.items():
-        alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
-        x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T
-        alarms = alarms.rename(columns={"x": "across", "y": "ahead"})
-        alarms = alarms.assign(variant=variant, frame=cleaned.index, x=x, y=y)
-        rows: list[dict[Any, Any]] = alarms.to_dict("records")
-        records.alarms += rows
+def alarm_rows(cleaned: Cleaned, variant: str, level: FloatArray, recipe: FuseRecipe) -> Rows:
+    """Return the alarms of a frame by a variant's level over the background, in the lane frame."""
+    alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
+    x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T
+    alarms = alarms.rename(columns={"x": "across", "y": "ahead"})
+    rows: list[Any] = alarms.assign(variant=variant, frame=cleaned.index, x=x, y=y).to_dict(
+        "records"
+    )
+    return rows
+
+
+def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
+    """Return what the figures show of one aperture: magnitudes, masks, axes and positions.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture, cleaned by every variant.
+    frames : Frames
+        The lane's frames.
+    recipe : FuseRecipe
+        The study.
+
+    Returns
+    -------
+    dict
+        Arrays in the scan frame of the aperture's latest frame; magnitudes are in single precision.
+    """
+    aperture = cleaned.aperture
+    stage = cleaned.stage
+    grid = stage.grid
+    region = stage.region
+    limits = stage.limits_for(aperture)
+    low_vv = roadside_level(aperture.vv, region, stage.is_roadside, len(limits.vv))
+    arrays: Arrays = {
+        "x_axis": grid.x,
+        "y_axis": grid.y,
+        "frame": np.array(cleaned.index),
+        "vv": np.abs(aperture.vv),
+        "vh": np.abs(aperture.vh),
+        "mask vv": above(aperture.vv, limits.vv, region),
+        "mask vh": above(aperture.vh, limits.vh, region),
+        "mask vv low": above(aperture.vv, low_vv, region),
+        "mask vh low": above(aperture.vh, limits.low_vh, region),
+        "fundamental": _fundamental(cleaned),
+        "fundamental by region": _fundamental(cleaned, "region"),
+        "extended": extended_mask(aperture.vh, limits, region, stage.across, recipe.mask.roadside),
+        "mines": local(frames.truth, cleaned.pose),
+        "residual": np.stack([course.residual for course in cleaned.courses]),
+    }
+    if aperture.second is not None and limits.second is not None:
+        arrays["x"] = aperture.second
+        arrays["mask x"] = above(aperture.second, limits.second, region)
+    everywhere = np.ones(grid.shape, dtype=bool)
+    for name, image in stage_images(cleaned, everywhere).items():
+        if name.startswith("#"):
+            arrays[f"stage {name}"] = np.abs(image).reshape(grid.shape)
+    for name, image in cleaned.images.items():
+        arrays[f"variant {name}"] = np.abs(image)
+    arrays["boxes"] = _strongest_objects(cleaned, frames, recipe)
+    for name, array in arrays.items():
+        if array.shape == grid.shape and array.dtype == np.float64:
+            arrays[name] = array.astype(np.float32)
+    return arrays
+
+
+def _strongest_objects(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> FloatArray:
+    """Return the positions (object, 2) of the strongest roadside object on either side, m."""
+    objects = roadside_objects(frames, cleaned.pose, recipe)
+    powers = []
+    for box in _boxes_of(objects, cleaned, recipe):
+        powers.append(float(np.mean(np.abs(cleaned.aperture.vv[box]) ** 2)))
+    objects = objects.assign(power=powers, left=objects["x"] < 0)
+    strongest = objects.sort_values("power").groupby("left").tail(1)
+    return strongest[["x", "y"]].to_numpy(dtype=np.float64)

@@ -2,107 +2,102 @@
 
 The study in order: simulate the calibration lane and learn the thresholds of the masks, simulate
 lanes A and B, clean every aperture by every variant of the suppression, judge the paper's
-statements, write the page.
+statements.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from flgpr.progress import Track, silent
-from flgpr.store import write_whole
+from flgpr.progress import Track
+from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.findings import all_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
-from flgpr_papers.fuse2018.page import page_html
+from flgpr_papers.fuse2018.page import Measured, page_facts, page_tables, roc_rows
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import calibrate, process_lane
-from flgpr_papers.fuse2018.results import (
+from flgpr_papers.fuse2018.process import (
     LaneResult,
-    example_arrays,
+    process_lane,
     read_records,
     result_key,
     stored_calibration,
     write_records,
 )
+from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
-from flgpr_papers.kit.findings import write_findings
-from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
-from flgpr_papers.kit.threads import one_blas_thread
+from flgpr_papers.kit.study import Outcome, Study
 
-PAGE = "fuse2018.html"
 LANES = ("A", "B")
 
 
-@one_blas_thread
-def reproduce(
-    output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
-) -> Path:
-    """Simulate and clean the calibration lane and lanes A and B, and write page, findings, tables.
-
-    What is on disk (a simulated lane, the thresholds, a lane's results) is used if it was made by
-    the same recipe, so that an interrupted run resumes.
-
-    Parameters
-    ----------
-    output : str or Path
-        Folder to work in.
-    quick : bool
-        Short lanes that only show that everything runs.
-    track : Track
-        Shows progress.
-    world : str
-        World of the lanes, see `flgpr_papers.kit.study_worlds`.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
-    folder = Path(output)
+def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
+    """Simulate and clean the lanes, and judge them; what is on disk of this recipe is used."""
     recipe = fuse_recipe(quick, world)
-    stores = folder / "lanes"
-    results = folder / "results"
-    stores.mkdir(parents=True, exist_ok=True)
-    results.mkdir(parents=True, exist_ok=True)
-
-    def make_calibration() -> Calibration:
-        frames = simulate_lane(stores, recipe, "calibration", track)
-        return calibrate(frames, recipe, track)
-
-    calibration_file = results / f"calibration-{result_key(recipe, quick)}.json"
-    calibration = stored_calibration(calibration_file, make_calibration)
+    calibration = stored_calibration(folder, recipe, quick, track)
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
-    loose = loose_result(folder, recipe, LANES[0], quick, calibration, track)
-    poses = pose_study(recipe, draws=8 if quick else 60)
-    example = read_arrays(results / f"example-{result_key(recipe, quick, calibration)}.bundle")
-    fullwave = fullwave_study(quick)
-    findings = all_findings(lanes, loose, recipe)
-    write_findings(folder, findings, quick, world=world)
-    html = page_html(
-        recipe,
-        lanes,
-        loose,
-        calibration,
-        example,
-        poses,
-        fullwave,
-        findings,
-        quick,
-        folder,
-        study_world("fuse2018", world),
-        other_world(folder, PAGE, world, quick),
+    loose = lane_result(folder, recipe, LANES[0], quick, calibration, track, loose=True)
+    key = result_key(recipe, quick, calibration)
+    measured = Measured(
+        recipe=recipe,
+        lanes=lanes,
+        loose=loose,
+        calibration=calibration,
+        example=read_arrays(folder / "results" / f"example-{key}.bundle"),
+        poses=pose_study(recipe, draws=8 if quick else 60),
+        fullwave=fullwave_study(quick),
     )
-    write_whole(folder / PAGE, html)
-    return folder / PAGE
+    findings = all_findings(lanes, loose, recipe)
+    return Outcome(
+        findings=findings,
+        figures=_figures(measured),
+        facts=page_facts(measured, findings),
+        rows={"figure-9": roc_rows(measured)},
+        tables=page_tables(measured),
+        files={"fullwave.csv": measured.fullwave.table.to_csv(index=False)},
+    )
+
+
+def _figures(measured: Measured) -> dict[str, Callable[[], Figure]]:
+    """Return what draws each figure of the page, by name."""
+    recipe = measured.recipe
+    lanes = measured.lanes
+    shown = {**measured.example, "box side": np.asarray(recipe.boxes.side)}
+    drawn: dict[str, Callable[[], Figure]] = {
+        "figure-1": partial(figures.geometry_figure, recipe),
+        "figure-2": partial(figures.procedure_figure, shown),
+    }
+    for number, (band, title) in enumerate(figures.BANDS.items(), start=3):
+        if band in shown:
+            drawn[f"figure-{number}"] = partial(figures.mask_figure, shown, band, title)
+    return drawn | {
+        "figure-6": partial(figures.masks_figure, shown, figures.MIXED),
+        "figure-7": partial(figures.images_figure, shown, figures.STAGES, (8.6, 5.2), 2),
+        "figure-8": partial(figures.power_figure, lanes, shown, recipe),
+        "figure-9": partial(figures.roc_figure, lanes, recipe),
+        "variants": partial(figures.images_figure, shown, figures.CLEANED, (9.5, 8.6), 3),
+        "regions": partial(figures.masks_figure, shown, figures.READINGS),
+        "variants-roc": partial(figures.variants_roc_figure, lanes, recipe),
+        "poses": partial(figures.pose_figure, measured.poses, lanes, measured.loose),
+        "fullwave": partial(figures.fullwave_figure, measured.fullwave),
+    }
 
 
 def lane_result(
-    folder: Path, recipe: FuseRecipe, name: str, quick: bool, calibration: Calibration, track: Track
+    folder: Path,
+    recipe: FuseRecipe,
+    name: str,
+    quick: bool,
+    calibration: Calibration,
+    track: Track,
+    loose: bool = False,
 ) -> LaneResult:
     """Simulate and clean a lane, or read its results if they are on disk.
 
@@ -120,40 +115,30 @@ def lane_result(
         What the calibration lane teaches.
     track : Track
         Shows progress.
+    loose : bool
+        Whether some apertures are cleaned with the presets' looser navigation instead.
     """
     key = result_key(recipe, quick, calibration)
-    path = folder / "results" / f"{name}-{key}.json"
-    example_file = folder / "results" / f"example-{key}.bundle"
     frames = simulate_lane(folder / "lanes", recipe, name, track)
-
-    def save_example(cleaned: Cleaned) -> None:
-        if name == LANES[0]:
-            write_arrays(example_file, example_arrays(cleaned, frames, recipe))
-
-    if not path.is_file():
-        records = process_lane(
-            frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, save_example
-        )
-        write_records(path, frames, records)
-    return read_records(path, frames)
-
-
-def loose_result(
-    folder: Path, recipe: FuseRecipe, name: str, quick: bool, calibration: Calibration, track: Track
-) -> LaneResult:
-    """Clean some apertures of a lane with the presets' looser navigation, or read the results.
-
-    The parameters are those of :func:`lane_result`.
-    """
-    path = folder / "results" / f"{name}-loose-{result_key(recipe, quick, calibration)}.json"
-    frames = simulate_lane(folder / "lanes", recipe, name, track)
-    if not path.is_file():
+    path = folder / "results" / f"{name}{'-loose' if loose else ''}-{key}.json"
+    if path.is_file():
+        return read_records(path, frames)
+    if loose:
         variants = ("original", "iteration", "shared")
         loose_frames = loosened(frames, recipe)
-        records = process_lane(
-            loose_frames, calibration, recipe, track, variants, recipe.study.loose_every
-        )
+        every = recipe.study.loose_every
+        records = process_lane(loose_frames, calibration, recipe, track, variants, every)
         write_records(path, loose_frames, records)
+        return read_records(path, frames)
+
+    def save_example(cleaned: Cleaned) -> None:
+        arrays = example_arrays(cleaned, frames, recipe)
+        write_arrays(path.with_name(f"example-{key}.bundle"), arrays)
+
+    example = save_example if name == LANES[0] else None
+    every = recipe.study.every
+    records = process_lane(frames, calibration, recipe, track, tuple(VARIANTS), every, example)
+    write_records(path, frames, records)
     return read_records(path, frames)
 
 
@@ -178,3 +163,6 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     for band, run in {"l": l_band_run, **frames.stage.setup.others}.items():
         runs[band] = run.assign(pose=run["pose"] + shift)
     return replace(frames, stage=masks_stage(runs, recipe))
+
+
+STUDY = Study("fuse2018", "fuse2018.html", run, dpi=(110, 60))

@@ -304,6 +304,13 @@ def clustered(
     return float(data.mean()), float(low), float(high)
 
 
+def percentiles(value: float, draws: ArrayLike) -> Interval:
+    """Return a value with the range that holds 95 % of its bootstrap draws that are known."""
+    drawn = np.asarray(draws)
+    low, high = np.quantile(drawn[~np.isnan(drawn)], (0.025, 0.975))
+    return float(value), float(low), float(high)
+
+
 def difference_of_means(first: Interval, second: Interval) -> Interval:
     """Return the difference of two independent means by their intervals.
 

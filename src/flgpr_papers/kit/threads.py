@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
 from typing import Any, TypeVar, cast
 
 import scipy.linalg  # noqa: F401  # loads the BLAS of SciPy, which can be limited only once loaded
@@ -18,10 +17,4 @@ def one_blas_thread(run: Run) -> Run:
     The matrices of the studies are small, so that several threads mostly wait for each other. When
     other work runs on the same two cores, flsar2004 takes four times as long with two threads.
     """
-
-    @wraps(run)
-    def limited(*arguments: Any, **options: Any) -> Any:
-        with threadpool_limits(limits=1, user_api="blas"):
-            return run(*arguments, **options)
-
-    return cast("Run", limited)
+    return cast("Run", threadpool_limits.wrap(limits=1, user_api="blas")(run))

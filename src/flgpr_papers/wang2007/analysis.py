@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,10 +17,11 @@ from flgpr.features import FEATURES
 from flgpr.method.classifier import count_mines, duplication, label_lanes
 from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
-from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
+from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import select_targets
 from flgpr.screen import prescreen
+from flgpr_papers.kit.rescoring import Draw, Rescorer
 
 
 def _is_no_simulant(kind: Any) -> Any:
@@ -45,6 +46,8 @@ METHODS = {
     "D": "cross-validation without duplication",
 }
 SUBBANDS = ("F1", "F2", "F3", "F4")
+BANDS = ("F0", *SUBBANDS)
+POLARIZATIONS = ("HH", "VV", "HV")
 FAR_MAX = 0.1
 """False alarms per m² up to which Pd is averaged."""
 AREA: AreaRule = "paper"
@@ -68,6 +71,16 @@ class LaneResult:
     #: run-view (y, x) of the prescreener's channel over the full range of the images, if there is
     #: one
     wide_view: xr.DataArray | None
+
+    @property
+    def training(self) -> tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]:
+        """What classifiers are trained with."""
+        return self.name, self.alarms, self.features, self.truth, self.lane
+
+    @property
+    def length(self) -> float:
+        """Length of the lane, m."""
+        return self.lane.y_max - self.lane.y_min
 
 
 def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
@@ -170,10 +183,9 @@ class Pool:
         on_lane = known & np.isin(lane, list(only or self.lanes))
         if not cross:
             return [self._fold(columns, on_lane, on_lane, duplicate, draw)]
-        names = list(only or self.lanes)
         return [
             self._fold(columns, on_lane & (lane != name), on_lane & (lane == name), duplicate, draw)
-            for name in names
+            for name in only or self.lanes
         ]
 
     def _fold(
@@ -214,12 +226,14 @@ class Pool:
         folds = self.folds(columns, *_settings(method))
         return forward_search(folds, len(self.labels), self.scorer, steps)
 
-    def confidence(self, columns: Sequence[str], method: str) -> FloatArray:
+    def confidence(
+        self, columns: Sequence[str], method: str, draw: Draw | None = None
+    ) -> FloatArray:
         """Return confidences (alarm,) with a fixed set of features by a method A-D.
 
-        They are -inf where a feature is missing.
+        They are -inf where a feature is missing. A draw weighs the examples.
         """
-        folds = self.folds(columns, *_settings(method))
+        folds = self.folds(columns, *_settings(method), draw=draw)
         return _refit(folds, len(self.labels))
 
     def singles_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
@@ -227,13 +241,7 @@ class Pool:
 
         They are trained anew in every draw.
         """
-        scores: dict[str, list[FloatArray]] = {method: [] for method in methods}
-        for draw in self.draws(draws):
-            scorer = partial(self.scorer, draw=draw)
-            for method, rows in scores.items():
-                folds = self.folds(columns, *_settings(method), draw=draw)
-                rows.append(single_features(folds, len(self.labels), scorer))
-        return {method: np.array(rows) for method, rows in scores.items()}
+        return self._in_draws(single_features, columns, methods, draws)
 
     def searches_in(
         self, columns: Sequence[str], methods: str, draws: int
@@ -249,13 +257,22 @@ class Pool:
         draws : int
             Number of bootstrap draws.
         """
-        scores: dict[str, list[list[float]]] = {method: [] for method in methods}
+
+        def scores_of(folds: list[Fold], samples: int, scorer: Any) -> list[float]:
+            return [step.score for step in forward_search(folds, samples, scorer)]
+
+        return self._in_draws(scores_of, columns, methods, draws)
+
+    def _in_draws(
+        self, score: Callable[..., Any], columns: Sequence[str], methods: str, draws: int
+    ) -> dict[str, FloatArray]:
+        """Return the scores (draw, ...) of folds by methods A-D in every draw."""
+        scores: dict[str, list[Any]] = {method: [] for method in methods}
         for draw in self.draws(draws):
             scorer = partial(self.scorer, draw=draw)
             for method, rows in scores.items():
                 folds = self.folds(columns, *_settings(method), draw=draw)
-                search = forward_search(folds, len(self.labels), scorer)
-                rows.append([step.score for step in search])
+                rows.append(score(folds, len(self.labels), scorer))
         return {method: np.array(rows) for method, rows in scores.items()}
 
     def scorer_of(self, subset: Any) -> Rescorer:
@@ -272,13 +289,9 @@ class Pool:
 
         It is trained anew in every draw.
         """
-        cross, duplicate = _settings(method)
         score = self.scorer_of(subset)
-        values = []
-        for draw in self.draws(draws, subset=subset):
-            confidence = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
-            values.append(score(confidence, draw))
-        return np.array(values)
+        drawn = self.draws(draws, subset=subset)
+        return np.array([score(self.confidence(columns, method, draw), draw) for draw in drawn])
 
     def bands(
         self, columns: Sequence[str], method: str, subset: Any, far: FloatArray, draws: int
@@ -299,11 +312,10 @@ class Pool:
             Number of bootstrap draws.
         """
         scorer = Rescorer(self.reference, subset, area=AREA)
-        cross, duplicate = _settings(method)
         confidence = self.confidence(columns, method)
         curves = []
         for draw in self.draws(draws):
-            again = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
+            again = self.confidence(columns, method, draw)
             curves.append([scorer.pd_at(values, far, draw) for values in (confidence, again)])
         trained, anew = np.swapaxes(np.nanquantile(np.array(curves), (0.025, 0.975), axis=0), 0, 1)
         return trained, anew
@@ -337,10 +349,8 @@ class Pool:
 
     def magnitude(self) -> FloatArray:
         """Return the magnitude of all alarms, which is what the prescreener goes by."""
-        magnitudes = []
-        for result in self.results:
-            magnitudes.append(result.alarms["magnitude"].to_numpy(dtype=np.float64))
-        return np.concatenate(magnitudes)
+        magnitudes = [result.alarms["magnitude"] for result in self.results]
+        return np.concatenate(magnitudes).astype(np.float64)
 
     def nested(
         self, columns: Sequence[str], steps: int
@@ -476,8 +486,9 @@ def clutter_levels(
 
 def _target_distance(result: LaneResult) -> FloatArray:
     """Return the distance (y, x) of every pixel of a run-view from the nearest target, m."""
-    x, y = np.meshgrid(result.view["x"].values, result.view["y"].values)
-    distance = np.full(x.shape, np.inf)
+    x = result.view["x"].values
+    y = result.view["y"].values[:, None]
+    distance = np.full((y.size, x.size), np.inf)
     for target_x, target_y in result.truth[["x", "y"]].to_numpy(dtype=np.float64):
         distance = np.minimum(distance, np.hypot(x - target_x, y - target_y))
     return distance
@@ -492,19 +503,9 @@ def stands_out(magnitude: NDArray[Any]) -> float:
     return float(20 * np.log10(high / median))
 
 
-def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame:
-    """Return PD_mean of every feature on its own (column) by the methods A-D (row).
-
-    Parameters
-    ----------
-    pool : Pool
-        Alarms of the calibration lanes.
-    subband : str
-        Sub-band of the features.
-    prefix : str
-        Prefix of the columns, of another reading of the paper.
-    """
-    columns = [f"{prefix}{name}_{subband}" for name in FEATURES]
+def table_one(pool: Pool, subband: str = "F1") -> pd.DataFrame:
+    """Return PD_mean of every feature of a sub-band (column) by the methods A-D (row)."""
+    columns = [f"{name}_{subband}" for name in FEATURES]
     return pd.DataFrame(
         {method: pool.singles(columns, method) for method in METHODS}, index=list(FEATURES)
     ).T

@@ -1,4 +1,4 @@
-"""Comparisons with Wang et al. 2007 that its findings share, as intervals and as findings.
+"""Numbers that the statements of Wang et al. 2007 are judged by, with their intervals.
 
 Differences of PD_mean come from resampling targets, lanes and stretches of lane. Where a
 discriminant is trained, it is trained anew in every draw.
@@ -9,16 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from flgpr.detect import SearchStep
+from flgpr.features import FEATURES
 from flgpr.scoring import Match, compare
 from flgpr_papers.kit.findings import (
-    MARGIN,
+    SHARE,
     SHARE_DIFFERENCE,
-    Finding,
     Interval,
-    alike,
-    all_of,
     difference_of_shares,
-    judge,
     share_error,
     spread,
     together,
@@ -26,12 +29,11 @@ from flgpr_papers.kit.findings import (
 from flgpr_papers.kit.page import detections_at, pd_in_words
 from flgpr_papers.wang2007.analysis import AREA, MINES, Pool
 
-PAPER_MINES = 47
-"""Mines on the paper's calibration lanes, of which its Pd are counts."""
-PAPER_PLASTIC = 20
-"""Buried plastic mines among them."""
-PAPER_SIMULANTS = 16
-"""Simulants on the paper's calibration lanes."""
+FloatArray = NDArray[np.float64]
+Searches = Mapping[str, Sequence[SearchStep]]
+"""Steps of the forward search by method, A to D (Table II)."""
+F1 = tuple(f"{name}_F1" for name in FEATURES)
+"""Columns of the ten features in sub-band F1."""
 
 
 def retrainings(draws: int) -> int:
@@ -89,36 +91,26 @@ def retrained_gap(
         Targets that count.
     """
     score = pool.scorer_of(subset)
-    first_score = score(pool.confidence(list(first), method))
-    second_score = score(pool.confidence(list(second), method))
-    first_drawn = pool.retrained(list(first), method, retrainings(draws), subset)
-    second_drawn = pool.retrained(list(second), method, retrainings(draws), subset)
-    return spread(
-        first_score - second_score, first_drawn - second_drawn, together(parts), SHARE_DIFFERENCE
-    )
+    values = [score(pool.confidence(columns, method)) for columns in (first, second)]
+    drawn = [
+        pool.retrained(columns, method, retrainings(draws), subset) for columns in (first, second)
+    ]
+    return spread(values[0] - values[1], drawn[0] - drawn[1], together(parts), SHARE_DIFFERENCE)
 
 
-def limit_less(interval: Interval, limit: float) -> Interval:
+def limit_less(limit: float, interval: Interval) -> Interval:
     """Return a limit less a number, with its interval: a small number gives a large one."""
     value, low, high = interval
     return limit - value, limit - high, limit - low
 
 
-def share_finding(
-    claim: str,
-    matched: Match,
-    subset: Any,
-    far: float,
-    figure: float,
-    count: int | None,
-    note: str = "",
-) -> Finding:
-    """Return the finding that a Pd is like that of the paper.
+def less_papers_pd(
+    matched: Match, subset: Any, far: float, figure: float, count: int | None
+) -> dict[str, Any]:
+    """Return a Pd less that of the paper, as a statement takes it.
 
     Parameters
     ----------
-    claim, note : str
-        As the fields of `flgpr_papers.kit.findings.Finding`.
     matched : Match
         Alarms matched to targets.
     subset : object
@@ -133,52 +125,91 @@ def share_finding(
     n_found, targets, chance = detections_at(matched, subset, far, area=AREA)
     paper_targets = targets if count is None else count
     paper_found = round(figure * paper_targets)
-    gap, low, high = difference_of_shares((n_found, targets), (paper_found, paper_targets))
-    ours = (
-        f"{pd_in_words(n_found, targets, chance)}; less {paper_found} of {paper_targets}: "
-        f"{gap:+.2f} ({low:+.2f} to {high:+.2f})"
-    )
-    return Finding(
-        claim=claim,
-        paper=f"{figure:.0%}",
-        ours=ours,
-        verdict=alike(low, high),
-        note=note,
-        interval=(gap, low, high),
-        asks=("alike", MARGIN, share_error(figure, paper_targets)),
-    )
+    return {
+        "interval": difference_of_shares((n_found, targets), (paper_found, paper_targets)),
+        "error": share_error(figure, paper_targets),
+        "found": pd_in_words(n_found, targets, chance),
+        "figure": f"{paper_found} of {paper_targets}",
+    }
 
 
-def within_finding(
-    claim: str, paper: str, intervals: Mapping[str, Interval], limit: float, note: str = ""
-) -> Finding:
-    """Return the finding that several differences are small; its number is the widest of them.
+def mean_of_stretches(values: pd.Series, parts: int) -> Interval:
+    """Return the mean over stretches of lane with Student's interval.
+
+    It is one of ``parts`` intervals that hold all together.
+    """
+    known = values.dropna().to_numpy()
+    mean = float(known.mean()) if known.size else float("nan")
+    if known.size < 2 or np.ptp(known) == 0:
+        return mean, -np.inf, np.inf
+    error = float(known.std(ddof=1) / np.sqrt(known.size))
+    half = float(stdtrit(known.size - 1, (1 + together(parts)) / 2)) * error
+    return mean, mean - half, mean + half
+
+
+class SingleFeatures:
+    """PD_mean of single features of F1 by the four methods, as it is and in bootstrap draws.
 
     Parameters
     ----------
-    claim, paper, note : str
-        As the fields of `flgpr_papers.kit.findings.Finding`.
-    intervals : mapping of str to Interval
-        The differences by name.
-    limit : float
-        Largest difference that the claim allows.
+    pool : Pool
+        Alarms of the calibration lanes.
+    table : DataFrame
+        PD_mean of every feature (column) by method (row), Table I.
+    draws : int
+        Number of draws in which the discriminants are trained anew.
     """
-    rule = (-limit, limit)
-    widest = max(intervals, key=lambda name: _reach(intervals[name]))
-    value, low, high = intervals[widest]
-    return Finding(
-        claim=claim,
-        paper=paper,
-        ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
-        verdict=all_of([judge(low, high, rule) for _, low, high in intervals.values()]),
-        note=note,
-        interval=intervals[widest],
-        rule=rule,
-        parts=tuple(value for value, _, _ in intervals.values()),
-    )
+
+    def __init__(self, pool: Pool, table: pd.DataFrame, draws: int) -> None:
+        self.values = {method: table.loc[method].to_numpy(np.float64) for method in "ABCD"}
+        self.drawn = pool.singles_in(F1, "ABCD", draws)
+
+    def level(self, feature: str) -> Interval:
+        """Return PD_mean of a feature by method A."""
+        k = FEATURES.index(feature)
+        return spread(float(self.values["A"][k]), self.drawn["A"][:, k], bounds=SHARE)
+
+    def gap(self, feature: str, other: str, parts: int, method: str = "A") -> Interval:
+        """Return PD_mean of a feature by method A less that of another one by a method.
+
+        It is one of ``parts`` intervals that hold all together.
+        """
+        k = FEATURES.index(feature)
+        j = FEATURES.index(other)
+        value = float(self.values["A"][k] - self.values[method][j])
+        drawn = self.drawn["A"][:, k] - self.drawn[method][:, j]
+        return spread(value, drawn, together(parts), SHARE_DIFFERENCE)
 
 
-def _reach(interval: Interval) -> float:
-    """Return how far an interval reaches from zero."""
-    _, low, high = interval
-    return max(abs(low), abs(high))
+def contrast_lead(scores: FloatArray) -> Any:
+    """Return the score of C_HH or C_VV, the better, less that of the best other feature.
+
+    Parameters
+    ----------
+    scores : (..., feature) ndarray
+        Scores of the ten features.
+    """
+    is_contrast = np.array([name in ("C_HH", "C_VV") for name in FEATURES])
+    return scores[..., is_contrast].max(axis=-1) - scores[..., ~is_contrast].max(axis=-1)
+
+
+def duplication_gap(scores: Mapping[str, FloatArray]) -> Any:
+    """Return mean |C - D| less mean |A - B| over the last axis."""
+    by_cross_validation = np.abs(scores["C"] - scores["D"]).mean(axis=-1)
+    by_resubstitution = np.abs(scores["A"] - scores["B"]).mean(axis=-1)
+    return by_cross_validation - by_resubstitution
+
+
+def parting_slope(steps: Mapping[str, FloatArray], drawn: Mapping[str, FloatArray]) -> Interval:
+    """Return the slope of resubstitution less cross-validation over the number of features.
+
+    Parameters
+    ----------
+    steps : mapping of str to (step,) ndarray
+        PD_mean of the steps of a search by method.
+    drawn : mapping of str to (draw, step) ndarray
+        The same in bootstrap draws.
+    """
+    curves = np.vstack([steps["A"] - steps["C"], drawn["A"] - drawn["C"]])
+    slopes = np.polyfit(np.arange(10), curves.T, 1)[0]
+    return spread(float(slopes[0]), slopes[1:])

@@ -7,14 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import lane_to_scan
-from flgpr.recipe.schema import Recipe
 from flgpr_papers.kit.cache import write_arrays
 
 _AHEAD = 11.0  # m before the array at which an example target is shown
@@ -32,14 +30,7 @@ class Example(NamedTuple):
     title: str  #: what it is, in words
 
 
-def save_examples(
-    path: Path,
-    imaged: ImagedRun,
-    run: xr.Dataset,
-    recipe: Recipe,
-    truth: pd.DataFrame,
-    alarms: pd.DataFrame,
-) -> None:
+def save_examples(path: Path, imaged: ImagedRun, truth: pd.DataFrame, alarms: pd.DataFrame) -> None:
     """Save the scan images and patches of Figs. 2-5, 8 and 10.
 
     Parameters
@@ -48,31 +39,27 @@ def save_examples(
         Bundle to write.
     imaged : ImagedRun
         The lane's run with its backgrounds.
-    run : Dataset
-        The run itself.
-    recipe : Recipe
-        Recipe of the study.
     truth : DataFrame
         The lane's targets.
     alarms : DataFrame
         The lane's alarms.
     """
-    table = recipe.image
-    imager = ScanImager(run, table.grid(), table.subbands, table.window, table.tolerance)
-    poses = run["pose"].values
+    table = imaged.recipe.image
+    imager = ScanImager(imaged.run, table.grid(), table.subbands, table.window, table.tolerance)
+    poses = imaged.run["pose"].values
     examples = example_targets(truth, alarms)
     arrays: dict[str, Any] = {
-        "polarization": run["polarization"].values.astype(str),
+        "polarization": imaged.run["polarization"].values.astype(str),
         "subband": np.array(list(table.subbands)),
         "x": imager.grid.x,
         "y": imager.grid.y,
         "near": imaged.near.ny,
     }
     for name, example in examples.items():
-        for array_name, array in _example_arrays(imager, poses, imaged, recipe, example).items():
+        for array_name, array in _example_arrays(imager, imaged, example).items():
             arrays[f"{array_name}_{name}"] = array
     hh = list(arrays["polarization"]).index("HH")
-    f1 = list(table.subbands).index(recipe.prescreen.subband)
+    f1 = list(table.subbands).index(imaged.recipe.prescreen.subband)
     surface = examples["surface"]
     series = series_scans(imager.scans, poses, surface.y, sum(table.y) / 2)
     point = [surface.x, surface.y, 0.0]
@@ -85,20 +72,16 @@ def save_examples(
     write_arrays(path, arrays)
 
 
-def _example_arrays(
-    imager: ScanImager,
-    poses: NDArray[np.float64],
-    imaged: ImagedRun,
-    recipe: Recipe,
-    example: Example,
-) -> dict[str, Any]:
+def _example_arrays(imager: ScanImager, imaged: ImagedRun, example: Example) -> dict[str, Any]:
     """Return the arrays of an example: its image, as it is and imaged, and its patches."""
-    scan = _scan_before(imager, poses, example.y)
-    index = int(np.flatnonzero(np.asarray(imager.scans) == scan)[0])
+    poses = imaged.run["pose"].values
+    ahead = example.y - poses[imager.scans, 1]
+    index = int(np.argmin(np.abs(ahead - _AHEAD)))
+    scan = int(imager.scans[index])
     image = imager.image(scan).values
     # An image of zeros is stored in half the space.
     raw_type = np.float16 if image.max() == 0 else np.float32
-    patches, distances = _patches(imaged, recipe, example.alarm_x, example.alarm_y)
+    patches, distances = _patches(imaged, example.alarm_x, example.alarm_y)
     return {
         "raw": np.abs(image).astype(raw_type),
         "clean": imaged.whole_background.magnitude(image, imaged.gains[index]),
@@ -188,12 +171,6 @@ def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float6
     return np.asarray(np.hypot(across, along))
 
 
-def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
-    """Return the scan from which a position is nearest to the usual distance ahead."""
-    ahead = y - poses[imager.scans, 1]
-    return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
-
-
 def series_scans(
     scans: NDArray[Any], poses: NDArray[np.float64], y: float, middle: float
 ) -> list[int]:
@@ -217,21 +194,19 @@ def series_scans(
     return [int(scan) for scan in scans[first : first + _CONSECUTIVE]]
 
 
-def _patches(
-    imaged: ImagedRun, recipe: Recipe, x: float, y: float
-) -> tuple[NDArray[np.float32], NDArray[Any]]:
+def _patches(imaged: ImagedRun, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Return the patches about a position in all scans that see it, and their distances ahead, m.
 
     Patches are magnitudes (scan, polarization, subband, y, x), ordered from near to far.
     """
     grid = imaged.near
-    offsets = recipe.contrast.patch().offsets()
+    offsets = imaged.recipe.contrast.patch().offsets()
     poses = imaged.imager.run["pose"].values
     patches = []
     distances = []
     for index, scan in enumerate(imaged.imager.scans):
         position = lane_to_scan([x, y, 0.0], poses[scan])[:2]
-        if not grid.y_min <= position[1] <= recipe.run_view.y_max:
+        if not grid.y_min <= position[1] <= imaged.recipe.run_view.y_max:
             continue
         image = imaged.near_imager.image(int(scan)).values
         magnitude = imaged.background.magnitude(image, imaged.gains[index])

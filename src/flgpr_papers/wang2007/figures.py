@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,21 +14,22 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from flgpr.detect import HistogramNormalizer
+from flgpr.method.classifier import make_training_set
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, random_pd, roc_of
-from flgpr_papers.wang2007.analysis import AREA, LaneResult
+from flgpr_papers.kit.figures import decibels, show, subplots
+from flgpr_papers.wang2007.analysis import AREA, BANDS, MINES, POLARIZATIONS, LaneResult
 
 _DB = 30.0
-_POLARIZATIONS = ("HH", "VV", "HV")
-_BANDS = ("F0", "F1", "F2", "F3", "F4")
+_LEAST = 1e-12
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
 Examples = Mapping[str, NDArray[Any]]
 
 
 def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
     """Draw Fig. 1: the radar and the imaged area, from the side and from above."""
-    figure, (side, plan) = _figure(9, 3.2, 1, 2)
+    figure, (side, plan) = subplots(9, 3.2, 1, 2)
     image = recipe.image
     height = sensor.height
     side.plot(0, height, "s", color="k")
@@ -62,9 +63,9 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
 
 def polarization_figure(examples: Examples) -> Figure:
     """Draw Fig. 2: one scan in three polarizations, sub-band F0."""
-    figure, axes = _figure(7, 3.7, 1, 3)
+    figure, axes = subplots(7, 3.7, 1, 3)
     position = examples["place_surface"]
-    for axis, polarization in zip(axes, _POLARIZATIONS, strict=True):
+    for axis, polarization in zip(axes, POLARIZATIONS, strict=True):
         image = examples["raw_surface"][_at(examples, polarization, "F0")]
         _scan(axis, image, examples, position, f"{polarization}, F0")
     _scan_axes(figure, axes)
@@ -73,8 +74,8 @@ def polarization_figure(examples: Examples) -> Figure:
 
 def subband_figure(examples: Examples) -> Figure:
     """Draw Fig. 3: one scan in five sub-bands, VV."""
-    figure, axes = _figure(8, 3.1, 1, 5)
-    for axis, band in zip(axes, _BANDS, strict=True):
+    figure, axes = subplots(8, 3.1, 1, 5)
+    for axis, band in zip(axes, BANDS, strict=True):
         image = examples["raw_surface"][_at(examples, "VV", band)]
         _scan(axis, image, examples, examples["place_surface"], f"VV, {band}")
     _scan_axes(figure, axes)
@@ -87,8 +88,8 @@ def series_figure(examples: Examples) -> Figure:
     All share one scale. Its top is the largest of the median over the scans, which holds what stays
     in place: on a scale that reaches up to the mines themselves it would hardly be seen.
     """
-    figure, axes = _figure(8, 3.1, 1, 5)
-    top = float(_decibel(np.median(examples["series"], axis=0)).max())
+    figure, axes = subplots(8, 3.1, 1, 5)
+    top = float(decibels(np.median(examples["series"], axis=0), _LEAST).max())
     for k, axis in enumerate(axes):
         image = examples["series"][k]
         position = examples["series_place"][k]
@@ -99,7 +100,7 @@ def series_figure(examples: Examples) -> Figure:
 
 def background_figure(examples: Examples) -> Figure:
     """Draw Fig. 5: background removal and normalisation, HH, F1."""
-    figure, axes = _figure(8, 3.1, 1, 5)
+    figure, axes = subplots(8, 3.1, 1, 5)
     channel = _at(examples, "HH", "F1")
     position = examples["place_surface"]
     clean = examples["clean_surface"][channel]
@@ -134,7 +135,7 @@ def run_view_figure(result: LaneResult, alarms: bool, length: float = 60.0) -> F
     top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
     marked = result.alarms if alarms else result.truth
     radius = 0.25 if alarms else 0.6
-    figure, axes = _figure(6.5, 4.2, 1, 4)
+    figure, axes = subplots(6.5, 4.2, 1, 4)
     for k, axis in enumerate(axes):
         low = start + k * length / 4
         high = start + (k + 1) * length / 4
@@ -142,14 +143,8 @@ def run_view_figure(result: LaneResult, alarms: bool, length: float = 60.0) -> F
         if not piece.sizes["y"]:
             axis.set_visible(False)
             continue
-        axis.imshow(
-            _decibel(piece.values) - top,
-            origin="lower",
-            extent=(*x_extent, float(piece.y[0]), float(piece.y[-1])),
-            vmin=-_DB,
-            vmax=0,
-            cmap="gray_r",
-        )
+        extent = (*x_extent, piece.y[0], piece.y[-1])
+        show(axis, decibels(piece.values, _LEAST) - top, extent, -_DB, 0, cmap="gray_r")
         for border in (result.lane.x_min, result.lane.x_max):
             axis.axvline(border, color="#0072b2", lw=0.8)
         in_piece = marked["y"].between(low, high)
@@ -162,10 +157,10 @@ def run_view_figure(result: LaneResult, alarms: bool, length: float = 60.0) -> F
 
 def clean_bands_figure(examples: Examples) -> Figure:
     """Draw Fig. 8: cleaned scans in five sub-bands, VV of a metal mine and HH of a plastic one."""
-    figure, axes = _figure(8, 5.0, 2, 5)
+    figure, axes = subplots(8, 5.0, 2, 5)
     for row, (name, polarization) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
         position = examples[f"place_{name}"]
-        for axis, band in zip(row, _BANDS, strict=True):
+        for axis, band in zip(row, BANDS, strict=True):
             image = examples[f"clean_{name}"][_at(examples, polarization, band)]
             title = f"{polarization}, {band}"
             _scan(axis, image, examples, position, title, (-3, 3), (8, 16))
@@ -173,12 +168,12 @@ def clean_bands_figure(examples: Examples) -> Figure:
     return figure
 
 
-def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> Figure:
+def prescreener_figure(matches: Mapping[tuple[str, str], Match]) -> Figure:
     """Draw Fig. 9: ROC of the prescreener for every polarization and sub-band."""
-    figure, axes = _figure(9, 3.4, 1, 3)
-    for axis, polarization in zip(axes, _POLARIZATIONS, strict=True):
+    figure, axes = subplots(9, 3.4, 1, 3)
+    for axis, polarization in zip(axes, POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
-            curve = roc_of(matches[polarization, band], mines, area=AREA)
+            curve = roc_of(matches[polarization, band], MINES, area=AREA)
             _step(axis, curve, band, colour, ":" if band == "F0" else "-")
         _roc_axes(axis, polarization, 0.3)
     return figure
@@ -189,11 +184,11 @@ def patch_figure(examples: Examples) -> Figure:
     names = ("surface", "shallow", "plastic", "false")
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
     channels = {}
-    for polarization in _POLARIZATIONS:
-        for band in _BANDS[1:]:
+    for polarization in POLARIZATIONS:
+        for band in BANDS[1:]:
             channels[f"{polarization} {band}"] = _at(examples, polarization, band)
-    figure = Figure(figsize=(9, 6.6), layout="constrained")
-    axes = figure.subplots(1, 4, width_ratios=[len(examples[f"patches_{name}"]) for name in names])
+    widths = [len(examples[f"patches_{name}"]) for name in names]
+    figure, axes = subplots(9, 6.6, 1, 4, width_ratios=widths)
     for axis, letter, name in zip(axes, "abcd", names, strict=True):
         patches = examples[f"patches_{name}"]
         rows = [_patch_row(patches, channel) for channel in channels.values()]
@@ -224,23 +219,18 @@ def region_figure(recipe: Recipe) -> Figure:
     """Draw Fig. 11: regions of an incoherent patch."""
     patch = recipe.contrast.patch()
     codes = np.where(patch.region(patch.guard), 1, 2) - patch.region(patch.inner)
-    figure, axis = _figure(3.4, 3.4, 1, 1)
+    figure, axis = subplots(3.4, 3.4, 1, 1)
     axis.pcolormesh(codes, cmap="Blues", edgecolors="white", linewidth=0.4)
     axis.set(aspect="equal", xlabel="cross-track", ylabel="down-track", xticks=[], yticks=[])
     axis.set_title("white: inner, middle: guard, dark: outer", fontsize=8)
     return figure
 
 
-def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64]) -> Figure:
-    """Draw Fig. 12: histogram of M_HH before and after duplication and after normalisation.
-
-    Parameters
-    ----------
-    values : (alarm,) ndarray
-        M_HH of the alarms.
-    weight : (alarm,) ndarray of int
-        How often each counts.
-    """
+def normalisation_figure(calibration: Sequence[LaneResult]) -> Figure:
+    """Draw Fig. 12: histogram of M_HH before and after duplication and after normalisation."""
+    known = make_training_set([result.training for result in calibration], columns=["M_HH_F1"])
+    values = known.features["M_HH_F1"].to_numpy()
+    weight = known.weight
     normalizer = HistogramNormalizer().fit(values[:, None], sample_weight=weight)
     normal = normalizer.transform(values[:, None])[:, 0]
     panels = (
@@ -248,7 +238,7 @@ def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64])
         ("(b) with duplication", values, weight),
         ("(c) normalised", normal, weight),
     )
-    figure, axes = _figure(9, 2.8, 1, 3)
+    figure, axes = subplots(9, 2.8, 1, 3)
     for axis, (title, data, weights) in zip(axes, panels, strict=True):
         axis.hist(data, bins=40, weights=weights, color="#0072b2")
         axis.set_title(title, fontsize=9)
@@ -280,7 +270,7 @@ def classifier_figure(
     shown = dict(bands or {})
     columns = len(panels)
     rows = 1 + -(-len(shown) // columns)
-    figure, grid = _figure(4.4 * columns, 3.6 * rows, rows, columns)
+    figure, grid = subplots(4.4 * columns, 3.6 * rows, rows, columns)
     axes = np.ravel(grid)
     for axis, (title, matches) in zip(axes, panels.items(), strict=False):
         for colour, (name, match) in zip(_COLOURS, matches.items(), strict=False):
@@ -306,23 +296,11 @@ def _fill_bands(axis: Axes, band: Band, colour: str) -> None:
     axis.fill_between(BAND_FAR, *trained, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
 
 
-def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figure, Any]:
-    """Return a figure of so many inches, and its panels."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns)
-
-
 def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
     """Return the indices of a polarization and a sub-band."""
     polarizations = list(examples["polarization"])
     subbands = list(examples["subband"])
     return polarizations.index(polarization), subbands.index(subband)
-
-
-def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
-    """Return an image in dB, at least -240."""
-    magnitude = np.nan_to_num(np.asarray(image, np.float64))
-    return np.asarray(20 * np.log10(np.maximum(magnitude, 1e-12)))
 
 
 def _scan(
@@ -336,7 +314,7 @@ def _scan(
     top: float | None = None,
 ) -> None:
     """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
-    level = _decibel(image)
+    level = decibels(image, _LEAST)
     extent = (examples["x"][0], examples["x"][-1], examples["y"][0], examples["y"][-1])
     if x and y:
         rows = _is_within(examples["y"], y)
@@ -344,15 +322,7 @@ def _scan(
         top = level[np.ix_(rows, columns)].max()
     elif top is None:
         top = level.max()
-    axis.imshow(
-        level - top,
-        origin="lower",
-        extent=extent,
-        vmin=-_DB,
-        vmax=0,
-        cmap="gray_r",
-        aspect="equal",
-    )
+    show(axis, level - top, extent, -_DB, 0, cmap="gray_r")
     centre = float(position[0]), float(position[1])
     axis.add_patch(Circle(centre, 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)

@@ -1,39 +1,42 @@
 """Reproduce Wang et al. 2007 on simulated lanes: three calibration and four blind ones, one page.
 
 The study in order: simulate every lane, run the detection chain of the recipe on it, judge the
-paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`), write the page.
+paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.figure import Figure
 
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
-from flgpr.model import Lane, check_tones
+from flgpr.model import Sensor, check_tones
 from flgpr.progress import Track, silent
-from flgpr.recipe.schema import Recipe, parse_recipe
+from flgpr.recipe.schema import parse_recipe
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
 from flgpr.screen import RunViewSums, view_array
-from flgpr.simulate import Scene, Sensor
-from flgpr.store import open_run, read_manifest, sha256, write_whole
+from flgpr.simulate import Scene
+from flgpr.store import open_run, read_manifest, sha256
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
-from flgpr_papers.kit.threads import one_blas_thread
-from flgpr_papers.wang2007.analysis import LaneResult
+from flgpr_papers.kit.study import Outcome, Study
+from flgpr_papers.kit.study_worlds import OWN
+from flgpr_papers.wang2007 import figures
+from flgpr_papers.wang2007.analysis import BURIED_METAL, BURIED_PLASTIC, LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
+from flgpr_papers.wang2007.findings import SETS, all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
@@ -43,73 +46,97 @@ from flgpr_papers.wang2007.lanes import (
     quick_scenes,
     sensor,
 )
-from flgpr_papers.wang2007.page import page_html
+from flgpr_papers.wang2007.page import Measured, page_facts, page_tables
 
-PAGE = "wang2007.html"
+_BAND_DRAWS = 200
 
 
-@one_blas_thread
-def reproduce(
-    output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
-) -> Path:
-    """Simulate the lanes, run the chain on them, and write the page.
+def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
+    """Simulate the lanes, run the chain on them, and judge them.
 
     A simulated lane or a lane's result that is on disk is used if it was made from the same scene,
-    sensor and recipe, so that an interrupted run resumes lane by lane.
-
-    Parameters
-    ----------
-    output : str or Path
-        Folder to work in.
-    quick : bool
-        Small lanes that only show that everything runs.
-    track : Track
-        Shows progress.
-    world : str
-        World of the lanes, see `flgpr_papers.kit.study_worlds`.
-
-    Returns
-    -------
-    Path
-        The page.
+    sensor and recipe.
     """
-    folder = Path(output)
-    folder.mkdir(parents=True, exist_ok=True)
-    calibration_names, blind_names = _lanes(quick, world)
-    lanes = Lanes(
-        calibration=[make_part(folder, name, quick, world, track) for name in calibration_names],
-        blind=[make_part(folder, name, quick, world, track) for name in blind_names],
+    draws = 100 if quick else 1000
+    printed, coarse = [
+        Lanes(
+            *[
+                [part(folder, name, quick, world, track) for name in lanes]
+                for lanes in _lanes(quick, world)
+            ]
+        )
+        for part in (make_part, coarse_part)
+    ]
+    recipe = parse_recipe(packaged_text("wang2007"))
+    findings, tables = all_findings(*printed, recipe, draws)
+    measured = Measured(
+        recipe=recipe,
+        radar=sensor(),
+        calibration=printed.calibration,
+        blind=printed.blind,
+        tables=tables,
+        examples=read_arrays(folder / "results" / "examples.bundle"),
+        costs=cost_table(printed, coarse, draws),
+        draws=draws,
     )
-    coarse_lanes = Lanes(
-        calibration=[coarse_part(folder, name, quick, world, track) for name in calibration_names],
-        blind=[coarse_part(folder, name, quick, world, track) for name in blind_names],
+    return Outcome(
+        findings=findings,
+        figures=drawings(measured),
+        facts=page_facts(measured),
+        tables=page_tables(measured),
+        files={"costs.csv": measured.costs.round(4).to_csv(index=False)},
     )
-    costs = cost_table(lanes, coarse_lanes, draws=100 if quick else 1000)
-    write_whole(folder / "costs.csv", costs.round(4).to_csv(index=False))
-    html, findings = page_html(
-        folder,
-        lanes.calibration,
-        lanes.blind,
-        parse_recipe(packaged_text("wang2007")),
-        sensor(),
-        quick,
-        track,
-        costs,
-        study_world("wang2007", world),
-        other_world(folder, PAGE, world, quick),
-    )
-    write_findings(folder, findings, quick, world=world)
-    write_whole(folder / PAGE, html)
-    return folder / PAGE
 
 
-def parts(quick: bool) -> list[str]:
-    """Return the names of the lanes, each of which can be run by itself, the longest first."""
+def drawings(measured: Measured) -> dict[str, Callable[[], Figure]]:
+    """Return what draws Fig. 1 to 14, by name."""
+    examples = measured.examples
+    first_lane = measured.calibration[0]
+    tables = measured.tables
+    pool = tables.pool
+    buried = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
+    trained = {name: pool.match_of(pool.confidence(columns, "A")) for name, columns in SETS.items()}
+    best = {"prescreener": tables.channels["HH", "F1"], "C_HH": trained["A"]}
+    final = {"calibration": trained, "blind": tables.blind}
+
+    def final_curves() -> Figure:
+        bands = {}
+        for kind, subset in buried.items():
+            bands[kind] = pool.bands(SETS["B"], "A", subset, figures.BAND_FAR, _BAND_DRAWS)
+        return figures.classifier_figure(final, buried, bands)
+
+    drawn: list[Callable[[], Figure]] = [
+        partial(figures.geometry_figure, measured.radar, measured.recipe),
+        partial(figures.polarization_figure, examples),
+        partial(figures.subband_figure, examples),
+        partial(figures.series_figure, examples),
+        partial(figures.background_figure, examples),
+        partial(figures.run_view_figure, first_lane, False),
+        partial(figures.run_view_figure, first_lane, True),
+        partial(figures.clean_bands_figure, examples),
+        partial(figures.prescreener_figure, tables.channels),
+        partial(figures.patch_figure, examples),
+        partial(figures.region_figure, measured.recipe),
+        partial(figures.normalisation_figure, measured.calibration),
+        partial(figures.classifier_figure, {"calibration": best}, buried),
+        final_curves,
+    ]
+    return {f"figure-{number}": draw for number, draw in enumerate(drawn, start=1)}
+
+
+def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return the scenes of the calibration and of the blind lanes."""
+    if quick:
+        return quick_scenes(world=world)
+    return calibration_scenes(world), blind_scenes(world)
+
+
+def _parts(quick: bool) -> list[str]:
+    """Return the names of the lanes, the longest first."""
     calibration, blind = _lanes(quick)
     return [*blind, *calibration]
 
 
-@one_blas_thread
 def make_part(
     folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
 ) -> LaneResult:
@@ -123,21 +150,20 @@ def make_part(
     folder : Path
         Folder of the study.
     name : str
-        Name of the lane, see :func:`parts`.
+        Name of the lane.
     quick, track, world
-        As of :func:`reproduce`.
+        As the study runs.
     """
+    text = packaged_text("wang2007")
     calibration, blind = _lanes(quick, world)
     if name in calibration:
         scene, seed = calibration[name]
-        text = packaged_text("wang2007")
-        result = lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
+        is_first = name == "c1"
+        result = lane_result(folder, scene, seed, sensor(), text, track, examples=is_first)
     else:
         scene, seed = blind[name]
         radar = sensor(F1_BAND)
-        result = lane_result(
-            folder, scene, seed, radar, f1_alone(packaged_text("wang2007")), track, wide=False
-        )
+        result = lane_result(folder, scene, seed, radar, f1_alone(text), track, wide=False)
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -150,23 +176,12 @@ def coarse_part(
     The parameters are those of :func:`make_part`.
     """
     calibration, blind = _lanes(quick, world)
-    if name in calibration:
-        scene, seed = calibration[name]
-        radar = sensor()
-    else:
-        scene, seed = blind[name]
-        radar = sensor(F1_BAND)
+    scene, seed = (calibration | blind)[name]
+    radar = sensor() if name in calibration else sensor(F1_BAND)
     text = f1_alone(packaged_text("wang2007")).replace(
         "median_step = 1\n", f"median_step = {MEDIAN_STEP}\n"
     )
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
-
-
-def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
-    """Return the scenes of the calibration and of the blind lanes."""
-    if quick:
-        return quick_scenes(world=world)
-    return calibration_scenes(world), blind_scenes(world)
 
 
 def lane_result(
@@ -206,58 +221,40 @@ def lane_result(
     recipe = parse_recipe(text)
     check_tones(radar, recipe.image.x, recipe.image.y)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
-    result_folder = folder / "results" / f"{scene.name}{suffix}"
-    wide_file = folder / "results" / f"{scene.name}-wide.bundle"
-    examples_file = folder / "results" / "examples.bundle"
+    results = folder / "results"
+    result_folder = results / f"{scene.name}{suffix}"
+    wide_file = results / f"{scene.name}-wide.bundle"
+    examples_file = results / "examples.bundle"
     is_complete = _is_done(result_folder, store, text)
-    if wide and not wide_file.is_file():
-        is_complete = False
-    if examples and not examples_file.is_file():
-        is_complete = False
+    is_complete &= (wide_file.is_file() or not wide) and (examples_file.is_file() or not examples)
     if not is_complete:
-        run = open_run(store)
-        setup = ImagedRun(run, recipe, lane, explains=False, whole_background=True)
-        engine_of(setup).run(track, ("signature", "gain", "view", "alarms", "features"))
-        detection = detection_of(setup)
-        wide_file.parent.mkdir(parents=True, exist_ok=True)
+        results.mkdir(parents=True, exist_ok=True)
+        imaged = ImagedRun(open_run(store), recipe, lane, explains=False, whole_background=True)
+        engine_of(imaged).run(track, ("signature", "gain", "view", "alarms", "features"))
+        detection = detection_of(imaged)
         if examples:
-            save_examples(examples_file, setup, run, recipe, truth, detection.alarms)
+            save_examples(examples_file, imaged, truth, detection.alarms)
         if wide:
-            view = wide_view(setup, run, recipe, lane, track)
+            view = wide_view(imaged, track)
             write_arrays(wide_file, {"view": view.values, "looks": view["looks"].values})
-        write_result(result_folder, [detection], text, lane, describe_run(run, store))
+        write_result(result_folder, [detection], text, lane, describe_run(imaged.run, store))
     full_range_view = None
     if wide:
         arrays = read_arrays(wide_file)
         grid = recipe.run_view.grid(lane)
         full_range_view = view_array(arrays["view"], arrays["looks"], grid, {})
     main = read_result(result_folder).detections[0]
-    return LaneResult(
-        name=scene.name,
-        lane=lane,
-        truth=truth,
-        alarms=main.alarms,
-        features=pd.DataFrame() if main.features is None else main.features,
-        view=main.view,
-        wide_view=full_range_view,
-    )
+    features = pd.DataFrame() if main.features is None else main.features
+    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, full_range_view)
 
 
-def wide_view(
-    imaged: ImagedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track
-) -> xr.DataArray:
+def wide_view(imaged: ImagedRun, track: Track) -> xr.DataArray:
     """Compute the run-view of the prescreener's channel over the full range of the images.
 
     Parameters
     ----------
     imaged : ImagedRun
         The lane's run with its backgrounds.
-    run : Dataset
-        The run itself.
-    recipe : Recipe
-        Recipe of the study.
-    lane : Lane
-        Borders of the lane.
     track : Track
         Shows progress.
 
@@ -266,9 +263,9 @@ def wide_view(
     DataArray
         Magnitude (y, x) in the lane frame.
     """
-    screen = recipe.prescreen
-    table = recipe.image
-    polarizations = [str(label) for label in run["polarization"].values]
+    screen = imaged.recipe.prescreen
+    table = imaged.recipe.image
+    polarizations = [str(label) for label in imaged.run["polarization"].values]
     p = polarizations.index(screen.polarization)
     b = list(table.subbands).index(screen.subband)
     channel = (slice(p, p + 1), slice(b, b + 1))
@@ -276,9 +273,9 @@ def wide_view(
     band = {screen.subband: table.subbands[screen.subband]}
     # Whether a scan is complete depends on all polarizations: the scans are chosen before one
     # polarization is taken.
-    chosen = run.isel(scan=imaged.imager.scans, polarization=[p])
+    chosen = imaged.run.isel(scan=imaged.imager.scans, polarization=[p])
     imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
-    grid = recipe.run_view.grid(lane)
+    grid = imaged.recipe.run_view.grid(imaged.lane)
     sums = RunViewSums(grid, table.y[1])
     for image, gain in zip(track(imager, "full range", len(imager)), imaged.gains, strict=True):
         magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
@@ -301,9 +298,11 @@ def _background_of(background: Background, channel: tuple[slice, slice]) -> Back
 def _is_done(result_folder: Path, store: Path, text: str) -> bool:
     """Return whether there is a result of this store and recipe."""
     try:
-        manifest: dict[str, Any] = read_result(result_folder).manifest
+        manifest = read_result(result_folder).manifest
     except ResultError:
         return False
-    if manifest["run"].get("store_sha256") != read_manifest(store)["sha256"]:
-        return False
-    return bool(manifest["recipe_sha256"] == sha256(text.encode()))
+    has_same_store = manifest["run"].get("store_sha256") == read_manifest(store)["sha256"]
+    return bool(has_same_store and manifest["recipe_sha256"] == sha256(text.encode()))
+
+
+STUDY = Study("wang2007", "wang2007.html", run, _parts, make_part, dpi=(100, 100))

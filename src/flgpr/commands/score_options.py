@@ -1,0 +1,137 @@
+"""Options that ``flgpr score`` and ``flgpr compare`` have, and what they ask for together."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Option
+
+from flgpr.commands.options import (
+    OneOrMorePaths,
+    PathLike,
+    ShellType,
+    TruthLike,
+    anchor_option,
+)
+
+Truth = Annotated[TruthLike | None, Option(help="CSV of the targets.")]
+Far = Annotated[
+    float | None,
+    Option(help="Operating point at which targets count as found, false alarms per m² (0.05)."),
+]
+Sealed = Annotated[
+    PathLike | None,
+    Option(help="Sealed truth to score against, by the rules it was sealed with."),
+]
+Recipes = Annotated[
+    OneOrMorePaths | None,
+    Option(help="Recipe that must stand in the register; once per alarm list."),
+    ShellType(list[str]),
+]
+Book = Annotated[
+    PathLike | None,
+    Option(help="Register of recipes and openings; a planned truth names its own."),
+]
+Witness = Annotated[
+    PathLike | None,
+    Option(
+        help="A file elsewhere that must hold the lines of the register (--book), or else of the "
+        "log of looks (--sealed); new lines are added to it."
+    ),
+]
+Columns = Annotated[
+    str | None,
+    Option(
+        help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score."
+    ),
+]
+TruthColumns = Annotated[str | None, Option(help="The same for the truth.")]
+ListAnchor = Annotated[
+    PathLike | None, anchor_option("for lists and truth by longitude and latitude")
+]
+Vendor = Annotated[
+    str | Sequence[str] | None,
+    Option(
+        help="Whose alarms they are, for the head of every page; once per alarm list. By default "
+        "what a comment at the head of the list says: # vendor: NAME."
+    ),
+    ShellType(list[str]),
+]
+Unranked = Annotated[
+    bool,
+    Option(
+        "--unranked",
+        help="Take alarm lists without confidences: all alarms of such a list rank equal, and it "
+        "has one operating point.",
+    ),
+]
+Passphrase = Annotated[Any, "Of a sealed truth: a text, or a function that asks for it."]
+PANELS = {
+    "Truth and rules": ("truth", "lane", "halo", "far"),
+    "Lists of others": ("columns", "truth_columns", "anchor", "vendor", "unranked"),
+    "Register and sealed truth": ("recipe", "book", "witness", "sealed"),
+}
+"""Names of options by the title of the box in which the help shows them."""
+
+
+class Show(StrEnum):
+    """What the scores of a sealed truth may tell."""
+
+    curve = "curve"
+    targets = "targets"
+
+
+def path_of_list(alarms: Any) -> Path:
+    """Return the folder of a result, or the path of a file or folder."""
+    return Path(alarms) if isinstance(alarms, str | Path) else Path(alarms.folder)
+
+
+@contextmanager
+def truth_path(truth: TruthLike | None, sealed: PathLike | None) -> Iterator[Path]:
+    """Yield the file of a truth, open or sealed; a table in memory is written to a temporary one.
+
+    Without any it is a ValueError.
+    """
+    if sealed is not None:
+        yield Path(sealed)
+    elif truth is None:
+        raise ValueError("score needs --truth or --sealed, got neither")
+    elif isinstance(truth, str | Path):
+        yield Path(truth)
+    else:
+        from flgpr.store import write_table
+
+        with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
+            path = Path(folder) / "truth.csv"
+            write_table(truth, path)
+            yield path
+
+
+def refuse(options: Mapping[str, Any], why: str) -> None:
+    """Refuse options that have no effect here: they are not dropped without a word."""
+    refused = [f"--{name}" for name in given(options)]
+    if refused:
+        raise ValueError(f"{why}, got {' and '.join(refused)}")
+
+
+def given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that were given."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def require_witnessed(witness: PathLike | None, *registers: PathLike | None) -> None:
+    """Refuse a witness where there is neither a register nor a sealed truth with its log."""
+    if witness is not None and not any(registers):
+        raise ValueError(f"--witness goes with --book or --sealed, got --witness {witness} alone")
+
+
+def require_lists(lists: Sequence[Path], what: str = "alarm list or result") -> None:
+    """Refuse, before anything else is asked for, a list that is not there."""
+    for path in lists:
+        if not path.exists():
+            raise FileNotFoundError(f"{what} not found: {path}")

@@ -1,0 +1,179 @@
+"""Statements of a paper, declared in its ``statements.toml``, and how their numbers judge them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from flgpr_papers.kit.findings import (
+    OPEN,
+    SHARE,
+    SHARE_DIFFERENCE,
+    UNDECIDED,
+    Bounds,
+    Finding,
+    Interval,
+    alike,
+    all_of,
+    clip,
+    in_words,
+    judge,
+    larger,
+    measured,
+    parts_larger,
+)
+from flgpr_papers.kit.settings import packaged_text
+
+_BOUNDS = {"share": SHARE, "difference": SHARE_DIFFERENCE}
+_TEXTS = ("claim", "paper", "note", "quantity")
+
+
+class Statements:
+    """What a paper says: a claim by its name, and the rule that its number is judged by.
+
+    An entry has ``claim`` and ``paper``, and may have ``quantity``, ``note``, ``unit`` and
+    ``ours``, the words for ``value``, ``low`` and ``high``. Fields in braces are filled in. ``is``
+    says what values are possible: a "share", or the "difference" of two. One of these is the rule:
+    ``rule``, the least and the largest number that agrees; ``above``, a limit; ``alike``, how far a
+    number less the paper's may lie from zero. Without one it is our own question.
+
+    Parameters
+    ----------
+    paper : str
+        Name of the paper.
+
+    Attributes
+    ----------
+    declared : dict
+        The entries by name.
+    """
+
+    def __init__(self, paper: str) -> None:
+        self.declared: dict[str, dict[str, Any]] = tomllib.loads(packaged_text(paper, "statements"))
+
+    def number(
+        self,
+        name: str,
+        interval: Interval,
+        error: float = 0.0,
+        rule: Bounds | None = None,
+        above: float | None = None,
+        **fields: Any,
+    ) -> Finding:
+        """Judge a statement by a number.
+
+        Parameters
+        ----------
+        name : str
+            Name of the statement in the file.
+        interval : Interval
+            The number and its interval; where the statement is "alike", less the paper's.
+        error : float
+            Standard error of the paper's figure.
+        rule : tuple of float, optional
+            Rule in place of the declared one; the texts have it as ``rule``.
+        above : float, optional
+            Limit in place of the declared one; the texts have it as ``above``.
+        **fields
+            What stands for the fields of the texts.
+        """
+        declared = self.declared[name]
+        if rule is None and "rule" in declared:
+            rule = tuple(declared["rule"])
+        if above is None:
+            above = declared.get("above")
+        verdict = OPEN
+        asks = None
+        _, low, high = interval
+        if above is not None:
+            verdict = larger(low, high, above)
+            asks = ("larger", above, 0.0)
+        elif "alike" in declared:
+            verdict = alike(low, high, declared["alike"])
+            asks = ("alike", declared["alike"], error)
+        texts = _filled(declared, {"rule": rule, "above": above, **fields})
+        note = texts.pop("note")
+        bounds = _BOUNDS.get(declared.get("is", ""))
+        unit = declared.get("unit", "")
+        finding = measured(
+            **texts,
+            interval=interval,
+            rule=rule,
+            verdict=verdict,
+            asks=asks,
+            unit=unit,
+            bounds=bounds,
+        )
+        ours = finding.ours
+        if "ours" in declared and finding.interval is not None:
+            numbers = dict(zip(("value", "low", "high"), finding.interval, strict=True))
+            ours = declared["ours"].format(**numbers, **fields)
+        return replace(finding, note=note, ours=ours)
+
+    def larger(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
+        """Judge that several numbers lie ``above`` a limit, 0 by default.
+
+        The parameters are those of :meth:`within`.
+        """
+        declared = self.declared[name]
+        texts = _filled(declared, fields)
+        limit = declared.get("above", 0.0)
+        return parts_larger(texts["claim"], texts["paper"], intervals, limit, texts["note"])
+
+    def within(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
+        """Judge that several numbers lie within the ``rule``; that of the finding is the widest.
+
+        Parameters
+        ----------
+        name : str
+            Name of the statement in the file.
+        intervals : mapping of str to Interval
+            The numbers by name; their intervals are to hold all together.
+        **fields
+            What stands for the fields of the texts.
+        """
+        declared = self.declared[name]
+        rule = tuple(declared["rule"])
+        widest = max(intervals, key=lambda part: max(map(abs, intervals[part][1:])))
+        value, low, high = intervals[widest]
+        return Finding(
+            **_filled(declared, fields),
+            ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
+            verdict=all_of([judge(*interval[1:], rule) for interval in intervals.values()]),
+            interval=intervals[widest],
+            rule=rule,
+            parts=_values(intervals),
+        )
+
+    def by_every(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
+        """Judge a statement that must not depend on a choice of ours, by every choice.
+
+        Where the choices are not of one verdict, it cannot be said. The parameters are those of
+        :meth:`within`.
+        """
+        declared = self.declared[name]
+        rule = tuple(declared["rule"])
+        bounds = _BOUNDS[declared["is"]]
+        cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
+        verdicts = {judge(low, high, rule) for _, low, high in cut.values()}
+        return Finding(
+            **_filled(declared, fields),
+            ours="; ".join(f"{choice}: {in_words(*one)}" for choice, one in cut.items()),
+            verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
+            interval=next(iter(cut.values())),
+            rule=rule,
+            parts=_values(cut),
+            bounds=bounds,
+        )
+
+
+def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the texts of a statement with their fields filled in."""
+    return {name: declared.get(name, "").format(**fields) for name in _TEXTS}
+
+
+def _values(intervals: Mapping[str, Interval]) -> tuple[float, ...]:
+    """Return the numbers of several parts."""
+    return tuple(value for value, _, _ in intervals.values())

@@ -1,0 +1,293 @@
+"""``flgpr plan``: plan a test, and keep its register."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from flgpr.commands.options import Output, PathLike, Paths, anchor_option, one_or_more
+from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from flgpr_trials.planning import SamplePlan
+
+
+def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
+    """Yield the claims, the counts and, for a believed detector, its chance to show them."""
+    confidence = f"{100 * call.confidence:g} % each"
+    yield f"To show Pd >= {call.pd_claim:g} at FAR <= {call.far:g} per m² with {confidence}:"
+    yield f"  {plan.mines} mines, of which at most {plan.misses} may be missed"
+    yield (
+        f"  {plan.area:.0f} m² of ground outside the halos, "
+        f"with at most {plan.false_alarms} false alarms"
+    )
+    if call.true_pd is not None:
+        yield f"  a detector with Pd {call.true_pd:g} shows it with probability {plan.pd_power:.2f}"
+    if call.true_far is not None:
+        yield (
+            f"  a detector with FAR {call.true_far:g} per m² shows it with probability "
+            f"{plan.far_power:.2f}"
+        )
+
+
+@command(lines=_mines_lines, quiet=False)
+def plan_mines(
+    pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    far: Annotated[float, Option(help="False alarms per m² to be shown.")] = 0.01,
+    confidence: Annotated[float, Option(help="Confidence of each claim.")] = 0.95,
+    true_pd: Annotated[float | None, Option(help="Pd the detector is believed to have.")] = None,
+    true_far: Annotated[float | None, Option(help="FAR it is believed to have.")] = None,
+    *,
+    power: Annotated[float, "Probability with which the claim shall be shown."] = 0.8,
+    joint: Annotated[bool, "Whether the confidence is that of both claims together."] = False,
+) -> SamplePlan:
+    """Return how many mines and how much ground it takes to show a performance.
+
+    Returns
+    -------
+    SamplePlan
+        Counts and area, see :func:`flgpr.trials.sample_size`.
+
+    Raises
+    ------
+    ValueError
+        If a probability or a rate breaks its rule.
+    """
+    from flgpr_trials.planning import sample_size
+
+    return sample_size(
+        pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint
+    )
+
+
+def _lane_lines(
+    returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
+) -> Iterator[str | Path]:
+    """Yield the files, the seed and the time of the register line."""
+    from flgpr_trials.commands.planning import plan_files
+
+    plan, line = returned
+    yield from plan_files(call.output, call.anchor is not None).values()
+    seed = plan.attrs["seed"]
+    origin = "of a seed that was not kept" if seed is None else f"seed {seed}"
+    yield f"{len(plan)} targets, {origin}; registered {line['time']}"
+    yield (
+        "keep these files and the seed from whoever runs a detector; "
+        "the register is for all to read"
+    )
+
+
+@command(
+    lines=_lane_lines,
+    panels={
+        "Plan": ("seed", "spacing", "edge", "anchor"),
+        "Register": ("recipe", "book", "halo", "far"),
+    },
+)
+def plan_lane(
+    lane: Annotated[PathLike, Argument(help="TOML or CSV of the lane or lanes.")],
+    targets: Annotated[PathLike, Argument(help="CSV with kind, depth (m) and count.")],
+    output: Output,
+    seed: Annotated[
+        int | None,
+        Option(
+            help="Seed to draw a plan again; who can guess it knows the plan. "
+            "By default drawn, and printed."
+        ),
+    ] = None,
+    spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
+    edge: Annotated[float, Option(help="Least distance to the lane's border, m.")] = 0.5,
+    recipe: Annotated[
+        str | None, Option(help="Recipe whose hash is registered with the plan.")
+    ] = None,
+    book: Annotated[PathLike | None, Option(help="Register; beside the plan by default.")] = None,
+    anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
+    halo: Annotated[float, Option(help="Halo radius that scores must use, m.")] = 1.0,
+    far: Annotated[
+        float, Option(help="Operating point that scores must use, false alarms per m².")
+    ] = 0.05,
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Draw an emplacement plan and register it with the rules of its scoring.
+
+    The crew's page and sheet are written with it.
+
+    Returns
+    -------
+    plan, line
+        The table, whose ``attrs`` have the seed, and the line of the register.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, or a truth was opened under the register; nothing is written then.
+    FileExistsError
+        If another plan or another file is there.
+
+    Notes
+    -----
+    The files are those of :func:`flgpr_trials.commands.planning.plan_files`. Who can guess the seed has
+    the plan. A plan that was drawn of the same inputs is left as it is; one that was stopped before
+    it was registered is finished.
+    """
+    from flgpr_trials.commands.planning import PlanOrder, draw_and_register
+
+    rules = {"halo": float(halo), "far": float(far)}
+    order = PlanOrder(lane, targets, Path(output), seed, spacing, edge, recipe, book, anchor, rules)
+    return draw_and_register(order)
+
+
+def _register_lines(line: dict[str, Any], call: Arguments) -> Iterator[str]:
+    """Yield where a recipe stands in the register."""
+    digest = line["recipe"][:12]
+    yield f"{call.recipe} is line {line['number']} of {call.book}, {digest}..., {line['time']}"
+
+
+@command(lines=_register_lines)
+def register_recipe(
+    recipe: Annotated[str, Argument(help="Packaged recipe, or any file that fixes a detector.")],
+    book: Annotated[PathLike, Option(help="Register of the plan.")],
+    model: Annotated[
+        PathLike | None, Option(help="Model that the recipe is run with, of `flgpr train`.")
+    ] = None,
+    witness: Annotated[
+        PathLike | None,
+        Option(help="A file elsewhere that must hold the register's lines; new ones are added."),
+    ] = None,
+) -> dict[str, Any]:
+    """Register a recipe before the truth is opened; scores then ask for it.
+
+    Returns
+    -------
+    dict
+        The line of the register, or the one where the recipe stands already.
+
+    Raises
+    ------
+    ValueError
+        If a truth was opened under the register, so that it is too late.
+    FileNotFoundError
+        If the register, the recipe or the model is missing.
+    """
+    from flgpr_trials.commands.registering import enter_recipe, with_witness
+
+    return enter_recipe(recipe, with_witness(book, witness), model)
+
+
+CheckedRegister = tuple[list[dict[str, Any]], dict[Any, dict[str, Any]]]
+
+
+def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
+    """Yield the lines of a register, its head, and what witnesses know of it."""
+    from flgpr_trials.ledger import head_of
+
+    lines, heads = returned
+    for line in lines:
+        yield f"  {line['number']:4d}  {line['time']}  {json.dumps(line.get('event', ''))}"
+    last = head_of(lines)["head"]
+    yield f"{call.book}: {len(lines)} lines, each fits the one before; the last is {last}"
+    for name, head in heads.items():
+        yield f"{name} knows {head['lines']} of them"
+    if not heads and call.witness is None:
+        yield "only --report or --witness shows whether lines are missing at the end"
+
+
+def _check_json(returned: CheckedRegister, _: Arguments) -> dict[str, Any]:
+    """Return the head of a register and those that reports know."""
+    from flgpr_trials.ledger import head_of
+
+    lines, heads = returned
+    return head_of(lines) | {"reports": {str(name): head for name, head in heads.items()}}
+
+
+@command(lines=_check_lines, as_json=_check_json, quiet=False)
+def check_register(
+    book: Annotated[PathLike, Argument(help="Register.")],
+    report: Annotated[
+        Paths | None,
+        Option(
+            help="Report of a score with this register (roc.json or its folder); several may be."
+        ),
+    ] = None,
+    witness: Annotated[
+        PathLike | None, Option(help="A file elsewhere that must hold the register's lines.")
+    ] = None,
+) -> CheckedRegister:
+    """Check a register line by line.
+
+    No line that a witness or a report knows may be missing.
+
+    Returns
+    -------
+    lines, heads
+        The register's lines; and by report how many lines it knows, and the last one's hash.
+
+    Raises
+    ------
+    ValueError
+        If a line was altered, or one that the witness or a report knows is missing; it names the
+        line.
+    """
+    from flgpr_trials.commands.registering import (
+        heads_of_reports,
+        read_existing_register,
+        with_witness,
+    )
+
+    register = with_witness(book, witness)
+    lines = read_existing_register(register)
+    return lines, heads_of_reports(lines, register, one_or_more(report))
+
+
+def _survey_lines(
+    returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
+) -> Iterator[str | Path]:
+    """Yield the truth, and how it differs from the plan."""
+    truth, line = returned
+    yield call.output
+    yield (
+        f"{len(truth)} targets, {line['moved']} of them moved by at most "
+        f"{line['largest_offset']:.3f} m; {line['left_out']} not emplaced and left out; "
+        f"registered {line['time']}"
+    )
+
+
+@command(lines=_survey_lines)
+def survey_plan(
+    plan: Annotated[PathLike, Argument(help="Plan that was emplaced.")],
+    sheet: Annotated[PathLike, Argument(help="Its sheet, filled in by the crew.")],
+    output: Output,
+    book: Annotated[PathLike | None, Option(help="Register; the plan names its own.")] = None,
+    within: Annotated[
+        float, Option(help="Largest difference from the plan that is believed, m.")
+    ] = 1.0,
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Read what was emplaced, write it as truth and register it in place of the plan.
+
+    Returns
+    -------
+    truth, line
+        The truth, and the line of the register with the number of targets that were moved and the
+        largest offset.
+
+    Raises
+    ------
+    ValueError
+        If the sheet does not fit the plan, a target lies farther from its place than believed, or a
+        truth was opened under the register; nothing is written then.
+    FileExistsError
+        If another file is at the output.
+
+    Notes
+    -----
+    Every row of the sheet says in ``emplaced`` yes or no. Where place or depth is empty it is as
+    planned.
+    """
+    from flgpr_trials.commands.surveying import register_survey
+
+    return register_survey(plan, sheet, output, book, within)

@@ -1,0 +1,262 @@
+"""Pages of a trial: the crew's plan, and the score of a blind test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from flgpr.geo.anchor import Anchor
+from flgpr.model import Lane
+from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
+from flgpr.report.curve_figures import COLOURS, MARKS
+from flgpr.report.kit import render
+from flgpr.report.trial_block import TrialBlock, list_block
+from flgpr_trials.blind import BlindScore
+
+_STRIP = 30.0  # length of lane in a row of the map, m
+_STRIPS = 4  # rows in a picture: half a printed page
+_LOWEST_STRIP = 1.1  # inches
+_HIGHEST_STRIP = 3.5
+# Mines are emplaced to the centimetre; depths have a digit more.
+_DIGITS = {"depth_m": ".3f"}
+
+
+def sheet_html(
+    sheet: pd.DataFrame,
+    lanes: Mapping[str, Lane],
+    name: str,
+    digest: str,
+    anchor: Anchor | None = None,
+) -> str:
+    """Return the crew's page of an emplacement plan: map, table and room for what was emplaced.
+
+    Parameters
+    ----------
+    sheet : pandas.DataFrame
+        ``target_id``, ``kind``, ``x_m``, ``y_m`` and ``depth_m`` (m), ``lane`` if the lanes have
+        names, and with an anchor ``easting_m`` and ``northing_m``.
+    lanes : mapping of str to Lane
+        Lanes by name.
+    name : str
+        Name of the plan's file.
+    digest : str
+        SHA-256 of the plan's file.
+    anchor : Anchor, optional
+        Ties the lanes to the Earth.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
+    """
+    columns = ("x_m", "y_m", "depth_m", "easting_m", "northing_m")
+    numbers = [column for column in columns if column in sheet]
+    texts = sheet.copy()
+    for column in numbers:
+        digits = _DIGITS.get(column, ".2f")
+        texts[column] = [format(value, digits) for value in sheet[column]]
+
+    entries = []
+    for lane_name, lane in lanes.items():
+        on_lane = pd.Series(data=True, index=sheet.index)
+        if "lane" in sheet:
+            on_lane = sheet["lane"].astype(str) == lane_name
+        maps = lane_maps(lane, sheet[on_lane])
+        rows = texts.loc[on_lane, ["target_id", "kind", *numbers]]
+        entries.append((lane_name, lane, maps, rows.to_numpy().tolist()))
+
+    sigma = None
+    crs = None
+    if anchor is not None:
+        sigma = float(anchor.uncertainty(sheet["x_m"], sheet["y_m"]).max())
+        crs = anchor.utm()
+    return render(
+        "sheet.html",
+        "flgpr_trials",
+        lanes=entries,
+        name=name,
+        digest=digest,
+        count=len(sheet),
+        crs=crs,
+        sigma=sigma,
+    )
+
+
+def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
+    """Draw a lane from above in strips, each read from left to right in the direction of travel.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+    targets : pandas.DataFrame
+        ``target_id``, ``kind``, ``x_m`` and ``y_m``.
+
+    Returns
+    -------
+    list of Figure
+        Each with up to four strips of 30 m.
+    """
+    lane_length = lane.y_max - lane.y_min
+    # A lane that is longer by a rounding error has no strip for it.
+    count = max(1, int(np.ceil(lane_length / _STRIP - 1e-9)))
+    length = min(_STRIP, lane_length)
+    width = lane.x_max - lane.x_min
+    height_to_scale = 10.0 * (width + 1) / (length + 1) + 0.55
+    strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
+    kinds = sorted(map(str, targets["kind"].unique()))
+    styles = {kind: _marker_style(number) for number, kind in enumerate(kinds)}
+    figures = []
+    for first in range(0, count, _STRIPS):
+        strips = range(first, min(first + _STRIPS, count))
+        size = (10.5, strip_height * len(strips) + 0.35)
+        figure = Figure(figsize=size, layout="constrained")
+        panels = np.atleast_1d(figure.subplots(len(strips), 1))
+        for axes, strip in zip(panels, strips, strict=True):
+            start = lane.y_min + strip * _STRIP
+            _draw_strip(axes, lane, targets, styles, start, length)
+        handles = [Line2D([], [], label=kind, **style) for kind, style in styles.items()]
+        if handles:
+            figure.legend(
+                handles=handles,
+                loc="outside upper right",
+                ncols=len(handles),
+                fontsize=8,
+                frameon=False,
+            )
+        figure.supxlabel("y (m), direction of travel →", fontsize=9)
+        figures.append(figure)
+    return figures
+
+
+def _marker_style(number: int) -> dict[str, Any]:
+    """Return the marker of a kind of target by its number."""
+    return {
+        "marker": MARKS[number % len(MARKS)],
+        "color": COLOURS[number % len(COLOURS)],
+        "mfc": "white",
+        "mew": 1.6,
+        "ls": "none",
+    }
+
+
+def _draw_strip(
+    axes: Axes,
+    lane: Lane,
+    targets: pd.DataFrame,
+    styles: Mapping[str, dict[str, Any]],
+    start: float,
+    length: float,
+) -> None:
+    """Draw the strip of a lane that begins at lane y ``start``, with its targets."""
+    end = min(start + _STRIP, lane.y_max)
+    axes.fill_between([start, end], lane.x_min, lane.x_max, color="0.95")
+    axes.hlines([lane.x_min, lane.x_max], start, end, color="0.3", lw=1.2)
+    lane_ends = [y for y in (lane.y_min, lane.y_max) if start <= y <= end]
+    axes.vlines(lane_ends, lane.x_min, lane.x_max, color="0.3")
+    # A target on the border of two strips belongs to the second, one at the lane's end to the last.
+    is_on_strip = targets["y_m"] >= start
+    is_on_strip &= (targets["y_m"] < end) | (end == lane.y_max)
+    for target in targets[is_on_strip].to_dict("records"):
+        position = (target["y_m"], target["x_m"])
+        style = styles[str(target["kind"])]
+        axes.plot(*position, ms=6, **style)
+        axes.annotate(
+            target["target_id"],
+            position,
+            xytext=(5, 4),
+            textcoords="offset points",
+            fontsize=9,
+        )
+    # Seen from above with travel to the right, the lane's right side is below.
+    axes.set(
+        xlim=(start - 0.5, start + length + 0.5),
+        ylim=(lane.x_max + 0.5, lane.x_min - 0.5),
+        aspect="equal",
+    )
+    # The crew reads distances off the map: a line at every metre, a number at every fifth.
+    first_fifth = np.ceil(start / 5) * 5
+    axes.set_xticks(np.arange(first_fifth, end + 0.01, 5.0))
+    axes.set_xticks(np.arange(np.ceil(start), end + 0.01, 1.0), minor=True)
+    axes.set_ylabel("x (m)")
+    axes.grid(alpha=0.5)
+    axes.grid(which="minor", axis="x", alpha=0.2)
+
+
+def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
+    """Return the page of a blind score: what the owner of the truth allows, and no positions.
+
+    Parameters
+    ----------
+    blind : BlindScore
+        The score.
+    notes : mapping
+        Provenance to print.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
+    """
+    groups = {}
+    points_by_group = {}
+    for group, points in blind.points.groupby("group", sort=False):
+        points_by_group[str(group)] = points
+        rows = []
+        for row in points.to_dict("records"):
+            rows.append([f"{row['far_allowed']:g}", *point_cells(row)])
+        groups[str(group)] = rows
+    return render(
+        "blind.html",
+        "flgpr_trials",
+        blind=blind,
+        groups=groups,
+        head=[">allowed FAR (per m²)", *POINT_HEAD],
+        picture=points_figure(points_by_group),
+        targets=_target_texts(blind.targets),
+        notes={name: _head_in_words(value) for name, value in notes.items()},
+        trial=_blind_block(blind, notes),
+    )
+
+
+def _blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
+    """Return the head of the page of a blind score, whose lane and places stay secret."""
+    counts = blind.counts
+    rules = (
+        f"halo radius {counts['halo_radius']:g} m, FAR over {counts['area']:.2f} m² "
+        f"(rule {counts['area_rule']}), 95 % intervals"
+    )
+    return list_block(
+        notes,
+        "alarm list",
+        (counts["n_alarms"], counts["n_targets"]),
+        notes.get("sealed_sha256"),
+        "sealed with the truth",
+        rules,
+        "sealed lane",
+    )
+
+
+def _target_texts(targets: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return the table of targets of a blind score as text; None where it is not allowed."""
+    if targets is None:
+        return None
+    found_from = []
+    depths = []
+    for far, depth in zip(targets["found_from"], targets["depth"], strict=True):
+        found_from.append("not at any" if np.isnan(far) else f"{far:g}")
+        depths.append("not known" if np.isnan(depth) else f"{100 * depth:.1f}")
+    return targets.assign(depth=depths, found_from=found_from).astype(str)
+
+
+def _head_in_words(note: Any) -> Any:
+    """Return the length of a log or register and its last hash as text; other notes unchanged."""
+    if isinstance(note, dict) and set(note) == {"lines", "head"}:
+        return f"{note['lines']} lines, the last is {note['head']}"
+    return note

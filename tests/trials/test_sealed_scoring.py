@@ -1,0 +1,106 @@
+"""Truths are sealed, and alarm lists are scored against them."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.commands.app import app
+from flgpr.trials import content_hash, head_of, read_register
+from flgpr_trials.passphrase import require_seal
+from scored_blind import compare_sealed, holds_sealed_score, score_sealed, seal_truth_file
+
+PHRASE = "correct horse battery"
+
+
+def test_a_truth_is_sealed_and_scored_blind(scoring_files):
+    pytest.importorskip("cryptography")
+    sealed = seal_truth_file(
+        scoring_files / "truth.csv", scoring_files / "lane.toml", scoring_files / "sealed", PHRASE
+    )
+    score = score_sealed(scoring_files / "alarms.csv", sealed, PHRASE, scoring_files / "blind")
+    assert score.counts["n_targets"] == 2
+    told = json.loads((scoring_files / "blind" / "roc.json").read_text())
+    assert told["notes"] == {
+        "looks": 1, "lists": 1, "alarms_sha256": content_hash(scoring_files / "alarms.csv"),
+        "sealed_sha256": content_hash(sealed), "log": head_of(read_register(f"{sealed}.log.jsonl")),
+    }  # fmt: skip
+    assert "threshold" not in told["detections"]["main"]["points"][0]
+    assert "targets" not in told["detections"]["main"]
+    with pytest.raises(FileNotFoundError, match="sealed truth not found"):
+        score_sealed(scoring_files / "alarms.csv", scoring_files / "none", PHRASE)
+
+
+def test_a_seal_is_left_if_it_is_the_same_and_refused_otherwise(scoring_files):
+    pytest.importorskip("cryptography")
+    truth = scoring_files / "truth.csv"
+    lane = scoring_files / "lane.toml"
+    sealed = seal_truth_file(truth, lane, scoring_files / "sealed", PHRASE)
+    data = sealed.read_bytes()
+    assert seal_truth_file(truth, lane, sealed, PHRASE) == sealed
+    assert sealed.read_bytes() == data
+    with pytest.raises(FileExistsError, match="output must not exist yet"):
+        seal_truth_file(truth, lane, sealed, PHRASE, halo=2.0)
+    with pytest.raises(FileExistsError, match="sealed with another passphrase"):
+        seal_truth_file(truth, lane, sealed, "another horse battery")
+    assert sealed.read_bytes() == data
+
+
+def test_a_score_that_is_there_costs_no_look(scoring_files):
+    pytest.importorskip("cryptography")
+    alarms = scoring_files / "alarms.csv"
+    folder = scoring_files / "blind"
+    sealed = seal_truth_file(
+        scoring_files / "truth.csv", scoring_files / "lane.toml", scoring_files / "sealed", PHRASE
+    )
+    assert not holds_sealed_score([alarms], sealed, folder)
+    score_sealed(alarms, sealed, PHRASE, folder)
+    assert holds_sealed_score([alarms], sealed, folder)
+    alarms.write_text("x,y,confidence\n0,10,1\n")
+    with pytest.raises(FileExistsError, match=r"roc\.json, which holds something else"):
+        holds_sealed_score([alarms], sealed, folder)
+    assert len(read_register(f"{sealed}.log.jsonl")) == 1
+
+
+def test_several_lists_are_as_many_looks_and_show_no_target(scoring_files):
+    pytest.importorskip("cryptography")
+    other = scoring_files / "other.csv"
+    other.write_text("x,y,confidence\n0,10,1\n1,30,2\n")
+    sealed = seal_truth_file(
+        scoring_files / "truth.csv", scoring_files / "lane.toml", scoring_files / "sealed", PHRASE
+    )
+    lists = [scoring_files / "alarms.csv", other]
+    compare_sealed(lists, sealed, PHRASE, scoring_files / "both")
+    text = (scoring_files / "both" / "comparison.json").read_text()
+    notes = json.loads(text)["notes"]
+    assert [notes[name]["looks"] for name in ("alarms", "other")] == [1, 2]
+    assert "plastic" not in text
+    assert holds_sealed_score(lists, sealed, scoring_files / "both")
+
+
+def test_a_library_that_is_missing_is_told_before_a_passphrase_is_typed(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zxcvbn" else name)
+    with pytest.raises(ModuleNotFoundError, match=r"library zxcvbn: pip install 'flgpr\[seal\]'"):
+        require_seal()
+
+
+def test_the_verb_seals_and_compares(scoring_files):
+    pytest.importorskip("cryptography")
+    truth, lane, sealed = (str(scoring_files / name) for name in ("truth.csv", "lane.toml", "s"))
+    told = CliRunner().invoke(
+        app, ["seal", truth, "--lane", lane, "-o", sealed], input=f"{PHRASE}\n{PHRASE}\n"
+    )
+    assert told.exit_code == 0, told.output
+    assert told.stdout.endswith(f"wrote {sealed}\n")
+    assert "now" not in told.stderr.splitlines()[-1]
+    other = scoring_files / "other.csv"
+    other.write_text("x,y,confidence\n0,10,1\n1,30,2\n")
+    lists = [str(scoring_files / "alarms.csv"), str(other)]
+    output = ["-o", str(scoring_files / "both")]
+    told = CliRunner().invoke(
+        app, ["compare", *lists, "--sealed", sealed, *output], input=f"{PHRASE}\n"
+    )
+    assert told.exit_code == 0, told.output
+    assert len(read_register(f"{sealed}.log.jsonl")) == 2
+    refused = CliRunner().invoke(app, ["compare", *lists, "--sealed", sealed, "--halo", "1"])
+    assert "the truth was sealed with, got --halo" in refused.stderr
