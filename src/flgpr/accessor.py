@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from flgpr.calibrate import channel_health
 from flgpr.imaging import ScanImager
+from flgpr.imaging.ground import covered_ground
 from flgpr.model import Grid, Lane, check_run, complete_scans, vehicle_to_lane
 from flgpr.results.description import describe_run
 from flgpr.results.notebook_html import entries_html, picture_html, side_by_side_html
@@ -150,7 +151,7 @@ class RunPlots:
         """
         label = self._label(polarization)
         images = self._run.sel(polarization=[label]).flgpr.imager()
-        area = lane or _covered(self._run, images.grid)
+        area = lane or covered_ground(images.grid, self._run["pose"].values[[0, -1]])
         grid = Grid.spanning((area.x_min, area.x_max), (area.y_min, area.y_max), spacing)
         view = run_view(images, grid, np.inf)[0, 0]
         ax = _show(view, ax, f"run-view, {label}")
@@ -173,18 +174,6 @@ def _default_grid(run: xr.Dataset) -> Grid:
     """Return the grid of 1 to 5 array heights ahead of a run's array."""
     height = max(float(run["pose"].values[:, 2].mean()), 0.5)
     return Grid.spanning((-1.2 * height, 1.2 * height), (height, 5 * height), height / 40)
-
-
-def _covered(run: xr.Dataset, grid: Grid) -> Lane:
-    """Return the area that the images of the first and the last scan cover."""
-    x_min, x_max, y_min, y_max = grid.extent()
-    corners = [[x_min, y_min, 0], [x_min, y_max, 0], [x_max, y_min, 0], [x_max, y_max, 0]]
-    first_and_last = run["pose"].values[[0, -1]].copy()
-    first_and_last[:, [2, 4, 5]] = 0  # images lie on level ground
-    points = vehicle_to_lane(np.array(corners), first_and_last).reshape(-1, 3)
-    x = points[:, 0]
-    y = points[:, 1]
-    return Lane(float(x.min()), float(x.max()), float(y.min()), float(y.max()))
 
 
 def _axes(size: tuple[float, float]) -> Axes:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flgpr.commands.errors import USER_ERRORS, plain_message
+from flgpr.commands.messages import USER_ERRORS, plain_message
 
 
 def test_no_line_holds_what_the_program_calls_things():

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.doubts import table_doubts
+from flgpr.commands.reach import table_doubts
 from flgpr.model import Lane
 
 LANE = Lane(-1.5, 1.5, 0.0, 20.0)

@@ -5,7 +5,7 @@ That a result without an output lives as long as its object is tested with the c
 
 import xarray as xr
 
-from flgpr.commands.run_locations import RunLocations, is_in_memory
+from flgpr.commands.runs import RunLocations, is_in_memory
 from small_lane import small_run
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flgpr.commands.run_options import run_options
+from flgpr.commands.runs import run_options
 from flgpr.jobs.workers import RunOptions
 
 

@@ -90,7 +90,7 @@ def test_a_section_begins_where_the_record_does(line):
 
 def test_the_label_of_the_colour_bar_is_whole(line):
     """Drawn, the label lies within the figure, also where the panel is low."""
-    from flgpr.report.figures import image_figure
+    from flgpr.report.images import image_figure
 
     made = make_picture(line, View(permittivity=TRUE, z=(-0.4, 0.0)))
     figure = image_figure(made.image, made.peaks, open_run(line)["pose"].values)
@@ -104,7 +104,7 @@ def test_the_label_of_the_colour_bar_is_whole(line):
 @pytest.mark.parametrize(("across", "along"), [(60, 142), (60, 20), (20, 20), (90, 8)])
 def test_all_words_of_a_picture_lie_in_it(across, along):
     """Points at the edges have numbers, too, and those move no label out of the figure."""
-    from flgpr.report.figures import image_figure
+    from flgpr.report.images import image_figure
 
     x = 0.08 * np.arange(across) - 1.7
     y = 0.08 * np.arange(along) + 2.4

@@ -7,9 +7,9 @@ import xarray as xr
 from flgpr.report.figures import (
     channel_figure,
     complete_roc_figure,
-    image_figure,
     run_view_figure,
 )
+from flgpr.report.images import image_figure
 from flgpr.results.result import read_result
 from flgpr.results.score import score_detections
 from small_results import small_result

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from flgpr.report.slices import slices_figure
+from flgpr.report.images import slices_figure
 
 
 def test_every_slice_is_drawn_relative_to_the_strongest_pixel_of_all():

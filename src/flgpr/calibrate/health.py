@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -54,30 +52,26 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
         # Pairs without a sweep do not count for the median.
         median = float(np.median(power[power > 0])) if (power > 0).any() else 1.0
         for pair, sweeps in enumerate(sweeps_by_pair):
-            channel: dict[str, Any] = {
-                "polarization": str(label),
-                "pair": pair,
-                "level_db": 10 * np.log10(power[pair] / median) if power[pair] > 0 else -np.inf,
-                "missing": int(np.count_nonzero(~valid[:, k, pair])),
-            }
-            rows.append(channel | _state(sweeps.astype(np.complex128), channel["level_db"], quiet))
+            level = 10 * np.log10(power[pair] / median) if power[pair] > 0 else -np.inf
+            stuck = 0.0
+            if len(sweeps) > 1:
+                stuck = float((sweeps == sweeps[:1]).all(axis=0).mean())
+            double = sweeps.astype(np.complex128)
+            gain, phase = _drift(double)
+            rows.append(
+                {
+                    "polarization": str(label),
+                    "pair": pair,
+                    "level_db": level,
+                    "missing": int(np.count_nonzero(~valid[:, k, pair])),
+                    "stuck": stuck,
+                    "coherence": _coherence(double),
+                    "gain_drift_db": gain,
+                    "phase_drift_rad": phase,
+                    "dead": bool(len(sweeps) == 0 or level < quiet or stuck > 0.5),
+                }
+            )
     return pd.DataFrame(rows)
-
-
-def _state(sweeps: NDArray[np.complex128], level: float, quiet: float) -> dict[str, Any]:
-    """Return the columns on a channel's sweeps (scan, frequency) of a level, dB."""
-    stuck = 0.0
-    if len(sweeps) > 1:
-        same_in_all = (sweeps == sweeps[:1]).all(axis=0)
-        stuck = float(same_in_all.mean())
-    gain, phase = _drift(sweeps)
-    return {
-        "stuck": stuck,
-        "coherence": _coherence(sweeps),
-        "gain_drift_db": gain,
-        "phase_drift_rad": phase,
-        "dead": bool(len(sweeps) == 0 or level < quiet or stuck > 0.5),
-    }
 
 
 def health_summary(table: pd.DataFrame) -> list[str]:
@@ -105,7 +99,7 @@ def health_summary(table: pd.DataFrame) -> list[str]:
     return [f"all {len(table)} channels are alive" + (", none drifts" if len(steady) else "")]
 
 
-def _power(sweeps: NDArray[np.complex64]) -> float:
+def _power(sweeps: NDArray[np.complexfloating]) -> float:
     """Return the mean power; 0 without a sweep."""
     return float(np.mean(np.abs(sweeps.astype(np.complex128)) ** 2)) if sweeps.size else 0.0
 
@@ -116,11 +110,10 @@ def _coherence(sweeps: NDArray[np.complex128]) -> float:
     The mean of N independent sweeps has 1/N of their power.
     """
     count = len(sweeps)
-    total = float(np.mean(np.abs(sweeps) ** 2)) if sweeps.size else 0.0
+    total = _power(sweeps)
     if count < 2 or total == 0:
         return 0.0
-    mean = sweeps.mean(axis=0)
-    share = float(np.mean(np.abs(mean) ** 2)) / total
+    share = _power(sweeps.mean(axis=0)) / total
     return max(0.0, (share - 1 / count) / (1 - 1 / count))
 
 

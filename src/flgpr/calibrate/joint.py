@@ -146,15 +146,16 @@ def estimate_joint(
     line_step = SPEED_OF_LIGHT / float(frequency[-1]) / 4
     lines = positions[:, None] + _steps(tolerance, line_step) * across
 
-    trials = _try_all(run, tried, poses, lines, biases)
+    search = _Search(run, lines, biases)
+    trials = search.trials(tried, poses)
     best = trials.best()
     offset = float(tried[best])
     curve = trials.score[best]
-    run_at_best = run
+    at_best = search
     if track is not None:
         if trials.step:
-            offset, curve = _refine(run, track, trials, lines, biases, refine)
-        run_at_best = with_track(run, track, offset)
+            offset, curve = search.refined(track, trials, refine)
+        at_best = replace(search, run=with_track(run, track, offset))
 
     peak = int(curve.argmax())
     height = float(curve[peak])
@@ -162,19 +163,17 @@ def estimate_joint(
     over_bias = trials.score.max(axis=0)
     elsewhere = np.abs(bias - bias[peak]) > 2 * cell
     runner_up = int(np.where(elsewhere, over_bias, -np.inf).argmax())
-    moved = _score_moved(run_at_best, positions, across, fine, tolerance, biases, trials.background)
+    moved = _score_moved(at_best, positions, across, fine, tolerance, trials.background)
 
     bias_sigma = np.inf
     offset_sigma = np.inf
     if not trials.best_at_edge():
         noise = np.maximum(trials.level[..., elsewhere].mean(axis=(0, 2)), trials.background)
         middle = trials.inner(offset)
-        bias_sigma, offset_sigma = _sigma(
-            run_at_best, track, middle, trials.step / 2, lines, (biases, peak), noise
-        )
+        bias_sigma, offset_sigma = at_best.sigma(track, middle, trials.step / 2, peak, noise)
 
     top = _summit(curve, bias, peak)
-    table = _at_reflectors(run_at_best, positions, operator, top, tolerance)
+    table = _at_reflectors(at_best.run, positions, operator, top, tolerance)
     single = table["bias"].to_numpy()
     if single.size > 1:
         # The reflectors' disagreement counts too: errors of their positions are in it.
@@ -228,42 +227,100 @@ class _Trials:
         return float(np.clip(offset, first, last))
 
 
-def _try_all(
-    run: xr.Dataset,
-    offsets: FloatArray,
-    poses: Sequence[ArrayLike],
-    lines: FloatArray,
-    biases: tuple[float, float],
-) -> _Trials:
-    """Score all clock offsets, whose poses are given, for all biases."""
-    level, bias = _levels(run, poses, lines, biases)
-    # The smallest positive number in place of zero: a run may be empty.
-    background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
-    return _Trials(offsets, bias, level, background, _score(level, background))
+@dataclass(frozen=True)
+class _Search:
+    """A run, and lines through its reflectors on which echoes are looked for at all biases."""
 
+    run: xr.Dataset
+    lines: FloatArray  #: (reflector, point, 3), m
+    biases: tuple[float, float]  #: least and greatest, m
 
-def _refine(
-    run: xr.Dataset,
-    track: pd.DataFrame,
-    trials: _Trials,
-    lines: FloatArray,
-    biases: tuple[float, float],
-    refine: int,
-) -> tuple[float, FloatArray]:
-    """Halve the offsets' step ``refine`` times about the best; return offset and score by bias."""
-    best = trials.best()
-    offset = float(trials.offsets[best])
-    curve = trials.score[best]
-    width = trials.step
-    for _ in range(refine):
-        width /= 2
-        closer, poses = track_trials(run, track, [offset - width, offset, offset + width])
-        level, _ = _levels(run, poses, lines, biases)
-        score = _score(level, trials.background)
-        best = int(score.max(axis=1).argmax())
-        offset = float(closer[best])
-        curve = score[best]
-    return offset, curve
+    def powers(self, poses: Sequence[ArrayLike]) -> tuple[FloatArray, FloatArray]:
+        """Return the power of all polarizations (trial, reflector, point, bias), and the biases."""
+        points = self.lines.reshape(-1, 3)
+        field, bias = fields_over_bias(self.run, poses, points, self.biases)
+        real = field.real.astype(np.float64)
+        imaginary = field.imag.astype(np.float64)
+        power = (real**2 + imaginary**2).sum(axis=1)
+        return power.reshape(len(power), *self.lines.shape[:2], bias.size), bias
+
+    def levels(self, poses: Sequence[ArrayLike]) -> tuple[FloatArray, FloatArray]:
+        """Return the power (trial, reflector, bias) at a line's brightest point, and the biases."""
+        cell = resolution(self.run["frequency"].values)
+        # Biases are a quarter of the resolution apart or less, up to two times less.
+        width = self.biases[1] - self.biases[0]
+        sums = self.lines.shape[0] * self.lines.shape[1] * width / cell * 8
+        trials_at_once = max(1, int(_SUMS_AT_ONCE / sums))
+        levels = []
+        bias = np.empty(0)
+        for k in range(0, len(poses), trials_at_once):
+            power, bias = self.powers(poses[k : k + trials_at_once])
+            levels.append(power.max(axis=2))
+        return np.concatenate(levels), bias
+
+    def trials(self, offsets: FloatArray, poses: Sequence[ArrayLike]) -> _Trials:
+        """Score all clock offsets, whose poses are given, for all biases."""
+        level, bias = self.levels(poses)
+        # The smallest positive number in place of zero: a run may be empty.
+        background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
+        return _Trials(offsets, bias, level, background, _score(level, background))
+
+    def refined(
+        self, track: pd.DataFrame, trials: _Trials, rounds: int
+    ) -> tuple[float, FloatArray]:
+        """Halve the offsets' step about the best; return offset and score by bias."""
+        best = trials.best()
+        offset = float(trials.offsets[best])
+        curve = trials.score[best]
+        width = trials.step
+        for _ in range(rounds):
+            width /= 2
+            around = [offset - width, offset, offset + width]
+            closer, poses = track_trials(self.run, track, around)
+            score = _score(self.levels(poses)[0], trials.background)
+            best = int(score.max(axis=1).argmax())
+            offset = float(closer[best])
+            curve = score[best]
+        return offset, curve
+
+    def sigma(
+        self,
+        track: pd.DataFrame | None,
+        offset: float,
+        step: float,
+        peak: int,
+        background: FloatArray,
+    ) -> tuple[float, float]:
+        """Return the Cramer-Rao bounds (standard deviations) of bias, m, and offset, s.
+
+        They follow from the curvature of the echoes' power over the background at the ``peak``, the
+        number of a bias. The matrix of the second derivatives in bias and offset is the Fisher
+        information; the diagonal of its inverse holds the variances.
+        """
+        fixed = track is None or not step
+        if track is None or fixed:
+            poses = [self.run["pose"].values] * 3
+        else:
+            poses = [
+                poses_at(track, self.run["time"].values, offset + k * step) for k in (-1, 0, 1)
+            ]
+        level, bias = self.levels(poses)
+        width = float(bias[2] - bias[0])
+        k = int(np.clip(peak, 2, bias.size - 3))
+        # Near the peak the echoes' likelihood is the product's curvature times their power over the
+        # background in all.
+        power = (level[1, :, k] / background).sum() * np.log(10) / 10 * _score(level, background)
+        by_bias = 2 * power[1, k] - power[1, k - 2] - power[1, k + 2]
+        by_offset = 2 * power[1, k] - power[0, k] - power[2, k]
+        mixed = (power[0, k + 2] + power[2, k - 2] - power[0, k - 2] - power[2, k + 2]) / 4
+        if fixed:
+            return (width / np.sqrt(by_bias) if by_bias > 0 else np.inf), 0.0
+        determinant = by_bias * by_offset - mixed**2
+        if determinant <= 0 or by_bias <= 0:
+            return np.inf, np.inf
+        bias_sigma = float(width * np.sqrt(by_offset / determinant))
+        offset_sigma = float(step * np.sqrt(by_bias / determinant))
+        return bias_sigma, offset_sigma
 
 
 def _check_search(
@@ -358,12 +415,11 @@ def _steps(reach: float, step: float) -> FloatArray:
 
 
 def _score_moved(
-    run: xr.Dataset,
+    search: _Search,
     positions: FloatArray,
     across: FloatArray,
     fine: float,
     tolerance: float,
-    biases: tuple[float, float],
     background: FloatArray,
 ) -> float:
     """Return the best score of reflectors all moved sideways, which is what chance can do.
@@ -374,7 +430,7 @@ def _score_moved(
     reach = clear + _MOVES * max(2 * tolerance, fine)
     steps = _steps(reach, min(fine / 4, tolerance))
     lines = positions[:, None] + steps * across
-    power, _ = _powers(run, [run["pose"].values], lines, biases)
+    power, _ = replace(search, lines=lines).powers([search.run["pose"].values])
 
     # Like a reflector's, an echo may come from anywhere within the tolerance.
     half = round(tolerance / float(steps[1, 0] - steps[0, 0]))
@@ -382,36 +438,6 @@ def _score_moved(
     is_clear = np.abs(steps[half : steps.size - half, 0]) > clear
     moved_level = level[:, is_clear].swapaxes(0, 1)
     return float(_score(moved_level, background).max())
-
-
-def _powers(
-    run: xr.Dataset, poses: Sequence[ArrayLike], points: FloatArray, biases: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the power at points (reflector, point, 3), and the biases.
-
-    The power is that of all polarizations: (trial, reflector, point, bias).
-    """
-    field, bias = fields_over_bias(run, poses, points.reshape(-1, 3), biases)
-    real = field.real.astype(np.float64)
-    imaginary = field.imag.astype(np.float64)
-    power = (real**2 + imaginary**2).sum(axis=1)
-    return power.reshape(len(power), *points.shape[:2], bias.size), bias
-
-
-def _levels(
-    run: xr.Dataset, poses: Sequence[ArrayLike], lines: FloatArray, biases: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the power (trial, reflector, bias) at each line's brightest point, and the biases."""
-    cell = resolution(run["frequency"].values)
-    # Biases are a quarter of the resolution apart or less, up to two times less.
-    sums = lines.shape[0] * lines.shape[1] * (biases[1] - biases[0]) / cell * 8
-    trials_at_once = max(1, int(_SUMS_AT_ONCE / sums))
-    levels = []
-    bias = np.empty(0)
-    for k in range(0, len(poses), trials_at_once):
-        power, bias = _powers(run, poses[k : k + trials_at_once], lines, biases)
-        levels.append(power.max(axis=2))
-    return np.concatenate(levels), bias
 
 
 def _score(level: FloatArray, background: FloatArray) -> FloatArray:
@@ -433,46 +459,6 @@ def _summit(curve: FloatArray, bias: FloatArray, peak: int) -> float:
     if not bend < 0:
         return float(bias[peak])
     return float(bias[peak] + (bias[1] - bias[0]) * (left - right) / (2 * bend))
-
-
-def _sigma(
-    run: xr.Dataset,
-    track: pd.DataFrame | None,
-    offset: float,
-    step: float,
-    lines: FloatArray,
-    peak: tuple[tuple[float, float], int],
-    background: FloatArray,
-) -> tuple[float, float]:
-    """Return the Cramer-Rao bounds (standard deviations) of bias, m, and offset, s.
-
-    They follow from the curvature of the echoes' power over the background at the ``peak``, of
-    which the searched biases and the number are given. The matrix of the second derivatives in bias
-    and offset is the Fisher information; the diagonal of its inverse holds the variances.
-    """
-    fixed = track is None or not step
-    if track is None or fixed:
-        poses = [run["pose"].values] * 3
-    else:
-        poses = [poses_at(track, run["time"].values, offset + k * step) for k in (-1, 0, 1)]
-    biases, number = peak
-    level, bias = _levels(run, poses, lines, biases)
-    width = float(bias[2] - bias[0])
-    k = int(np.clip(number, 2, bias.size - 3))
-    # Near the peak the echoes' likelihood is the product's curvature times their power over the
-    # background in all.
-    power = (level[1, :, k] / background).sum() * np.log(10) / 10 * _score(level, background)
-    by_bias = 2 * power[1, k] - power[1, k - 2] - power[1, k + 2]
-    by_offset = 2 * power[1, k] - power[0, k] - power[2, k]
-    mixed = (power[0, k + 2] + power[2, k - 2] - power[0, k - 2] - power[2, k + 2]) / 4
-    if fixed:
-        return (width / np.sqrt(by_bias) if by_bias > 0 else np.inf), 0.0
-    determinant = by_bias * by_offset - mixed**2
-    if determinant <= 0 or by_bias <= 0:
-        return np.inf, np.inf
-    bias_sigma = float(width * np.sqrt(by_offset / determinant))
-    offset_sigma = float(step * np.sqrt(by_bias / determinant))
-    return bias_sigma, offset_sigma
 
 
 def _at_reflectors(

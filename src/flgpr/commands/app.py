@@ -95,10 +95,7 @@ class OrderedGroup(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - the signature of Typer
         """Return the first words of all commands."""
-        names: list[str] = []
-        for first_words in HELP_PANELS.values():
-            names += first_words
-        return names
+        return [first for first_words in HELP_PANELS.values() for first in first_words]
 
 
 app = typer.Typer(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -16,7 +15,7 @@ from flgpr.commands.options import (
     anchor_option,
     output_option,
 )
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, written
 
 if TYPE_CHECKING:
     from flgpr.calibrate import BiasFit, ClockFit
@@ -48,14 +47,12 @@ KeepStanding = Annotated[
 ]
 
 
-def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[str | Path]:
+def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[Any]:
     """Yield offset and rate, how far they stand out, and the store."""
     best = float(fit.trials["sharpness"].max())
     yield f"clock offset {fit.offset:.4f} s, rate {fit.rate:g}, from {len(fit.trials)} trials"
     yield f"sharpness there is {best / fit.lowest:.2f} times the least of the trial offsets"
-    yield _standing_line(call)
-    if call.output is not None:
-        yield call.output
+    yield from _last_lines(fit, call)
 
 
 def _clock_json(fit: ClockFit, call: Arguments) -> dict[str, Any]:
@@ -70,7 +67,7 @@ def _clock_json(fit: ClockFit, call: Arguments) -> dict[str, Any]:
     }
 
 
-def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[str | Path]:
+def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[Any]:
     """Yield the bias, how far it stands out, each reflector, and the store."""
     if fit.offset is not None:
         yield f"clock offset {fit.offset:.4f} s, one standard deviation {fit.offset_sigma:.4f} s"
@@ -91,9 +88,7 @@ def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[str | Path]:
         )
     if len(fit.points) == 1:
         yield "a single reflector does not show an error of its position along the line of sight"
-    yield _standing_line(call)
-    if call.output is not None:
-        yield call.output
+    yield from _last_lines(fit, call)
 
 
 def _bias_json(fit: BiasFit, call: Arguments) -> dict[str, Any]:
@@ -115,10 +110,11 @@ def _bias_json(fit: BiasFit, call: Arguments) -> dict[str, Any]:
     }
 
 
-def _standing_line(call: Arguments) -> str:
-    """Return whether the search was with what is the same in all scans."""
+def _last_lines(fit: ClockFit | BiasFit, call: Arguments) -> Iterator[Any]:
+    """Yield whether the search was with what is the same in all scans, and the store."""
     outcome = "kept" if call.keep_standing else "left out of the search"
-    return f"what stands still in the scans (coupling, the vehicle's own echoes) was {outcome}"
+    yield f"what stands still in the scans (coupling, the vehicle's own echoes) was {outcome}"
+    yield from written(fit, call)
 
 
 @command(lines=_clock_lines, as_json=_clock_json, quiet=False)
@@ -158,29 +154,22 @@ def calibrate_clock(
     ValueError
         If the answer cannot be trusted; the message says why.
     """
-    from flgpr.calibrate import estimate_clock, with_track
+    from flgpr.calibrate import estimate_clock
     from flgpr.calibrate.trial_grid import offsets_to_try, pixels_of_area
-    from flgpr.commands import calibration
+    from flgpr.commands.calibration import Calibration
     from flgpr.imaging import ImagingOperator
-    from flgpr.store import open_run
 
-    dataset = open_run(run)
-    track_table = calibration.track_of_run(run, track, anchor)
-    pixels = pixels_of_area(dataset["frequency"].values, area, height, spacing)
+    calibration = Calibration(run, keep_standing)
+    track_table = calibration.track(track, anchor)
     fit = estimate_clock(
-        calibration.searched_run(dataset, keep_standing),
+        calibration.searched,
         track_table,
-        pixels,
+        pixels_of_area(calibration.run["frequency"].values, area, height, spacing),
         offsets_to_try(offsets, step),
         ImagingOperator,
         tuple(rate or [1.0]),
     )
-    calibration.refuse_doubt(fit, run, keep_standing)
-    # The search was without the standing part; the stored run has all of the data.
-    if output is not None:
-        calibrated = with_track(dataset, track_table, fit.offset, fit.rate)
-        figures = {"clock_offset_s": fit.offset, "clock_rate": fit.rate}
-        calibration.save_calibrated(calibrated, output, figures)
+    calibration.finish(fit, output, track_table)
     return fit
 
 
@@ -211,21 +200,16 @@ def calibrate_range_bias(
     ValueError
         If the answer cannot be trusted; the message says why.
     """
-    from flgpr.calibrate import estimate_range_bias, remove_range_bias
-    from flgpr.commands import calibration
+    from flgpr.calibrate import estimate_range_bias
+    from flgpr.commands.calibration import Calibration, read_reflectors
     from flgpr.imaging import ImagingOperator
-    from flgpr.store import open_run
 
-    dataset = open_run(run).compute()
-    positions = calibration.read_reflectors(reflectors)
+    calibration = Calibration(run, keep_standing)
+    positions = read_reflectors(reflectors)
     if search is not None and not search > 0:
         raise ValueError(f"search must be positive, got {search:g}")
-    searched = calibration.searched_run(dataset, keep_standing)
-    fit = estimate_range_bias(searched, positions, ImagingOperator, search, tolerance)
-    calibration.refuse_doubt(fit, run, keep_standing)
-    if output is not None:
-        corrected = remove_range_bias(dataset, fit.bias)
-        calibration.save_calibrated(corrected, output, {"range_bias_m": fit.bias})
+    fit = estimate_range_bias(calibration.searched, positions, ImagingOperator, search, tolerance)
+    calibration.finish(fit, output)
     return fit
 
 
@@ -234,7 +218,7 @@ def calibrate_joint(
     run: RunArgument,
     reflectors: Reflectors,
     offsets: Offsets,
-    biases: Annotated[tuple[float, float], Option(help="Least and greatest range bias, m.")] = (
+    biases: Annotated[Limits, Option(help="Least and greatest range bias, m.")] = (
         -3.0,
         3.0,
     ),
@@ -260,17 +244,16 @@ def calibrate_joint(
     ValueError
         If the answer cannot be trusted; the message says why.
     """
-    from flgpr.calibrate import estimate_joint, remove_range_bias, with_track
+    from flgpr.calibrate import estimate_joint
     from flgpr.calibrate.trial_grid import offsets_to_try
-    from flgpr.commands import calibration
+    from flgpr.commands.calibration import Calibration, read_reflectors
     from flgpr.imaging import ImagingOperator
-    from flgpr.store import open_run
 
-    dataset = open_run(run).compute()
-    positions = calibration.read_reflectors(reflectors)
-    track_table = calibration.track_of_run(run, track, anchor)
+    calibration = Calibration(run, keep_standing)
+    positions = read_reflectors(reflectors)
+    track_table = calibration.track(track, anchor)
     fit = estimate_joint(
-        calibration.searched_run(dataset, keep_standing),
+        calibration.searched,
         positions,
         ImagingOperator,
         biases,
@@ -278,11 +261,7 @@ def calibrate_joint(
         offsets_to_try(offsets, step),
         tolerance,
     )
-    calibration.refuse_doubt(fit, run, keep_standing)
-    if output is not None and fit.offset is not None:
-        corrected = remove_range_bias(with_track(dataset, track_table, fit.offset), fit.bias)
-        figures = {"clock_offset_s": fit.offset, "clock_rate": 1.0, "range_bias_m": fit.bias}
-        calibration.save_calibrated(corrected, output, figures)
+    calibration.finish(fit, output, track_table)
     return fit
 
 

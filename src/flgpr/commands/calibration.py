@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.calibrate import BiasFit, ClockFit
+from flgpr.calibrate import BiasFit, ClockFit, remove_range_bias, with_track
 from flgpr.clutter import subtract_mean_scan
 from flgpr.commands.positions import track_of
 from flgpr.model.arrays import FloatArray
-from flgpr.store import save_run
+from flgpr.store import open_run, save_run
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
 
@@ -21,57 +20,85 @@ PathLike = str | Path
 _COLUMNS = ("x_m", "y_m", "z_m")
 
 
-def searched_run(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
-    """Return the run for the search, without what is the same in all scans unless that is kept.
+class Calibration:
+    """A stored run that is to be calibrated.
 
     Parameters
     ----------
-    run : xarray.Dataset
-        The run.
+    path : path
+        Run store.
     keep_standing : bool
-        Whether what stands still in the scans is kept.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run.
-
-    Raises
-    ------
-    ValueError
-        If the mean of the scans cannot be subtracted.
+        Whether the search is with what is the same in all scans.
     """
-    if keep_standing:
-        return run
-    try:
-        return subtract_mean_scan(run.compute())
-    except ValueError as error:
-        raise ValueError(f"{error}: search with it, --keep-standing") from None
 
+    def __init__(self, path: PathLike, keep_standing: bool) -> None:
+        self._path = Path(path)
+        self._keep_standing = keep_standing
+        self.run = open_run(path)
 
-def refuse_doubt(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
-    """Refuse an answer that cannot be trusted.
+    @property
+    def searched(self) -> xr.Dataset:
+        """The run for the search; a ValueError if the mean of the scans cannot be subtracted."""
+        if self._keep_standing:
+            return self.run
+        try:
+            return subtract_mean_scan(self.run.compute())
+        except ValueError as error:
+            raise ValueError(f"{error}: search with it, --keep-standing") from None
 
-    Parameters
-    ----------
-    fit : ClockFit or BiasFit
-        The answer.
-    run : path
-        The run, for the error.
-    keep_standing : bool
-        Whether what stands still was kept in the search.
+    def track(self, track: PathLike | None, anchor: PathLike | None) -> pd.DataFrame:
+        """Read a track, by default NAME-track.csv beside the run.
 
-    Raises
-    ------
-    ValueError
-        If the answer is doubtful; it states why.
-    """
-    if not fit.doubt:
-        return
-    hint = ""
-    if not keep_standing:
-        hint = " (what stands still in the scans was left out; --keep-standing leaves it in)"
-    raise ValueError(f"{run}: {fit.doubt}{hint}")
+        It is that of :func:`flgpr.commands.positions.track_of`.
+        """
+        beside = self._path.with_name(f"{self._path.stem}-track.csv")
+        return track_of(Path(track) if track else beside, anchor)
+
+    def finish(
+        self,
+        fit: ClockFit | BiasFit,
+        output: PathLike | None,
+        track: pd.DataFrame | None = None,
+    ) -> None:
+        """Refuse an answer that cannot be trusted, and store the calibrated run.
+
+        Its attribute ``calibration`` has the figures of the answer in addition. An interrupted call
+        resumes.
+
+        Parameters
+        ----------
+        fit : ClockFit or BiasFit
+            The answer.
+        output : path or None
+            Run store to write.
+        track : pandas.DataFrame, optional
+            The track, where its clock was estimated.
+
+        Raises
+        ------
+        ValueError
+            If the answer is doubtful; it states why.
+        """
+        if fit.doubt:
+            hint = ""
+            if not self._keep_standing:
+                hint = (
+                    " (what stands still in the scans was left out; --keep-standing leaves it in)"
+                )
+            raise ValueError(f"{self._path}: {fit.doubt}{hint}")
+        if output is None:
+            return
+        # The search was without the standing part; the stored run has all of the data.
+        run = self.run
+        figures = dict(run.attrs.get("calibration", {}))
+        if track is not None and fit.offset is not None:
+            rate = fit.rate if isinstance(fit, ClockFit) else 1.0
+            run = with_track(run, track, fit.offset, rate)
+            figures |= {"clock_offset_s": fit.offset, "clock_rate": rate}
+        if isinstance(fit, BiasFit):
+            run = remove_range_bias(run, fit.bias)
+            figures["range_bias_m"] = fit.bias
+        save_run(run.assign_attrs(calibration=figures), output, resume=True)
 
 
 def read_reflectors(path: PathLike) -> FloatArray:
@@ -112,42 +139,3 @@ def read_reflectors(path: PathLike) -> FloatArray:
             f"{file}: places must be finite, got {positions[bad].tolist()} for reflector {bad + 1}"
         )
     return positions
-
-
-def track_of_run(run: PathLike, track: PathLike | None, anchor: PathLike | None) -> pd.DataFrame:
-    """Read the track of a run, by default NAME-track.csv beside the run.
-
-    Parameters
-    ----------
-    run : path
-        Run store.
-    track : path or None
-        The track, in place of that beside the run.
-    anchor : path or None
-        TOML that ties positions on the Earth to the lane.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The track (:func:`flgpr.commands.positions.track_of`).
-    """
-    store = Path(run)
-    path = Path(track) if track else store.with_name(f"{store.stem}-track.csv")
-    return track_of(path, anchor)
-
-
-def save_calibrated(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:
-    """Store a run with the figures of its calibration in its attributes.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        The calibrated run.
-    output : path
-        Run store to write; an interrupted call resumes.
-    figures : dict
-        Entries that are added to the run's attribute ``calibration``.
-    """
-    earlier = run.attrs.get("calibration", {})
-    calibrated = run.assign_attrs(calibration={**earlier, **figures})
-    save_run(calibrated, output, resume=True)

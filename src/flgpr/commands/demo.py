@@ -13,6 +13,7 @@ import typer
 from typer import Option
 
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
+from flgpr.commands.exports import map_bytes
 from flgpr.commands.options import Output, Overwrite, PathLike, Progress
 from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
@@ -43,16 +44,12 @@ def _lines(returned: tuple[Result, list[Score]], call: Arguments) -> Iterator[An
     if call.details:
         yield from score_lines(scores)
     yield from road_lines(scores[0])
-    yield f"{scores[0].in_plain_words(_when(result, scores[0]))}."
-    yield f"report: {(result.folder / 'report.html').resolve()}"
-
-
-def _when(result: Result, score: Score) -> str:
-    """Return the words for when targets were found: whether all lie ahead of the last scan."""
-    detected = score.outcomes[score.outcomes["found"]]
+    detected = scores[0].outcomes[scores[0].outcomes["found"]]
     last = max(pose[1] for pose in result.manifest["run"]["pose"])
     is_ahead = len(detected) and bool((detected["y"] > last).all())
-    return " before the vehicle reached them" if is_ahead else ""
+    when = " before the vehicle reached them" if is_ahead else ""
+    yield f"{scores[0].in_plain_words(when)}."
+    yield f"report: {(result.folder / 'report.html').resolve()}"
 
 
 def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary:
@@ -75,7 +72,6 @@ def _page(call: Arguments) -> Iterator[None]:
     yield
     if call.view:
         from flgpr import viewer
-        from flgpr.commands.exports import map_bytes
 
         viewer.serve(Path(call.output), open_browser=opens, announce=typer.echo, make_map=map_bytes)
     elif opens:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike, Progress
+from flgpr.commands.options import Output, Progress
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -21,12 +21,11 @@ _DEPTH = 0.05  # m, of the mines of the page
 def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
     """Yield tables of signal to clutter, or what each array will see and the page."""
     if call.signal_to_clutter:
-        yield from _table_lines(returned)
+        yield from map(_rich_table, returned)
         return
     from flgpr.design.array import expected_in_words
 
-    for design in returned:
-        yield expected_in_words(design)
+    yield from map(expected_in_words, returned)
     yield f"report: {Path(call.output).resolve()}"
 
 
@@ -142,6 +141,8 @@ def design(
     FileExistsError
         If another page is at the output.
     """
+    from flgpr.progress import silent
+
     sensors = [sensor, *(compare or [])]
     if not signal_to_clutter:
         only_for_table = {
@@ -154,14 +155,23 @@ def design(
             "--unevenness": unevenness,
             "--measure": measure,
         }
-        _check_page_options(only_for_table, depth)
-        # The page has one depth; a table may have several.
-        page_depth = depth[0] if depth else _DEPTH
-        return _pages(sensors, output, (band, window, site, page_depth, rms), track)
+        for name, value in only_for_table.items():
+            if value is not None:
+                raise ValueError(f"{name} goes with --signal-to-clutter, got it without")
+        depths = depth or [_DEPTH]
+        if len(depths) > 1:
+            raise ValueError(
+                "--depth must be given once without --signal-to-clutter, "
+                f"got it {len(depths)} times"
+            )
+        from flgpr.design.array import Question
+        from flgpr.report import design_report
+
+        question = Question(band, window, site, depths[0], rms)
+        return design_report(sensors, output, question, track or silent)
     from flgpr.commands.designing import signal_to_clutter_tables
     from flgpr.design.grounds import ground_model
     from flgpr.design.signal_to_clutter import Viewing
-    from flgpr.progress import silent
 
     ground = ground_model(
         site,
@@ -180,34 +190,6 @@ def design(
     return signal_to_clutter_tables(
         sensors, ground, viewing, bodies=body, depths=depth, seeds=measure, track=track or silent
     )
-
-
-def _pages(
-    sensors: Sequence[PathLike], output: PathLike, question: tuple[Any, ...], track: Any
-) -> list[Any]:
-    """Compare arrays and write the page."""
-    from flgpr.design.array import Question
-    from flgpr.progress import silent
-    from flgpr.report import design_report
-
-    return design_report(sensors, output, Question(*question), track or silent)
-
-
-def _check_page_options(only_for_table: dict[str, Any], depth: Sequence[float] | None) -> None:
-    """Refuse options that have no effect on the page."""
-    for name, value in only_for_table.items():
-        if value is not None:
-            raise ValueError(f"{name} goes with --signal-to-clutter, got it without")
-    if depth is not None and len(depth) > 1:
-        raise ValueError(
-            f"--depth must be given once without --signal-to-clutter, got it {len(depth)} times"
-        )
-
-
-def _table_lines(tables: list[pd.DataFrame]) -> Iterator[Any]:
-    """Yield a table of signal to clutter for each sensor."""
-    for table in tables:
-        yield _rich_table(table)
 
 
 def _rich_table(table: pd.DataFrame) -> Any:
@@ -230,19 +212,14 @@ def _rich_table(table: pd.DataFrame) -> Any:
     for body in table["body"].unique():
         for depth in table["depth"].unique():
             rows = table[(table["body"] == body) & (table["depth"] == depth)]
-            drawn.add_row(body, f"{100 * depth:.3g}", *_cells(rows, is_measured))
+            cells = []
+            for row in rows.to_dict("records"):
+                cells.append(_decibels(row["signal_to_clutter_db"]))
+                if is_measured:
+                    half_interval = row["high_db"] - row["measured_db"]
+                    cells.append(f"{_decibels(row['measured_db'])} ± {half_interval:.1f}")
+            drawn.add_row(body, f"{100 * depth:.3g}", *cells)
     return drawn
-
-
-def _cells(rows: pd.DataFrame, is_measured: bool) -> list[str]:
-    """Return the figures of a body at a depth, polarization by polarization."""
-    cells = []
-    for row in rows.to_dict("records"):
-        cells.append(_decibels(row["signal_to_clutter_db"]))
-        if is_measured:
-            half_interval = row["high_db"] - row["measured_db"]
-            cells.append(f"{_decibels(row['measured_db'])} ± {half_interval:.1f}")
-    return cells
 
 
 def _decibels(value: float) -> str:

@@ -27,8 +27,7 @@ from flgpr.commands.options import (
     output_option,
     runs_by_name,
 )
-from flgpr.commands.run_locations import RunLocations, is_in_memory
-from flgpr.commands.run_options import run_options
+from flgpr.commands.runs import RunLocations, is_in_memory, run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -89,8 +88,7 @@ def _lines_of_result(result: Result) -> Iterator[str]:
 def _as_json(returned: Result | Survey, call: Arguments) -> Any:
     """Return the summary of a lane in one piece, else a list of summaries."""
     summaries = [_summary(result) for result in _results(returned)]
-    is_list = len(call.runs) > 1 or len(summaries) > 1
-    return summaries if is_list else summaries[0]
+    return summaries if len(call.runs) > 1 or len(summaries) > 1 else summaries[0]
 
 
 def _summary(result: Result) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -10,15 +9,10 @@ from typer import Argument, Option
 
 from flgpr.commands.exports import Wish, export_formats, write_export
 from flgpr.commands.options import Output, PathLike, anchor_option
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import command
 
 
-def _lines(written: Path, _: Arguments) -> Iterator[Path]:
-    """Yield the file that was written."""
-    yield written
-
-
-@command(lines=_lines)
+@command()
 def export(
     source: Annotated[
         PathLike,

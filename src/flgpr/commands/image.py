@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -29,87 +28,15 @@ if TYPE_CHECKING:
     from flgpr.commands.slices import Slices
 
 
-def _lines(returned: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
+def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
     """Yield the text about what was drawn, and the files."""
-    from flgpr.commands.picture import Picture
-    from flgpr.commands.slices import Slices
-
-    if isinstance(returned, Picture):
-        yield from _picture_lines(returned)
-    elif isinstance(returned, Slices):
-        yield _slices_line(returned)
-    else:
-        yield from _radargram_lines(returned)
+    yield from drawn.lines()
     yield from call.output
 
 
-def _picture_lines(picture: Picture) -> Iterator[str]:
-    """Yield scans and pixels, then a line for each of the brightest points."""
-    sizes = [picture.image.sizes[axis] for axis in "xyz"]
-    pixels = " x ".join(str(size) for size in sizes if size > 1)
-    yield f"{picture.scans} scans, {pixels} pixels of {picture.spacing:g} m; brightest points:"
-    for number, row in enumerate(picture.peaks.to_dict("records"), 1):
-        yield _point_line(number, row)
-
-
-def _point_line(number: int, row: dict[Any, Any]) -> str:
-    """Return position, level and widths of a point."""
-    widths = []
-    for name, value in row.items():
-        if str(name).startswith("width") and value > 0:
-            widths.append(f"{str(name)[-1]} {value:.3f}")
-    width = f", -3 dB width {', '.join(widths)} m" if widths else ""
-    position = f"({row['x']:.3f}, {row['y']:.3f}, {row['z']:.3f}) m"
-    return (
-        f"{number:3}  {position}  {row['level']:6.1f} dB, "
-        f"{row['over_median']:.1f} dB over the median{width}"
-    )
-
-
-def _slices_line(slices: Slices) -> str:
-    """Return scans, slices and pixels."""
-    sizes = " x ".join(str(slices.image.sizes[axis]) for axis in "xy")
-    count = slices.image.sizes["z"]
-    return f"{slices.scans} scans, {count} slices of {sizes} pixels of {slices.spacing:g} m"
-
-
-def _radargram_lines(radargram: Radargram) -> Iterator[str]:
-    """Yield size and unit, the steps, and what was assumed."""
-    traces, samples = radargram.values.shape
-    yield f"{radargram.title}: {traces} traces x {samples} samples, {radargram.unit}"
-    for step in radargram.steps:
-        yield f"step: {step}"
-    for assumption in radargram.notes:
-        yield f"note: {assumption}"
-
-
-def _as_json(returned: Picture | Slices | Radargram, call: Arguments) -> dict[str, Any]:
+def _as_json(drawn: Picture | Slices | Radargram, _: Arguments) -> dict[str, Any]:
     """Return the figures of what was drawn."""
-    from flgpr.commands.picture import Picture
-    from flgpr.commands.slices import Slices
-
-    if isinstance(returned, Picture):
-        return {
-            "spacing_m": returned.spacing,
-            "scans": returned.scans,
-            "shape": dict(returned.image.sizes),
-            "peaks": json.loads(returned.peaks.to_json(orient="records")),
-        }
-    if isinstance(returned, Slices):
-        return {
-            "scans": returned.scans,
-            "depths_m": call.depth,
-            "spacing_m": returned.spacing,
-            "shape": dict(returned.image.sizes),
-        }
-    traces, samples = returned.values.shape
-    return {
-        "traces": traces,
-        "samples": samples,
-        "unit": returned.unit,
-        "steps": returned.steps,
-        "notes": returned.notes,
-    }
+    return drawn.summary()
 
 
 @command(
@@ -214,23 +141,28 @@ def image(
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
     if is_recording(run):
-        of_runs = {
-            "x": x,
-            "y": y,
-            "z": z,
-            "at-x": at_x,
-            "at-y": at_y,
-            "at-z": at_z,
-            "spacing": spacing,
-            "polarization": polarization,
-            "band": band,
-            "ground": ground,
-            "reach": reach,
-            "anchor": anchor,
-            "depth": depth or None,
-        }
         # A recording has no poses and no aperture: these options would have no effect.
-        _refuse_options_of_runs(of_runs)
+        for_runs = (
+            ("x", x),
+            ("y", y),
+            ("z", z),
+            ("at-x", at_x),
+            ("at-y", at_y),
+            ("at-z", at_z),
+            ("spacing", spacing),
+            ("polarization", polarization),
+            ("band", band),
+            ("ground", ground),
+            ("reach", reach),
+            ("anchor", anchor),
+            ("depth", depth or None),
+        )
+        refused = [name for name, value in for_runs if value is not None]
+        if refused:
+            raise ValueError(
+                f"{', '.join(refused)}: a recording is drawn as it is; "
+                "to focus it, import it first: flgpr import gpr"
+            )
         radargram_view = RadargramView(
             channel=channel,
             traces=limits,
@@ -244,8 +176,13 @@ def image(
         return make_radargram(run, radargram_view, outputs)
 
     _refuse_other_files(Path(run))
-    steps = {"dewow": dewow, "background": background, "gain": gain}
-    _refuse_options_of_recordings(steps, (channel, until, step_window))
+    steps = (("dewow", dewow), ("background", background), ("gain", gain))
+    refused = [name for name, is_on in steps if is_on]
+    if refused or channel or until is not None or step_window is not None:
+        names = ", ".join(refused) or "channel, until or step-window"
+        raise ValueError(
+            f"{names}: these are for recordings; of a run, `flgpr prepare` takes the steps"
+        )
     if scan is not None and scans is not None:
         raise ValueError("give scan or scans, got both")
 
@@ -298,24 +235,3 @@ def _refuse_other_files(path: Path) -> None:
         f"{path}: a run or a recording ({', '.join(endings)}) can be drawn, "
         f"got the ending {path.suffix!r}; flgpr info describes how arrays are imported"
     )
-
-
-def _refuse_options_of_runs(options: dict[str, Any]) -> None:
-    """Refuse options that have no effect on a recording."""
-    refused = [name for name, value in options.items() if value is not None]
-    if refused:
-        raise ValueError(
-            f"{', '.join(refused)}: a recording is drawn as it is; "
-            "to focus it, import it first: flgpr import gpr"
-        )
-
-
-def _refuse_options_of_recordings(steps: dict[str, bool], settings: tuple[Any, ...]) -> None:
-    """Refuse options that have no effect on a run: steps, channel, last time and window."""
-    channel, until, step_window = settings
-    refused = [name for name, is_on in steps.items() if is_on]
-    if refused or channel or until is not None or step_window is not None:
-        names = ", ".join(refused) or "channel, until or step-window"
-        raise ValueError(
-            f"{names}: these are for recordings; of a run, `flgpr prepare` takes the steps"
-        )

@@ -70,7 +70,8 @@ def _page(call: Arguments) -> Iterator[None]:
         command.append("--no-browser")
     # In a session of its own an interrupt on the terminal reaches the detection alone.
     with subprocess.Popen(command, stdout=sys.stderr.fileno(), start_new_session=True) as page:  # noqa: S603
-        previous_handler = signal.signal(signal.SIGTERM, _exit)
+        # In good order, so that ``finally`` is run.
+        previous_handler = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
             yield
             typer.echo("the page stays open until interrupted", err=True)
@@ -81,11 +82,6 @@ def _page(call: Arguments) -> Iterator[None]:
             page.terminate()
 
 
-def _exit(*_: object) -> None:
-    """End the process in good order, so that ``finally`` is run."""
-    sys.exit(0)
-
-
 @contextlib.contextmanager
 def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
     """On an interrupt finish the scan in hand and write the last snapshot."""
@@ -93,12 +89,9 @@ def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
         yield  # Python delivers signals to the main thread alone
         return
 
-    def stop(*_: object) -> None:
-        run.stop()
-
     previous_handlers = {}
     for number in (signal.SIGINT, signal.SIGTERM):
-        previous_handlers[number] = signal.signal(number, stop)
+        previous_handlers[number] = signal.signal(number, lambda *_: run.stop())
     try:
         yield
     finally:
@@ -112,20 +105,11 @@ def _print_event(line: str) -> None:
     sys.stdout.flush()
 
 
-def _events(call: Arguments) -> dict[str, Any]:
-    """Return the function that takes events, unless the command is quiet."""
-    return {} if call.quiet else {"emit": _print_event}
-
-
-def _no_event(_: str) -> None:
-    """Print nothing."""
-
-
 @command(
     lines=_summary_lines,
     context=_page,
     shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
-    python_values=_events,
+    python_values=lambda call: {} if call.quiet else {"emit": _print_event},
     panels={
         "Where scans come from": ("socket", "tcp", "rate"),
         "Recipe and lane": ("recipe", "model", "lane", "anchor"),
@@ -237,7 +221,7 @@ def live(
         played=played,
         rate=math.inf if rate == 0 else rate,
     )
-    run = LiveRun(options, emit or _no_event)
+    run = LiveRun(options, emit or (lambda _: None))
     with _stopped_by_signals(run):
         report = run.run()
     if mcap:
@@ -247,12 +231,7 @@ def live(
     return report
 
 
-def _played_lines(count: int, _: Arguments) -> Iterator[str]:
-    """Yield the number of scans."""
-    yield f"played {count} scans"
-
-
-@command(lines=_played_lines)
+@command(lines=lambda count, _: [f"played {count} scans"])
 def feed(
     run: Annotated[PathLike, Argument(help="Run store.")],
     incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,

@@ -1,8 +1,13 @@
-"""What a command prints beside its result: one line for an error, a warning or a note."""
+"""What a command prints beside its result: one line for an error, a warning or a note.
+
+An error that the user can mend is told by its rule, the file and the cause.
+"""
 
 from __future__ import annotations
 
+import errno
 import logging
+import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping
@@ -12,7 +17,39 @@ from typing import Any
 
 import typer
 
-from flgpr.commands.errors import USER_ERRORS, plain_message
+USER_ERRORS = (ValueError, OSError, ModuleNotFoundError, RecursionError, MemoryError)
+"""Errors for which a command ends with exit status 2.
+
+Any other error is a fault of the program and shows its traceback.
+"""
+_ROOM = "the disk must have room for what is written"
+_PERMISSION = "this user must be allowed to read the inputs and to write the output"
+_NEW_OUTPUT = "output must not exist yet"
+_OPEN_FILES = "fewer files must be open at once"
+_RULES = {
+    errno.ENOSPC: _ROOM,
+    errno.EDQUOT: _ROOM,
+    errno.EFBIG: "files must not grow larger than disk and account allow",
+    errno.EROFS: "the disk must not be read-only: choose an output on another one",
+    errno.EACCES: _PERMISSION,
+    errno.EPERM: _PERMISSION,
+    errno.ENAMETOOLONG: "names must be shorter: files beside an output have a longer one",
+    errno.EISDIR: "path must be a file and not a folder",
+    errno.ENOTDIR: "path must lie in a folder and not in a file",
+    errno.ENOENT: "file or folder must exist",
+    errno.EEXIST: _NEW_OUTPUT,
+    errno.ENOTEMPTY: _NEW_OUTPUT,
+    errno.ELOOP: "links must lead to a file or folder",
+    errno.EMFILE: _OPEN_FILES,
+    errno.ENFILE: _OPEN_FILES,
+    errno.EIO: "the disk must work; what was written before is complete",
+}
+_REPLACEMENTS = (
+    (re.compile(r"\[Errno -?\d+\] "), ""),
+    (re.compile(r"\b(?:Pure)?(?:Posix|Windows)?Path\((['\"])(.*?)\1\)"), r"\2"),
+    (re.compile(r"\bnp\.\w+\(([^()]*)\)"), r"\1"),
+    (re.compile(r"\bgot None\b"), "got none"),
+)
 
 INTERRUPTED = 130
 """Exit status of a command that was interrupted: 128 and the number of the signal."""
@@ -47,16 +84,11 @@ def plain_errors(
     except BrokenPipeError:  # the program that read the output has ended
         raise
     except USER_ERRORS as error:
-        message = _with_typed_names(plain_message(error), typed_names or {})
+        message = plain_message(error)
+        for name, typed in (typed_names or {}).items():
+            message = re.sub(rf"(?<![\w.-]){name}(?![\w-])", typed, message)
         typer.echo(f"error: {message}", err=True)
         raise typer.Exit(2) from None
-
-
-def _with_typed_names(message: str, typed_names: Mapping[str, str]) -> str:
-    """Return a message that names options as they are typed."""
-    for name, typed in typed_names.items():
-        message = re.sub(rf"(?<![\w.-]){name}(?![\w-])", typed, message)
-    return message
 
 
 def is_unchanged(output: Path) -> bool:
@@ -64,34 +96,41 @@ def is_unchanged(output: Path) -> bool:
     return str(output) in _unchanged_outputs
 
 
-class _ReadingNotes(logging.Handler):
-    """Prints what was found, replaced or assumed on reading, each line once."""
+class _Printer(logging.Handler):
+    """Prints messages of a logger on the error stream, unless the command is quiet."""
 
     def __init__(self, quiet: bool) -> None:
         super().__init__()
         self._quiet = quiet
+
+    def tell(self, text: str) -> None:
+        """Print a line."""
+        if not self._quiet:
+            typer.echo(text, err=True)
+
+
+class _ReadingNotes(_Printer):
+    """Prints what was found, replaced or assumed on reading, each line once."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__(quiet)
         self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a message of ``flgpr.store.notes.log_note``."""
         text = record.getMessage()
-        if not self._quiet and text not in self._printed:
-            typer.echo(f"note: {text}", err=True)
+        if text not in self._printed:
+            self.tell(f"note: {text}")
         self._printed.add(text)
 
 
-class _UnchangedOutputs(logging.Handler):
+class _UnchangedOutputs(_Printer):
     """Prints and remembers outputs that are left as they were."""
-
-    def __init__(self, quiet: bool) -> None:
-        super().__init__()
-        self._quiet = quiet
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a message of :func:`flgpr.store.outputs.log_finished`."""
         _unchanged_outputs.add(str(vars(record).get("output")))
-        if not self._quiet:
-            typer.echo(record.getMessage(), err=True)
+        self.tell(record.getMessage())
 
 
 @contextmanager
@@ -111,3 +150,19 @@ def _attached(name: str, handler: logging.Handler) -> Iterator[None]:
 def _show_warning(message: Warning | str, *position: Any, **source: Any) -> None:  # noqa: ARG001
     """Print a warning without its position in the source."""
     typer.echo(f"warning: {message}", err=True)
+
+
+def plain_message(error: BaseException) -> str:
+    """Return the message of an error without names of Python's types."""
+    if isinstance(error, RecursionError):
+        return "brackets in a file must not be nested so deeply; look for them in the inputs"
+    if isinstance(error, MemoryError):
+        return f"the memory must hold what is asked for; {error or 'take less at once'}"
+    if isinstance(error, OSError) and error.errno is not None and error.strerror:
+        rule = _RULES.get(error.errno, "the system must allow what is asked for")
+        file = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        return f"{rule}, got {file}{error.strerror}"
+    text = str(error)
+    for pattern, replacement in _REPLACEMENTS:
+        text = pattern.sub(replacement, text)
+    return text

@@ -64,22 +64,22 @@ OVERWRITE_HELP = "Make it anew, whatever the output holds of an earlier run."
 
 def output_option(what: str = "") -> Any:
     """Return the option ``-o``; ``what`` a command writes is said in a few words."""
-    return Option("-o", "--output", help=f"{OUTPUT_HELP}: {what}." if what else f"{OUTPUT_HELP}.")
+    return Option("-o", "--output", help=f"{OUTPUT_HELP}{_more(': ', what)}.")
 
 
 def lane_option(more: str = "") -> Any:
     """Return the option ``--lane`` with what a command says of it in addition."""
-    return Option("--lane", help=_with_more(LANE_HELP, more))
+    return Option("--lane", help=f"{LANE_HELP}{_more('; ', more)}.")
 
 
 def anchor_option(use: str = "") -> Any:
     """Return the option ``--anchor`` with what a command needs it for."""
-    return Option("--anchor", help=_with_more(ANCHOR_HELP, use))
+    return Option("--anchor", help=f"{ANCHOR_HELP}{_more('; ', use)}.")
 
 
-def _with_more(help_text: str, more: str) -> str:
-    """Return a sentence of help with what is to be added to it."""
-    return f"{help_text}; {more}." if more else f"{help_text}."
+def _more(sign: str, text: str) -> str:
+    """Return what is added to a help, behind its sign."""
+    return sign + text if text else ""
 
 
 Output = Annotated[PathLike, output_option()]
@@ -133,15 +133,6 @@ def runs_by_name(others: Any, count: int) -> list[dict[str, Any]]:
         return [{} for _ in range(count)]
     if not any(isinstance(item, str) for item in items):
         return [dict(item) for item in items]
-    runs = _parsed_runs(items, count)
-    by_run = []
-    for number in range(count):
-        by_run.append({name: paths[number] for name, paths in runs.items()})
-    return by_run
-
-
-def _parsed_runs(items: Sequence[str], count: int) -> dict[str, list[Path]]:
-    """Parse texts NAME=RUN; every name must occur once for each of a number of runs."""
     runs: dict[str, list[Path]] = {}
     for text in items:
         name, equals, path = text.partition("=")
@@ -153,4 +144,4 @@ def _parsed_runs(items: Sequence[str], count: int) -> dict[str, list[Path]]:
             raise ValueError(
                 f"with must give {name} once per run, got {len(paths)} for {count} runs"
             )
-    return runs
+    return [{name: paths[number] for name, paths in runs.items()} for number in range(count)]

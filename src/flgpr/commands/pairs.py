@@ -13,11 +13,8 @@ class PairCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words behind the command."""
-        counts = {}
-        for parameter in self.params:
-            if parameter.nargs > 1:
-                for name in parameter.opts:
-                    counts[name] = parameter.nargs
+        several = [parameter for parameter in self.params if parameter.nargs > 1]
+        counts = {name: parameter.nargs for parameter in several for name in parameter.opts}
         return super().parse_args(ctx, split_numbers(args, counts))
 
 

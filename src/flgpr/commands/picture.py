@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.calibrate.peaks import image_peaks
+from flgpr.commands.drawings import files_to_write, image_arrays, write_drawing
 from flgpr.geo.anchor import read_anchor
 from flgpr.geo.geotiff import write_geotiff
 from flgpr.imaging.focus import CHOSEN_PIXELS, focus
@@ -21,6 +23,9 @@ from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.extras import optional
 from flgpr.store.outputs import atomic_output
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PathLike = str | Path
 _GROUND_AHEAD = View()
@@ -39,6 +44,31 @@ class Picture:
     peaks: pd.DataFrame
     spacing: float  #: of pixels, m
     scans: int  #: number of scans that were summed
+
+    def lines(self) -> Iterator[str]:
+        """Yield scans and pixels, then a line for each of the brightest points."""
+        sizes = [self.image.sizes[axis] for axis in "xyz"]
+        pixels = " x ".join(str(size) for size in sizes if size > 1)
+        yield f"{self.scans} scans, {pixels} pixels of {self.spacing:g} m; brightest points:"
+        for number, row in enumerate(self.peaks.to_dict("records"), 1):
+            widths = []
+            for name, value in row.items():
+                if str(name).startswith("width") and value > 0:
+                    widths.append(f"{str(name)[-1]} {value:.3f}")
+            width = f", -3 dB width {', '.join(widths)} m" if widths else ""
+            yield (
+                f"{number:3}  ({row['x']:.3f}, {row['y']:.3f}, {row['z']:.3f}) m  "
+                f"{row['level']:6.1f} dB, {row['over_median']:.1f} dB over the median{width}"
+            )
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the picture."""
+        return {
+            "spacing_m": self.spacing,
+            "scans": self.scans,
+            "shape": dict(self.image.sizes),
+            "peaks": json.loads(self.peaks.to_json(orient="records")),
+        }
 
 
 def make_picture(
@@ -82,10 +112,7 @@ def make_picture(
     FileExistsError
         If another file is at an output; a file that holds this very picture stays.
     """
-    files = [Path(name) for name in output]
-    for path in files:
-        if path.suffix.lower() not in ENDINGS:
-            raise ValueError(f"output must end in {', '.join(ENDINGS)}, got {path.name!r}")
+    files = files_to_write(output, ENDINGS)
     lane_anchor = None if anchor is None else read_anchor(anchor)
     if lane_anchor is None and any(path.suffix.lower() == ".tif" for path in files):
         raise ValueError("a GeoTIFF needs an anchor, got none")
@@ -144,19 +171,17 @@ def picture_of(
 def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:
     """Write a picture as Zarr, PNG or NumPy archive, by the ending."""
     image = picture.image
-    ending = path.suffix.lower()
-    with atomic_output(path) as partial:
-        if ending == ".zarr":
+    if path.suffix.lower() == ".zarr":
+        with atomic_output(path) as partial:
             image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
-        elif ending == ".png":
-            from flgpr.report import figure_png  # loads Matplotlib
-            from flgpr.report.figures import image_figure
+        return
 
-            figure = image_figure(image, picture.peaks, poses)
-            partial.write_bytes(figure_png(figure))
-        else:
-            axes = {str(name): axis.values for name, axis in image.coords.items()}
-            np.savez(partial, image=image.values, **axes)
+    def figure() -> Figure:
+        from flgpr.report.images import image_figure
+
+        return image_figure(image, picture.peaks, poses)
+
+    write_drawing(path, figure, lambda: image_arrays(image))
 
 
 def _write_tiff(image: xr.DataArray, path: Path, anchor: Any) -> None:

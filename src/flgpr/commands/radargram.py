@@ -6,9 +6,10 @@ No import is needed. The steps are in :mod:`flgpr.clutter.radargram_steps`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,14 @@ from flgpr.clutter.radargram_steps import (
     samples_until,
     window_samples,
 )
+from flgpr.commands.drawings import files_to_write, write_drawing
 from flgpr.formats.reader import recording_reader
 from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
-from flgpr.store.outputs import atomic_output
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PathLike = str | Path
 FloatArray = NDArray[np.float64]
@@ -61,6 +65,26 @@ class Radargram:
     unit: str  #: of ``values``, in words
     steps: tuple[str, ...]  #: what was done, in words and in order
     notes: tuple[str, ...]  #: what was found and assumed on reading, in words
+
+    def lines(self) -> Iterator[str]:
+        """Yield size and unit, the steps, and what was assumed."""
+        traces, samples = self.values.shape
+        yield f"{self.title}: {traces} traces x {samples} samples, {self.unit}"
+        for step in self.steps:
+            yield f"step: {step}"
+        for assumption in self.notes:
+            yield f"note: {assumption}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the radargram."""
+        traces, samples = self.values.shape
+        return {
+            "traces": traces,
+            "samples": samples,
+            "unit": self.unit,
+            "steps": self.steps,
+            "notes": self.notes,
+        }
 
     def depth(self) -> FloatArray | None:
         """Return the depth (sample,) below antennas at one point, m; None without a permittivity.
@@ -104,15 +128,10 @@ def make_radargram(
     FileExistsError
         If another file is at an output.
     """
-    files = [Path(name) for name in output]
-    for file in files:
-        if file.suffix.lower() not in ENDINGS:
-            raise ValueError(
-                f"output of a recording must end in {', '.join(ENDINGS)}, got {file.name!r}"
-            )
+    files = files_to_write(output, ENDINGS, " of a recording")
     drawn = radargram(recording_reader(path).read_section(Path(path), max_memory), view)
     for file in files:
-        _write(drawn, file)
+        write_drawing(file, lambda: _figure(drawn), lambda: _arrays(drawn))
     return drawn
 
 
@@ -184,21 +203,11 @@ def _chosen_traces(count: int, limits: tuple[int, int] | None) -> NDArray[np.int
     return np.arange(first, last + 1)
 
 
-def _write(drawn: Radargram, path: Path) -> None:
-    """Write a radargram as PNG or NumPy archive, by the ending."""
-    with atomic_output(path) as partial:
-        if path.suffix.lower() == ".png":
-            _write_png(drawn, partial)
-        else:
-            _write_npz(drawn, partial)
-
-
-def _write_png(drawn: Radargram, path: Path) -> None:
-    """Draw a radargram as PNG."""
-    from flgpr.report import figure_png  # loads Matplotlib
+def _figure(drawn: Radargram) -> Figure:
+    """Draw a radargram."""
     from flgpr.report.radargram import radargram_figure
 
-    figure = radargram_figure(
+    return radargram_figure(
         drawn.values,
         drawn.delay,
         drawn.number,
@@ -208,18 +217,16 @@ def _write_png(drawn: Radargram, path: Path) -> None:
         drawn.unit,
         drawn.steps,
     )
-    path.write_bytes(figure_png(figure))
 
 
-def _write_npz(drawn: Radargram, path: Path) -> None:
-    """Write a radargram as NumPy archive; without distances they are an empty array."""
-    np.savez(
-        path,
-        values=drawn.values,
-        delay_s=drawn.delay,
-        trace=drawn.number,
-        distance_m=np.empty(0) if drawn.distance is None else drawn.distance,
-        steps=np.array(drawn.steps, dtype=str),
-        notes=np.array(drawn.notes, dtype=str),
-        unit=np.array(drawn.unit),
-    )
+def _arrays(drawn: Radargram) -> dict[str, Any]:
+    """Return the arrays of a radargram; without distances they are an empty array."""
+    return {
+        "values": drawn.values,
+        "delay_s": drawn.delay,
+        "trace": drawn.number,
+        "distance_m": np.empty(0) if drawn.distance is None else drawn.distance,
+        "steps": np.array(drawn.steps, dtype=str),
+        "notes": np.array(drawn.notes, dtype=str),
+        "unit": np.array(drawn.unit),
+    }

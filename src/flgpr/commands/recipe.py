@@ -17,13 +17,9 @@ if TYPE_CHECKING:
 RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file."), ShellType(str)]
 
 
-def _list_lines(descriptions: dict[str, str], _: Arguments) -> Iterator[str]:
-    """Yield a line for each recipe."""
-    for name, description in descriptions.items():
-        yield f"{name:18} {description}"
-
-
-@command(lines=_list_lines, quiet=False)
+@command(
+    lines=lambda recipes, _: [f"{name:18} {text}" for name, text in recipes.items()], quiet=False
+)
 def list_recipes() -> dict[str, str]:
     """Name the packaged recipes.
 
@@ -42,9 +38,9 @@ def list_recipes() -> dict[str, str]:
     return descriptions
 
 
-def _text_lines(text: str, _: Arguments) -> Iterator[str]:
-    """Yield the TOML of a recipe as it is."""
-    yield RawText(text)
+def _text_lines(text: str, call: Arguments) -> Iterator[str | Path]:
+    """Yield the file of a recipe, or its text as it is where it has no file."""
+    yield vars(call).get("output") or RawText(text)
 
 
 @command(lines=_text_lines, quiet=False)
@@ -61,15 +57,7 @@ def show_recipe(name: RecipeArgument) -> str:
     return recipe_text(name)
 
 
-def _recipe_lines(text: str, call: Arguments) -> Iterator[str | Path]:
-    """Yield the file of a recipe, or its text where it has no file."""
-    if call.output is None:
-        yield RawText(text)
-    else:
-        yield call.output
-
-
-@command(lines=_recipe_lines)
+@command(lines=_text_lines)
 def recipe_for(
     run: RunArgument,
     output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
@@ -101,12 +89,7 @@ def recipe_for(
     return write_recipe(run, output, like=like)
 
 
-def _good_lines(recipe: Recipe, call: Arguments) -> Iterator[str]:
-    """Yield that a recipe is good, and its description."""
-    yield f"{call.name}: good ({recipe.description})"
-
-
-@command(lines=_good_lines, quiet=False)
+@command(lines=lambda recipe, call: [f"{call.name}: good ({recipe.description})"], quiet=False)
 def check_recipe(name: RecipeArgument) -> Recipe:
     """Check a recipe; a fault is reported with its line and rule.
 

@@ -29,17 +29,12 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
     yield f"{verdict}: run-views differ by {outcome['difference']:.1e}; other bytes in {files}"
 
 
-def _as_json(outcome: dict[str, Any], _: Arguments) -> dict[str, Any]:
-    """Return the comparison as it is."""
-    return outcome
-
-
-def _status(outcome: dict[str, Any]) -> int:
-    """Return 1 where the results do not agree."""
-    return 0 if outcome["agrees"] else 1
-
-
-@command(lines=_lines, as_json=_as_json, status=_status, always_printed=True)
+@command(
+    lines=_lines,
+    as_json=lambda outcome, _: outcome,
+    status=lambda outcome: 0 if outcome["agrees"] else 1,
+    always_printed=True,
+)
 def replay(
     result: Annotated[PathLike, Argument(help="Result folder.")],
     run: Annotated[PathLike | None, Option(help="Run store, if it has moved since.")] = None,
@@ -96,10 +91,19 @@ def _detect_again(
     """Detect by the recipes of a result and write the new result."""
     from flgpr.method.method import detect
     from flgpr.method.sections import noted_section
+    from flgpr.results.description import described_store
     from flgpr.results.result import write_result
+    from flgpr.store import open_run, read_manifest
 
     model = old.model()
-    other_runs = _other_runs(description.get("others", {}))
+    other_runs = {}
+    for name, other in description.get("others", {}).items():
+        store, digest = described_store(other)
+        if read_manifest(store)["sha256"] != digest:
+            raise ValueError(
+                f"run {name} must be the one the result was made with, got another at {store}"
+            )
+        other_runs[name] = open_run(store)
 
     section_note = old.manifest.get("section")
     # A section is part of a lane: its note states the lane, its rows and the threshold of all.
@@ -134,22 +138,6 @@ def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
         "files": differing,
         "difference": difference,
     }
-
-
-def _other_runs(recorded: dict[str, Any]) -> dict[str, xr.Dataset]:
-    """Open the runs that were taken together with that of a result."""
-    from flgpr.results.description import described_store
-    from flgpr.store import open_run, read_manifest
-
-    runs = {}
-    for name, description in recorded.items():
-        store, digest = described_store(description)
-        if read_manifest(store)["sha256"] != digest:
-            raise ValueError(
-                f"run {name} must be the one the result was made with, got another at {store}"
-            )
-        runs[name] = open_run(store)
-    return runs
 
 
 def _difference(old: Any, new: Any) -> float:

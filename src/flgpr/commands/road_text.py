@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import pandas as pd
@@ -15,8 +14,7 @@ _COLUMNS = 60  # of the road
 _CHARACTER = 2.0  # height over width of a character on a terminal
 _MOST_ROWS = 16
 _LEAST_ROWS = 3
-_PLAIN = {"●": "O", "○": "o", "×": "x", "■": "#", "─": "-", "│": "|", "┌": "+", "┐": "+"}
-_PLAIN |= {"└": "+", "┘": "+", "→": ">"}
+_PLAIN = str.maketrans("●○×─│┌┐└┘→", "Oox-|++++>")
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ def road_lines(scored: Score, encoding: str | None = None) -> list[str]:
     ]
     lines = _drawn(lane, marks)
     name = encoding or sys.stdout.encoding or "ascii"
-    return lines if name.lower().startswith("utf") else [_plain(line) for line in lines]
+    return lines if name.lower().startswith("utf") else [line.translate(_PLAIN) for line in lines]
 
 
 def _drawn(lane: Lane, marks: list[Mark]) -> list[str]:
@@ -89,10 +87,3 @@ def _cell(distance: float, extent: float, count: int) -> int:
     """Return the cell of a distance along an extent, m; what lies beyond is at the border."""
     cell = int(count * distance / extent)
     return min(max(cell, 0), count - 1)
-
-
-def _plain(line: str, characters: Mapping[str, str] = _PLAIN) -> str:
-    """Return a line in characters that every terminal has."""
-    for character, substitute in characters.items():
-        line = line.replace(character, substitute)
-    return line

@@ -15,9 +15,8 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.commands.doubts import tell_doubts
 from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
-from flgpr.commands.reach import targets_in_reach
+from flgpr.commands.reach import targets_in_reach, tell_doubts
 from flgpr.commands.score_options import refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.score_request import ScoreRequest

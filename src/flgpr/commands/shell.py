@@ -55,16 +55,27 @@ class RawText(str):
     __slots__ = ()
 
 
+def written(returned: Any, call: Arguments) -> Iterator[Any]:
+    """Yield the files that a command returned, or else the output that it was to write."""
+    if isinstance(returned, Path):
+        yield returned
+    elif isinstance(returned, list):
+        yield from returned
+    elif vars(call).get("output") is not None:
+        yield call.output
+
+
 @dataclass
 class Command:
     """A function, and how the command line shows what it returns.
 
     ``lines`` yields what is printed unless ``--quiet`` or ``--json`` is given: text, a path for
-    "wrote PATH" where something was written, or an object that rich prints.
+    "wrote PATH" where something was written, or an object that rich prints. By default it is what
+    was written.
     """
 
     function: Callable[..., Any]
-    lines: Callable[[Any, Arguments], Iterable[Any]] | None = None
+    lines: Callable[[Any, Arguments], Iterable[Any]] = written
     as_json: Callable[[Any, Arguments], Any] | None = None  #: object that --json prints
     #: lines that are printed before the work begins
     lines_before: Callable[[Arguments], Iterable[str]] | None = None
@@ -131,53 +142,37 @@ def shell_function(function: Callable[..., Any]) -> Callable[..., None]:
 
 def _shell_parameters(described: Command) -> list[inspect.Parameter]:
     """Return arguments, options that must be given, then all other options in their order."""
+    of_shell = dict(described.shell_options)
+    if described.quiet:
+        of_shell["quiet"] = (QUIET, False)
+    if described.as_json is not None:
+        of_shell["as_json"] = (JSON, False)
+    taken = []
+    for parameter in described.parameters:
+        if parameter.shell is not None:
+            parsed = parameter.shell_type
+            taken.append((parameter.name, parsed, parameter.shell, parameter.shell_default))
+    for name, (annotation, default) in of_shell.items():
+        taken.append((name, *get_args(annotation), default))
+
+    titles = {name: title for title, names in described.panels.items() for name in names}
     arguments = []
     required = []
     options = []
-    for parameter in described.parameters:
-        if parameter.shell is None:
-            continue
-        default = parameter.shell_default
-        option = _in_panel(parameter.shell, _panel_of(described, parameter.name))
-        keyword = _keyword(parameter.name, Annotated[parameter.shell_type, option], default)
-        if isinstance(parameter.shell, ArgumentInfo):
+    for name, parsed, declared, default in taken:
+        shell = copy(declared)  # several commands may have the same option
+        shell.rich_help_panel = titles.get(name, shell.rich_help_panel)
+        kind = inspect.Parameter.KEYWORD_ONLY
+        keyword = inspect.Parameter(
+            name, kind, default=default, annotation=Annotated[parsed, shell]
+        )
+        if isinstance(shell, ArgumentInfo):
             arguments.append(keyword)
         elif default is inspect.Parameter.empty:
             required.append(keyword)
         else:
             options.append(keyword)
-
-    for name, (annotation, default) in described.shell_options.items():
-        option_type, option = get_args(annotation)
-        option = _in_panel(option, _panel_of(described, name))
-        options.append(_keyword(name, Annotated[option_type, option], default))
-    if described.quiet:
-        options.append(_keyword("quiet", QUIET, False))
-    if described.as_json is not None:
-        options.append(_keyword("as_json", JSON, False))
     return [*arguments, *required, *options]
-
-
-def _panel_of(described: Command, name: str) -> str | None:
-    """Return the title of the box in which the help shows a parameter; None for the usual one."""
-    for title, names in described.panels.items():
-        if name in names:
-            return title
-    return None
-
-
-def _in_panel(shell: ArgumentInfo | OptionInfo, title: str | None) -> ArgumentInfo | OptionInfo:
-    """Return an argument or option that the help shows in the box of a title."""
-    in_panel = copy(shell)  # several commands may have the same option
-    if title is not None:
-        in_panel.rich_help_panel = title
-    return in_panel
-
-
-def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
-    """Return a parameter that is passed by its name."""
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
 def _run(described: Command, values: dict[str, Any]) -> None:
@@ -186,7 +181,9 @@ def _run(described: Command, values: dict[str, Any]) -> None:
     as_json = values.pop("as_json", False)
     silent = quiet or as_json
     call = SimpleNamespace(**values, quiet=quiet, as_json=as_json)
-    stopped = _stopped_line(described, call)
+    stopped = GOES_ON if described.resumes else STOPPED
+    if described.resumes and values.get("restart"):
+        stopped += ", without --restart"
     with plain_errors(quiet, stopped, _typed_names(described)), ExitStack() as stack:
         if described.lines_before is not None and not silent:
             print_lines(described.lines_before(call))
@@ -197,12 +194,10 @@ def _run(described: Command, values: dict[str, Any]) -> None:
         returned = _call(described, values, silent)
         if as_json and described.as_json is not None:
             typer.echo(json.dumps(described.as_json(returned, call)))
-        elif described.lines is not None and (described.always_printed or not quiet):
+        elif described.always_printed or not quiet:
             print_lines(described.lines(returned, call))
-    if described.status is not None:
-        status = described.status(returned)
-        if status:
-            raise typer.Exit(status)
+    if described.status is not None and (status := described.status(returned)):
+        raise typer.Exit(status)
 
 
 def _typed_names(described: Command) -> dict[str, str]:
@@ -218,15 +213,6 @@ def _typed_names(described: Command) -> dict[str, str]:
     return typed_names
 
 
-def _stopped_line(described: Command, call: Arguments) -> str:
-    """Return what is printed where the command is interrupted."""
-    if not described.resumes:
-        return STOPPED
-    if vars(call).get("restart"):
-        return f"{GOES_ON}, without --restart"
-    return GOES_ON
-
-
 def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:
     """Call the function; options that were not given keep the function's own defaults."""
     arguments = {}
@@ -239,18 +225,10 @@ def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:
             from flgpr.kernels.ahead import compiled_beside
 
             stack.enter_context(compiled_beside())
-        if _shows_progress(described):
+        # An option of that name is the file of a vehicle's track.
+        if any(one.name == "track" and one.shell is None for one in described.parameters):
             arguments["track"] = stack.enter_context(progress_bars(silent))
         return described.function(**arguments)
-
-
-def _shows_progress(described: Command) -> bool:
-    """Return whether a function takes a ``track`` that shows progress.
-
-    Where the command line has an option of that name, it is the file of a vehicle's track.
-    """
-    python_only = [parameter.name for parameter in described.parameters if parameter.shell is None]
-    return "track" in python_only
 
 
 @contextmanager

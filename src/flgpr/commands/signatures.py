@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
@@ -15,8 +15,8 @@ from typer.models import ArgumentInfo, OptionInfo
 from flgpr.commands.options import ShellDefault, ShellType
 
 _EMPTY = inspect.Parameter.empty
-_POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
-_SECTION = re.compile(r"^(Returns|Raises|Notes)\n-+$", re.MULTILINE)
+_SEQUENCES = (Sequence, list)
+_SECTIONS = re.compile(r"^(?=(?:Returns|Raises|Notes)\n-+$)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class Parameter:
     name: str
     type: Any
     default: Any
+    kind: Any  #: as of ``inspect.Parameter``
     #: how the command line takes it; None where it does not
     shell: ArgumentInfo | OptionInfo | None
     help: str  #: one sentence
@@ -35,33 +36,19 @@ class Parameter:
 
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     """Return the parameters of a function, in the order of its signature."""
-    code = function.__code__
-    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-    defaults = dict(function.__kwdefaults__ or {})
-    positional = names[: code.co_argcount]
-    # The last positional parameters have defaults.
-    positional_defaults = function.__defaults__ or ()
-    with_default = positional[len(positional) - len(positional_defaults) :]
-    defaults |= dict(zip(with_default, positional_defaults, strict=True))
-    annotations = _annotations_of(function, names)
-    return [_parameter(name, annotations[name], defaults) for name in names]
-
-
-def _annotations_of(function: Callable[..., Any], names: Sequence[str]) -> dict[str, Any]:
-    """Evaluate the annotations of parameters.
-
-    That of the returned value is left out: it may name a class that is not loaded.
-    """
+    parameters = inspect.signature(function).parameters
+    # Without that of the returned value, which may name a class that is not loaded.
     copy = types.FunctionType(function.__code__, function.__globals__)
-    copy.__annotations__ = {name: function.__annotations__[name] for name in names}
-    return inspect.get_annotations(copy, eval_str=True)
+    copy.__annotations__ = {name: function.__annotations__[name] for name in parameters}
+    annotations = inspect.get_annotations(copy, eval_str=True)
+    return [_parameter(one, annotations[name]) for name, one in parameters.items()]
 
 
-def _parameter(name: str, annotation: Any, defaults: Mapping[str, Any]) -> Parameter:
+def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
     """Return a parameter with what the marks of its annotation state."""
     is_annotated = hasattr(annotation, "__metadata__")
     python_type, *marks = get_args(annotation) if is_annotated else [annotation]
-    default = defaults.get(name, _EMPTY)
+    default = declared.default
     shell = None
     sentence = ""
     parsed_type = shell_type(python_type)
@@ -78,7 +65,16 @@ def _parameter(name: str, annotation: Any, defaults: Mapping[str, Any]) -> Param
             parsed_type = mark.type | None if is_optional else mark.type
         else:
             sentence = mark
-    return Parameter(name, python_type, default, shell, sentence, parsed_type, shell_default)
+    return Parameter(
+        declared.name,
+        python_type,
+        default,
+        declared.kind,
+        shell,
+        sentence,
+        parsed_type,
+        shell_default,
+    )
 
 
 def shell_type(annotation: Any) -> Any:
@@ -87,39 +83,29 @@ def shell_type(annotation: Any) -> Any:
     Of a union the list is taken, else the path, else the first member; None stays possible.
     """
     origin = get_origin(annotation)
-    if origin in (Union, types.UnionType):
-        all_members = get_args(annotation)
-        members = [member for member in all_members if member is not type(None)]
-        chosen = _member_of_shell(members)
-        is_optional = len(members) < len(all_members)
-        return chosen | None if is_optional else chosen
-    if origin in (Sequence, list):
-        return list[shell_type(get_args(annotation)[0])]  # type: ignore[misc]
-    return annotation
-
-
-def _member_of_shell(members: Sequence[Any]) -> Any:
-    """Return the type that the command line parses for a union."""
-    for member in members:
-        origin = get_origin(member)
-        if isinstance(origin, type) and issubclass(origin, Sequence) and origin is not tuple:
-            return list[shell_type(get_args(member)[0])]  # type: ignore[misc]
-    return Path if Path in members else members[0]
+    members = get_args(annotation)
+    if origin in _SEQUENCES:
+        return list[shell_type(members[0])]  # type: ignore[misc]
+    if origin not in (Union, types.UnionType):
+        return annotation
+    sequences = [member for member in members if get_origin(member) in _SEQUENCES]
+    if sequences:
+        chosen = shell_type(sequences[0])
+    else:
+        chosen = Path if Path in members else members[0]
+    return chosen | None if type(None) in members else chosen
 
 
 def python_signature(
     function: Callable[..., Any], parameters: Sequence[Parameter]
 ) -> inspect.Signature:
     """Return the signature of a function with plain types."""
-    positional_count = function.__code__.co_argcount
     plain_parameters = []
-    for number, parameter in enumerate(parameters):
-        is_positional = number < positional_count
-        kind = _POSITIONAL if is_positional else inspect.Parameter.KEYWORD_ONLY
+    for parameter in parameters:
         plain_parameters.append(
             inspect.Parameter(
                 parameter.name,
-                kind,
+                parameter.kind,
                 default=parameter.default,
                 annotation=_TypeText(type_in_words(parameter.type)),
             )
@@ -160,7 +146,7 @@ def type_in_words(annotation: Any) -> str:
 
 def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
     """Return a docstring with a section of the parameters before what is returned and raised."""
-    summary, sections = _split(inspect.cleandoc(text))
+    summary, *sections = _SECTIONS.split(inspect.cleandoc(text), maxsplit=1)
     lines = ["Parameters", "----------"]
     for parameter in parameters:
         kind = type_in_words(parameter.type)
@@ -168,7 +154,7 @@ def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
             kind += ", optional"
         lines.append(f"{parameter.name} : {kind}")
         lines.append(f"    {parameter.help}")
-    paragraphs = (summary, "\n".join(lines), sections)
+    paragraphs = [summary.strip(), "\n".join(lines), *sections]
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 
 
@@ -181,11 +167,3 @@ def help_of(function: Callable[..., Any]) -> str:
     before_parameters = re.split(r"^Parameters\n-+$", documentation, flags=re.MULTILINE)[0]
     paragraphs = before_parameters.strip().split("\n\n")
     return "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs)
-
-
-def _split(text: str) -> tuple[str, str]:
-    """Split a docstring before the section of what is returned or raised."""
-    section = _SECTION.search(text)
-    if section is None:
-        return text.strip(), ""
-    return text[: section.start()].strip(), text[section.start() :].strip()

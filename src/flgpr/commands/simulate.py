@@ -16,7 +16,6 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.model import Sensor
-    from flgpr.progress import Track
 
 _OWN_ENGINE = "flgpr"
 
@@ -107,7 +106,11 @@ def simulate_lane(
     from flgpr.progress import silent
 
     if str(scene) == "signature":
-        return _signature(body, output, workers, track or silent)
+        from flgpr.commands.simulation import list_bodies, make_signature
+
+        if body is None:
+            return SimulationOutput([], list_bodies())
+        return SimulationOutput(make_signature(body, output, workers, track or silent), [])
     if body is not None:
         raise ValueError(f"only simulate signature takes a second argument, got {body!r}")
     engines = {one.name: one for one in entry_points(group="flgpr.engines")}
@@ -180,14 +183,3 @@ def _restart_named() -> Iterator[None]:
         if not isinstance(error.__cause__, OtherRunError):
             raise
         raise ValueError(f"{error}; --restart begins again, or choose another output") from None
-
-
-def _signature(
-    body: PathLike | None, output: PathLike | None, workers: int, track: Track
-) -> SimulationOutput:
-    """Make the table of a body, or list the packaged bodies."""
-    from flgpr.commands.simulation import list_bodies, make_signature
-
-    if body is None:
-        return SimulationOutput([], list_bodies())
-    return SimulationOutput(make_signature(body, output, workers, track), [])

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.commands.drawings import files_to_write, image_arrays, write_drawing
 from flgpr.imaging.focus import focus
 from flgpr.imaging.view_axes import View
 from flgpr.progress import Track, silent
 from flgpr.store import open_run
-from flgpr.store.outputs import atomic_output
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PathLike = str | Path
 ENDINGS = (".png", ".npz")
@@ -31,6 +35,21 @@ class Slices:
     image: xr.DataArray  #: complex64 (polarization, z, y, x); z is minus the depth below z = 0, m
     spacing: float  #: of pixels, m
     scans: int  #: number of scans that were summed
+
+    def lines(self) -> Iterator[str]:
+        """Yield scans, slices and pixels."""
+        sizes = self.image.sizes
+        pixels = f"{sizes['x']} x {sizes['y']} pixels of {self.spacing:g} m"
+        yield f"{self.scans} scans, {sizes['z']} slices of {pixels}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the slices."""
+        return {
+            "scans": self.scans,
+            "depths_m": (-self.image["z"].values).tolist(),
+            "spacing_m": self.spacing,
+            "shape": dict(self.image.sizes),
+        }
 
 
 def make_slices(
@@ -69,12 +88,7 @@ def make_slices(
     FileExistsError
         If another file is at an output.
     """
-    files = [Path(name) for name in output]
-    for path in files:
-        if path.suffix.lower() not in ENDINGS:
-            raise ValueError(
-                f"output of depth slices must end in {', '.join(ENDINGS)}, got {path.name!r}"
-            )
+    files = files_to_write(output, ENDINGS, " of depth slices")
     depth_axis = _checked_depths(depths)
     if view.z is not None:
         raise ValueError("depth and z both say how deep: give one")
@@ -90,10 +104,15 @@ def make_slices(
 
     images = [plane.image for plane in planes]
     image = xr.concat(images, dim="z", combine_attrs="override", join="exact")
-    slices = Slices(image, planes[0].spacing, planes[0].scans)
+
+    def figure() -> Figure:
+        from flgpr.report.images import slices_figure
+
+        return slices_figure(image, poses)
+
     for path in files:
-        _write(slices, poses, path)
-    return slices
+        write_drawing(path, figure, lambda: image_arrays(image))
+    return Slices(image, planes[0].spacing, planes[0].scans)
 
 
 def _checked_depths(depths: Sequence[float]) -> NDArray[np.float64]:
@@ -111,17 +130,3 @@ def _checked_depths(depths: Sequence[float]) -> NDArray[np.float64]:
 def _limits(positions: NDArray[np.float64]) -> tuple[float, float]:
     """Return the limits of the ground along an axis that antennas passed over, m."""
     return float(positions.min()) - _MARGIN, float(positions.max()) + _MARGIN
-
-
-def _write(slices: Slices, poses: NDArray[np.float64], path: Path) -> None:
-    """Write slices as PNG or NumPy archive, by the ending."""
-    with atomic_output(path) as partial:
-        if path.suffix.lower() == ".png":
-            from flgpr.report import figure_png  # loads Matplotlib
-            from flgpr.report.slices import slices_figure
-
-            figure = slices_figure(slices.image, poses)
-            partial.write_bytes(figure_png(figure))
-        else:
-            axes = {str(name): axis.values for name, axis in slices.image.coords.items()}
-            np.savez(partial, image=slices.image.values, **axes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,20 +22,14 @@ from flgpr.commands.options import (
     output_option,
     runs_by_name,
 )
-from flgpr.commands.run_options import run_options
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.runs import run_options
+from flgpr.commands.shell import command
 
 if TYPE_CHECKING:
     from flgpr.method.model import Model
 
 
-def _lines(_: Model, call: Arguments) -> Iterator[Path]:
-    """Yield the model's folder."""
-    yield call.output
-
-
 @command(
-    lines=_lines,
     panels={
         "Recipe and lanes": ("truths", "recipe", "features", "lanes", "others"),
         "Work": ("workers", "scheduler", "max_memory"),

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from flgpr.commands.exports import map_bytes
 from flgpr.commands.options import AnchorOption, PathLike, Paths
 from flgpr.commands.shell import command
 
@@ -75,7 +76,7 @@ def view(
         raw=_raw_run,
         backdrop=backdrop,
         verdicts=verdicts,
-        make_map=_map_bytes,
+        make_map=map_bytes,
     )
 
 
@@ -85,10 +86,3 @@ def _raw_run(path: Path) -> Any:
     from flgpr.commands.raw_run import RawRun
 
     return RawRun(path)
-
-
-def _map_bytes(*arguments: Any) -> bytes:
-    """Return the map of a result for QGIS."""
-    from flgpr.commands.exports import map_bytes
-
-    return map_bytes(*arguments)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.design.grounds import GroundModel, bare_lane, ground_model
@@ -20,7 +21,6 @@ from flgpr.simulate.scene.scene import Target
 
 FloatArray = NDArray[np.float64]
 Response = tuple[FloatArray, FloatArray, FloatArray]
-SubbandEdges = dict[str, tuple[float, float]]
 KINDS = ("metal", "plastic")
 BODIES = {"metal": "metal-at", "plastic": "plastic-at"}
 """Packaged bodies that the kinds stand for."""
@@ -123,7 +123,7 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
         design.responses[distance] = _ground_response(spread, source, sensor)
         design.lobes.append(_highest_lobe(spread, source, design.responses[distance]))
 
-    _simulate_ratio(design, sensor, ground, asked, track)
+    _simulate_ratio(design, ground, asked, track)
     _set_expected(design, ground, asked)
     return design
 
@@ -136,11 +136,8 @@ def expected_in_words(design: Design) -> str:
     mines = []
     for kind, body in BODIES.items():
         rows = design.expected[design.expected["body"] == body]
-        levels = []
-        for level, polarization in zip(
-            rows["signal_to_clutter_db"], rows["polarization"], strict=True
-        ):
-            levels.append(_level_in_words(level, polarization))
+        ratios = rows[["signal_to_clutter_db", "polarization"]]
+        levels = [_level_in_words(*row) for row in ratios.itertuples(index=False)]
         mines.append(f"a {kind} mine {' and '.join(levels)}")
     return (
         f"{design.sensor.name}, {design.distance:.0f} m ahead, "
@@ -223,12 +220,9 @@ def _ground_response(spread: PointSpread, source: FloatArray, sensor: Sensor) ->
 def _highest_lobe(spread: PointSpread, source: FloatArray, response: Response) -> dict[str, float]:
     """Return position, level and distance of the highest lobe outside the core of the response."""
     y, x, power = response
-    down, cross = spread.widths(source)
-    expected_down, expected_cross = spread.expected_widths(source)
-    if not math.isfinite(down):
-        down = expected_down
-    if not math.isfinite(cross):
-        cross = expected_cross
+    widths = spread.widths(source)
+    expected = spread.expected_widths(source)
+    down, cross = np.where(np.isfinite(widths), widths, expected).tolist()
 
     core_rows = np.abs(y - source[1]) < _CORE * down
     core_columns = np.abs(x - source[0]) < _CORE * cross
@@ -250,88 +244,85 @@ def _decibels(amplitude: FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
 
 
-def _simulate_ratio(
-    design: Design, sensor: Sensor, ground: GroundModel, asked: Question, track: Track
-) -> None:
+@dataclass(frozen=True)
+class _Simulation:
+    """Simulated ground of a design, and the images that are made of it."""
+
+    design: Design
+    sensor: Sensor  #: the design's, with its copolar channels
+    ground: GroundModel
+    asked: Question
+
+    def imager(self, run: xr.Dataset, grid: Grid) -> ScanImager:
+        """Return the images of the asked band on a grid."""
+        tones = self.sensor.tones.axis()
+        band = self.asked.band or (float(tones[0]), float(tones[-1]))
+        return ScanImager(run, grid, {"band": band}, self.asked.window)
+
+    def clutter(self) -> FloatArray:
+        """Return the mean power (polarization, y, x) of bare ground around positions."""
+        ratio_x = self.design.ratio_x
+        ratio_y = self.design.ratio_y
+        # So far apart that no two looks share ground.
+        apart = self.design.y[-1] + 60.0
+        positions = tuple(k * apart for k in range(_LOOKS))
+        surface = {"texture_shape": None}
+        length = _LOOKS * apart
+        run = bare_lane(self.ground, self.sensor, 1, length, positions, surface).run()
+
+        x_edges = (float(ratio_x[0] - _REACH), float(ratio_x[-1] + _REACH))
+        y_edges = (float(ratio_y[0] - _REACH), float(ratio_y[-1] + _REACH))
+        grid = Grid.spanning(x_edges, y_edges, _CLUTTER_STEP)
+        scan_power = [np.abs(image.values[:, 0]) ** 2 for image in self.imager(run, grid)]
+        power = np.mean(scan_power, axis=0)
+
+        clutter = np.empty((power.shape[0], ratio_y.size, ratio_x.size))
+        for i, j in np.ndindex(*clutter.shape[1:]):
+            rows = np.abs(grid.y - ratio_y[i]) <= _REACH
+            columns = np.abs(grid.x - ratio_x[j]) <= _REACH
+            clutter[:, i, j] = power[:, rows][:, :, columns].mean(axis=(1, 2))
+        return clutter
+
+    def peaks(self, kind: str, x: float) -> FloatArray:
+        """Return the peak power (y, polarization) in the image of a mine, from every distance.
+
+        ``x`` is its cross-track position, m.
+        """
+        distances = self.design.ratio_y.tolist()
+        far = distances[-1] + 5.0
+        positions = tuple(far - distance for distance in distances)
+        mine = Target(kind=kind, x=x, y=far, depth=self.asked.depth)
+        surface = {"phase_screen": False}
+        lane = bare_lane(self.ground, self.sensor, 1, far + 10.0, positions, surface, (mine,))
+        run = lane.run(bodies=True)
+
+        narrowest = min(float(np.nanmin(self.design.down)), float(np.nanmin(self.design.cross)))
+        step = max(narrowest / 3, 0.01)
+        peaks = np.empty((len(distances), len(self.sensor.polarization)))
+        for scan, distance in enumerate(distances):
+            # A buried mine appears behind its position: the wave is slower in the ground.
+            grid = Grid.spanning((x - 0.5, x + 0.5), (distance - 0.5, distance + 0.8), step)
+            image = self.imager(run.isel(scan=[scan]), grid).image(0)
+            peaks[scan] = (np.abs(image.values[:, 0]) ** 2).max(axis=(1, 2))
+        return peaks
+
+
+def _simulate_ratio(design: Design, ground: GroundModel, asked: Question, track: Track) -> None:
     """Simulate single mines and bare ground, image both, and divide peak by mean power."""
-    copolar = tuple(name for name in sensor.polarization if name[0] == name[1])
+    name = design.sensor.name
+    copolar = tuple(one for one in design.sensor.polarization if one[0] == one[1])
     if not copolar:
         return
-    sensor = sensor.model_copy(update={"polarization": copolar})
-    tones = sensor.tones.axis()
-    band = {"band": asked.band or (float(tones[0]), float(tones[-1]))}
     design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
     design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
+    sensor = design.sensor.model_copy(update={"polarization": copolar})
+    simulation = _Simulation(design, sensor, ground, asked)
 
-    clutter = _clutter(design, sensor, ground, asked, band)
+    clutter = simulation.clutter()
     shape = (design.ratio_y.size, design.ratio_x.size)
     steps = [(kind, column) for kind in KINDS for column in range(design.ratio_x.size)]
-    for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
-        x = float(design.ratio_x[column])
-        peaks = _peaks(design, sensor, ground, asked, band, kind, x)
+    for kind, column in track(steps, f"{name}: signal to clutter", len(steps)):
+        peaks = simulation.peaks(kind, float(design.ratio_x[column]))
         for p, label in enumerate(copolar):
             ratio = design.ratio.setdefault((kind, label), np.empty(shape))
             ratio[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
-
-
-def _clutter(
-    design: Design,
-    sensor: Sensor,
-    ground: GroundModel,
-    asked: Question,
-    band: SubbandEdges,
-) -> FloatArray:
-    """Return the mean power (polarization, y, x) of bare ground around positions of the ratio."""
-    # So far apart that no two looks share ground.
-    apart = design.y[-1] + 60.0
-    positions = tuple(k * apart for k in range(_LOOKS))
-    surface = {"texture_shape": None}
-    run = bare_lane(ground, sensor, 1, _LOOKS * apart, positions, surface).run()
-
-    x_edges = (float(design.ratio_x[0] - _REACH), float(design.ratio_x[-1] + _REACH))
-    y_edges = (float(design.ratio_y[0] - _REACH), float(design.ratio_y[-1] + _REACH))
-    grid = Grid.spanning(x_edges, y_edges, _CLUTTER_STEP)
-    scan_power = []
-    for image in ScanImager(run, grid, band, asked.window):
-        scan_power.append(np.abs(image.values[:, 0]) ** 2)
-    power = np.mean(scan_power, axis=0)
-
-    clutter = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
-    for i, j in np.ndindex(*clutter.shape[1:]):
-        rows = np.abs(grid.y - design.ratio_y[i]) <= _REACH
-        columns = np.abs(grid.x - design.ratio_x[j]) <= _REACH
-        clutter[:, i, j] = power[:, rows][:, :, columns].mean(axis=(1, 2))
-    return clutter
-
-
-def _peaks(
-    design: Design,
-    sensor: Sensor,
-    ground: GroundModel,
-    asked: Question,
-    band: SubbandEdges,
-    kind: str,
-    x: float,
-) -> FloatArray:
-    """Return the peak power (y, polarization) in the image of a single mine, from every distance.
-
-    ``x`` is its cross-track position, m.
-    """
-    far = float(design.ratio_y[-1]) + 5.0
-    positions = tuple(far - float(y) for y in design.ratio_y)
-    mine = Target(kind=kind, x=x, y=far, depth=asked.depth)
-    surface = {"phase_screen": False}
-    lane = bare_lane(ground, sensor, 1, far + 10.0, positions, surface, (mine,))
-    run = lane.run(bodies=True)
-
-    narrowest = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross)))
-    step = max(narrowest / 3, 0.01)
-    peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
-    for scan, distance in enumerate(design.ratio_y):
-        # A buried mine appears behind its position: the wave is slower in the ground.
-        y_edges = (float(distance) - 0.5, float(distance) + 0.8)
-        grid = Grid.spanning((x - 0.5, x + 0.5), y_edges, step)
-        imager = ScanImager(run.isel(scan=[scan]), grid, band, asked.window)
-        power = np.abs(imager.image(0).values[:, 0]) ** 2
-        peaks[scan] = power.max(axis=(1, 2))
-    return peaks

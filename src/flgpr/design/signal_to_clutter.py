@@ -31,7 +31,7 @@ from flgpr.simulate.bodies.signature import FREQUENCY, find_table
 from flgpr.simulate.bodies.targets import mean_amplitude
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.radar.spread import ArrayState
-from flgpr.simulate.scene.scene import Soil, Target
+from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import array_state, system_response
 
 Subbands = Mapping[str, tuple[float, float]]
@@ -68,9 +68,10 @@ class Viewing:
 
 @dataclass(frozen=True)
 class _View:
-    """A sensor before a position on level ground, and the bands and channels of the view."""
+    """A sensor before a body's position on level ground, and the bands and channels of the view."""
 
     sensor: Sensor
+    ground: GroundModel
     x: float  # m
     distance: float  # m
     subbands: dict[str, tuple[float, float]]
@@ -91,6 +92,67 @@ class _View:
         for edges in self.subbands.values():
             widths.extend(PointSpread(self.sensor, edges).expected_widths(position))
         return float(np.clip(min(widths) / _PEAK_STEPS, 0.005, 0.05))
+
+    def target(self, body: str, depth: float) -> Target:
+        """Return a body at the position."""
+        return Target(
+            kind=body, body=body, x=self.x, y=self.distance, depth=depth, heading=self.heading
+        )
+
+    def key(self, body: str, depth: float, subband: str, polarization: str) -> dict[str, Any]:
+        """Return the columns that name a case."""
+        return {
+            "sensor": self.sensor.name,
+            "height": self.sensor.height,
+            "distance": self.distance,
+            "ground": self.ground.name,
+            "rms_height": self.ground.surface.rms_height,
+            "body": body,
+            "depth": float(depth),
+            "subband": subband,
+            "polarization": polarization,
+        }
+
+    def clutter_power(self, seed: int, looks: int, imager: ImagingOperator) -> FloatArray:
+        """Return the mean power (polarization, subband) of bare ground around the position."""
+        positions = tuple(_LOOKS_APART * look for look in range(looks))
+        length = positions[-1] + self.distance + 10.0
+        surface = {"echo": True}
+        simulator = bare_lane(self.ground, self.sensor, seed, length, positions, surface)
+        powers = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
+        return np.asarray(np.mean(powers, axis=0))
+
+    def peak_power(self, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:
+        """Return the peak power (polarization, subband) of a body under a rough surface.
+
+        The surface itself does not echo.
+        """
+        length = self.distance + 10.0
+        surface = {"echo": False}
+        simulator = bare_lane(self.ground, self.sensor, seed, length, (0.0,), surface, (target,))
+        return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
+
+    def shift(self, target: Target) -> float:
+        """Return by how much the bottom of a body appears farther away than it is, m."""
+        middles = [np.mean(edges) for edges in self.subbands.values()]
+        middle = np.array([np.mean(middles)])
+        permittivity = float(self.ground.soil.media(middle)[-1][0].real)
+        sine = incidence(self.x, self.distance, 0.0, self.array)
+        return float(apparent_shift(target.depth + target.height, permittivity, sine))
+
+    def imager(self, across: float, before: float, behind: float, step: float) -> ImagingOperator:
+        """Return the operator that images the ground around the position."""
+        x_edges = (self.x - across, self.x + across)
+        y_edges = (self.distance - before, self.distance + behind)
+        array = self.array
+        return ImagingOperator(
+            self.sensor.tones.axis(),
+            array.position[array.tx],
+            array.position[array.rx],
+            Grid.spanning(x_edges, y_edges, step).points(),
+            list(self.subbands.values()),
+            window=self.window,
+        )
 
 
 def expected_signal_to_clutter(
@@ -148,20 +210,19 @@ def expected_signal_to_clutter(
         If a parameter breaks its rule: names it, the rule and the value. Sub-bands whose middle is
         beyond the signature tables, at 3.225 GHz, are one of the cases.
     """
-    view = _view(sensor, viewing or Viewing())
-    _check_ground(ground)
+    view = _view(sensor, ground, viewing or Viewing())
     _check_bodies(bodies, depths)
     rows = []
     for subband, edges in view.subbands.items():
         band = _Band(view, edges)
-        sigma0 = band.sigma0(ground)
+        sigma0 = band.sigma0()
         cell = band.cell_area()
         for body in bodies:
             for depth in depths:
-                factors = band.signal(_target(view, body, depth), ground.soil)
+                factors = band.signal(view.target(body, depth))
                 for polarization in view.polarizations:
                     p = _COPOLAR.index(polarization)
-                    row = _key(view, ground, body, depth, subband, polarization)
+                    row = view.key(body, depth, subband, polarization)
                     signal = {name: float(values[p]) for name, values in factors.items()}
                     backscatter = float(sigma0[p])
                     ratio = sum(signal.values()) - backscatter - 10 * math.log10(cell)
@@ -212,30 +273,28 @@ def measure_signal_to_clutter(
     ValueError
         If a parameter breaks its rule: names it, the rule and the value.
     """
-    view = _view(sensor, viewing or Viewing())
-    _check_ground(ground)
+    view = _view(sensor, ground, viewing or Viewing())
     _check_bodies(bodies, depths)
     if seeds < 2:
         raise ValueError(f"seeds must be at least 2, to give an interval, got {seeds}")
     if looks < 1:
         raise ValueError(f"looks must be at least 1, got {looks}")
-    wide = _imager(view, _CLUTTER_ACROSS, _CLUTTER_ALONG, _CLUTTER_ALONG, _CLUTTER_STEP)
+    wide = view.imager(_CLUTTER_ACROSS, _CLUTTER_ALONG, _CLUTTER_ALONG, _CLUTTER_STEP)
     powers = []
     for seed in track(range(seeds), "bare ground", seeds):
-        powers.append(_clutter_power(view, ground, seed, looks, wide))
+        powers.append(view.clutter_power(seed, looks, wide))
     clutter = np.stack(powers)
     cases = [(body, depth) for body in bodies for depth in depths]
     rows = []
     for body, depth in track(cases, "bodies", len(cases)):
-        target = _target(view, body, depth)
-        behind = _AROUND + _shift(view, target, ground)
-        close = _imager(view, _AROUND, _AROUND, behind, view.step)
-        signal = np.stack([_peak_power(view, ground, target, seed, close) for seed in range(seeds)])
+        target = view.target(body, depth)
+        close = view.imager(_AROUND, _AROUND, _AROUND + view.shift(target), view.step)
+        signal = np.stack([view.peak_power(target, seed, close) for seed in range(seeds)])
         ratio = 10 * np.log10(signal.mean(axis=0) / clutter.mean(axis=0))
         margin = _margin_db(signal, clutter)
         for s, subband in enumerate(view.subbands):
             for p, polarization in enumerate(view.polarizations):
-                row = _key(view, ground, body, depth, subband, polarization)
+                row = view.key(body, depth, subband, polarization)
                 row["signal_to_clutter_db"] = ratio[p, s]
                 row["low_db"] = ratio[p, s] - margin[p, s]
                 row["high_db"] = ratio[p, s] + margin[p, s]
@@ -285,12 +344,12 @@ class _Band:
             amplitude = amplitude * cosine ** (0.5 * exponent)
         return np.asarray(amplitude[array.tx] * amplitude[array.rx])
 
-    def sigma0(self, ground: GroundModel) -> FloatArray:
+    def sigma0(self) -> FloatArray:
         """Return the backscatter of the surface, HH and VV (2,), dB.
 
         It is the mean over the band by the squared weights.
         """
-        surface = ground.surface
+        surface = self._view.ground.surface
         shape = (
             surface.rms_height,
             surface.correlation_length,
@@ -298,7 +357,7 @@ class _Band:
             surface.unevenness,
             surface.waviness,
         )
-        media = ground.soil.media(self._tones)[0]
+        media = self._view.ground.soil.media(self._tones)[0]
         sine = np.full(self._tones.shape, self._sine)
         backscatter = surface_backscatter(self._tones, sine, media, *shape)
         means = [np.average(copolar, weights=self._weights**2) for copolar in backscatter]
@@ -316,9 +375,9 @@ class _Band:
 
         return spread.cell_area(self._position, beam)
 
-    def signal(self, target: Target, soil: Soil) -> dict[str, FloatArray]:
+    def signal(self, target: Target) -> dict[str, FloatArray]:
         """Return the factors of a body's cross section in the image, HH and VV (2,), dB."""
-        ground = LayeredGround(soil, None, self._tones)
+        ground = LayeredGround(self._view.ground.soil, None, self._tones)
         layer = ground.medium(target.depth)
         amplitude = mean_amplitude(target, ground, self._view.array)
         through = amplitude * ground.entry_squared(self._sine, layer)
@@ -344,8 +403,8 @@ class _Band:
         return np.asarray(20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum()))
 
 
-def _view(sensor: Sensor, viewing: Viewing) -> _View:
-    """Return the view of a sensor; refuse a height, distance, band or polarization out of range."""
+def _view(sensor: Sensor, ground: GroundModel, viewing: Viewing) -> _View:
+    """Return the view of a sensor; refuse what is out of range, and a smooth surface."""
     height = viewing.height
     distance = viewing.distance
     window = viewing.window
@@ -364,8 +423,21 @@ def _view(sensor: Sensor, viewing: Viewing) -> _View:
     bands = _checked_bands(sensor, viewing.subbands)
     polarizations = _checked_polarizations(sensor, viewing.polarizations)
     reduced = sensor.model_copy(update={"polarization": polarizations})
-    middle = (x_min + x_max) / 2
-    return _View(reduced, middle, float(distance), bands, polarizations, window, viewing.heading)
+    if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
+        raise ValueError(
+            "rms_height or unevenness must be greater than 0, "
+            "for a smooth surface has no clutter, got 0"
+        )
+    return _View(
+        reduced,
+        ground,
+        (x_min + x_max) / 2,
+        float(distance),
+        bands,
+        polarizations,
+        window,
+        viewing.heading,
+    )
 
 
 def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple[float, float]]:
@@ -403,15 +475,6 @@ def _checked_polarizations(sensor: Sensor, polarizations: Sequence[str] | None) 
     return tuple(requested)
 
 
-def _check_ground(ground: GroundModel) -> None:
-    """Refuse a smooth surface."""
-    if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
-        raise ValueError(
-            "rms_height or unevenness must be greater than 0, "
-            "for a smooth surface has no clutter, got 0"
-        )
-
-
 def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
     """Refuse unknown bodies and depths out of range."""
     if isinstance(bodies, str) or not len(bodies):
@@ -425,30 +488,6 @@ def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
             raise ValueError(f"depth must lie between 0 and {_DEEPEST:g} m, got {depth!r}")
 
 
-def _target(view: _View, body: str, depth: float) -> Target:
-    """Return a body at the view's position."""
-    return Target(
-        kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=view.heading
-    )
-
-
-def _key(
-    view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str
-) -> dict[str, Any]:
-    """Return the columns that name a case."""
-    return {
-        "sensor": view.sensor.name,
-        "height": view.sensor.height,
-        "distance": view.distance,
-        "ground": ground.name,
-        "rms_height": ground.surface.rms_height,
-        "body": body,
-        "depth": float(depth),
-        "subband": subband,
-        "polarization": polarization,
-    }
-
-
 def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float]) -> pd.DataFrame:
     """Sort rows by body and depth in the order of the arguments, otherwise as they stand."""
     body_index = table["body"].map(list(bodies).index)
@@ -458,58 +497,9 @@ def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float
     return table.iloc[order].reset_index(drop=True)
 
 
-def _clutter_power(
-    view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator
-) -> FloatArray:
-    """Return the mean power (polarization, subband) of images of bare ground around the body."""
-    positions = tuple(_LOOKS_APART * look for look in range(looks))
-    length = positions[-1] + view.distance + 10.0
-    simulator = bare_lane(ground, view.sensor, seed, length, positions, {"echo": True})
-    powers = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
-    return np.asarray(np.mean(powers, axis=0))
-
-
-def _shift(view: _View, target: Target, ground: GroundModel) -> float:
-    """Return by how much the bottom of a body appears farther away than it is, m."""
-    middles = [np.mean(edges) for edges in view.subbands.values()]
-    middle = np.array([np.mean(middles)])
-    permittivity = float(ground.soil.media(middle)[-1][0].real)
-    sine = incidence(view.x, view.distance, 0.0, view.array)
-    return float(apparent_shift(target.depth + target.height, permittivity, sine))
-
-
-def _peak_power(
-    view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator
-) -> FloatArray:
-    """Return the peak power (polarization, subband) of a body under a rough surface.
-
-    The surface itself does not echo.
-    """
-    length = view.distance + 10.0
-    simulator = bare_lane(ground, view.sensor, seed, length, (0.0,), {"echo": False}, (target,))
-    return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
-
-
 def _power(imager: ImagingOperator, scan: NDArray[np.complex64]) -> FloatArray:
     """Return the power of the image of a scan, (polarization, subband, y, x)."""
     return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
-
-
-def _imager(
-    view: _View, across: float, before: float, behind: float, step: float
-) -> ImagingOperator:
-    """Return the operator that images the ground around the body."""
-    x_edges = (view.x - across, view.x + across)
-    y_edges = (view.distance - before, view.distance + behind)
-    array = view.array
-    return ImagingOperator(
-        view.sensor.tones.axis(),
-        array.position[array.tx],
-        array.position[array.rx],
-        Grid.spanning(x_edges, y_edges, step).points(),
-        list(view.subbands.values()),
-        window=view.window,
-    )
 
 
 def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:

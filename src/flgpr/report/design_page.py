@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +16,11 @@ from numpy.typing import NDArray
 from flgpr.design.array import KINDS, Design, Question, expected_in_words, study
 from flgpr.model import load_sensor
 from flgpr.progress import Track, silent
-from flgpr.report.kit import render
+from flgpr.report.kit import render, shaded
 from flgpr.store.outputs import write_new
 
 _BLUE = "#1b5e9b"
 _RED = "#c1440e"
-_SHADES = "viridis"
 _HALF_POWER = -3.01  # dB
 _CONTOURS = 4  # between the smallest and the largest width of a map
 
@@ -100,6 +100,12 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
     )
 
 
+def _rows_of_panels(arrays: int, columns: int, height: float) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure with a row of panels, of a height in inches, for each array."""
+    figure = Figure(figsize=(11, height * arrays), layout="constrained")
+    return figure, figure.subplots(arrays, columns, squeeze=False)
+
+
 def antenna_figure(designs: Sequence[Design]) -> Figure:
     """Draw the antennas as seen from the ground ahead.
 
@@ -166,21 +172,11 @@ def spread_figure(designs: Sequence[Design]) -> Figure:
     matplotlib.figure.Figure
         A row per array and a column per distance.
     """
-    figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
-    rows = figure.subplots(len(designs), 3, squeeze=False)
+    figure, rows = _rows_of_panels(len(designs), 3, 3.6)
     for row, design in zip(rows, designs, strict=True):
         for axes, (distance, spread) in zip(row, design.close.items(), strict=True):
             y, x, power = spread
-            image = axes.pcolormesh(
-                x,
-                y,
-                power,
-                vmin=-40,
-                vmax=0,
-                cmap=_SHADES,
-                shading="nearest",
-                rasterized=True,
-            )
+            image = shaded(axes, x, y, power, (-40, 0))
             axes.contour(x, y, power, levels=[_HALF_POWER], colors="white", linewidths=1)
             axes.set(
                 title=f"{design.sensor.name}, {distance:.0f} m ahead",
@@ -204,23 +200,13 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
     matplotlib.figure.Figure
         Widths down-range and cross-range, cm, a row per array.
     """
-    figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
-    rows = figure.subplots(len(designs), 2, squeeze=False)
+    figure, rows = _rows_of_panels(len(designs), 2, 3.6)
     for column, (name, title) in enumerate((("down", "down-range"), ("cross", "cross-range"))):
         widths = [100 * getattr(design, name) for design in designs]  # cm
         low = min(np.nanmin(width) for width in widths)
         high = max(np.nanmax(width) for width in widths)
         for axes, design, width in zip(rows[:, column], designs, widths, strict=True):
-            image = axes.pcolormesh(
-                design.y,
-                design.x,
-                width.T,
-                vmin=low,
-                vmax=high,
-                cmap=_SHADES,
-                shading="gouraud",
-                rasterized=True,
-            )
+            image = shaded(axes, design.y, design.x, width.T, (low, high), "gouraud")
             _draw_contours(axes, design, width)
             _label_ground(axes, f"{design.sensor.name}, {title}")
             figure.colorbar(image, ax=axes, label="half-power width (cm)")
@@ -260,21 +246,11 @@ def lobe_figure(designs: Sequence[Design]) -> Figure:
     matplotlib.figure.Figure
         A panel per array; a ring marks the highest lobe.
     """
-    figure = Figure(figsize=(11, 3.8 * len(designs)), layout="constrained")
-    panels = figure.subplots(len(designs), 1, squeeze=False)[:, 0]
-    for axes, design in zip(panels, designs, strict=True):
+    figure, rows = _rows_of_panels(len(designs), 1, 3.8)
+    for axes, design in zip(rows[:, 0], designs, strict=True):
         distance = list(design.responses)[1]
         y, x, power = design.responses[distance]
-        image = axes.pcolormesh(
-            y,
-            x,
-            power.T,
-            vmin=-60,
-            vmax=0,
-            cmap=_SHADES,
-            shading="nearest",
-            rasterized=True,
-        )
+        image = shaded(axes, y, x, power.T, (-60, 0))
         # A lobe's place is counted from the point, which lies on the middle line.
         lobe = design.lobes[1]
         lobe_y = distance + lobe["y"]
@@ -305,42 +281,23 @@ def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
         Signal to clutter, dB, a row per array and a column per polarization.
     """
     ratios = [_ratios_of(design, kind) for design in designs]
-    most = max(len(by_polarization) for by_polarization in ratios)
-    columns = max(1, most)
-    figure = Figure(figsize=(11, 3.2 * len(designs)), layout="constrained")
-    rows = figure.subplots(len(designs), columns, squeeze=False)
+    columns = max(1, *(len(by_polarization) for by_polarization in ratios))
+    figure, rows = _rows_of_panels(len(designs), columns, 3.2)
     # One scale for all maps, so that arrays and polarizations compare.
-    low, high = _common_range(ratios)
+    maps = [ratio for by_polarization in ratios for ratio in by_polarization.values()]
+    low = min((float(ratio.min()) for ratio in maps), default=0.0)
+    high = max((float(ratio.max()) for ratio in maps), default=1.0)
     image = None
     for row, design, by_polarization in zip(rows, designs, ratios, strict=True):
         for axes in row[len(by_polarization) :]:
             axes.set_axis_off()
         for axes, (polarization, ratio) in zip(row, by_polarization.items(), strict=False):
-            image = axes.pcolormesh(
-                design.ratio_y,
-                design.ratio_x,
-                ratio.T,
-                vmin=low,
-                vmax=high,
-                cmap=_SHADES,
-                shading="nearest",
-            )
+            image = shaded(axes, design.ratio_y, design.ratio_x, ratio.T, (low, high))
             _write_values(axes, design, ratio, (low + high) / 2)
             _label_ground(axes, f"{design.sensor.name}, {kind}, {polarization}")
     if image is not None:
         figure.colorbar(image, ax=rows, label="signal to clutter (dB)")
     return figure
-
-
-def _common_range(ratios: Sequence[dict[str, NDArray[np.float64]]]) -> tuple[float, float]:
-    """Return the smallest and the largest value of all maps, dB; 0 and 1 where there is none."""
-    lowest = []
-    highest = []
-    for by_polarization in ratios:
-        for ratio in by_polarization.values():
-            lowest.append(float(ratio.min()))
-            highest.append(float(ratio.max()))
-    return min(lowest, default=0.0), max(highest, default=1.0)
 
 
 def _write_values(axes: Axes, design: Design, ratio: NDArray[np.float64], middle: float) -> None:

@@ -14,13 +14,13 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from flgpr.method.detection import Detection
 from flgpr.model import Lane
+from flgpr.report.kit import decibels, shaded, strongest
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
@@ -30,10 +30,10 @@ DYNAMIC_RANGE = 30.0  # dB
 _ROWS = 2400  # a figure cannot show more
 _LONG = 12.0  # lanes longer than so many times their width are not drawn to scale
 _RANKS = 100  # alarms whose rank is written next to them
+_RATIOS = (0.3, 6.0)  # least and greatest height over width of a run-view's panel
 _POSES = 200  # stops of the array that are drawn
 _PANEL_WIDTH = 4.6  # inches
 _wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
-_PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
@@ -70,7 +70,7 @@ def run_view_figure(
     chosen = [detection for detection in result.detections if detection.name in names]
     first_view = chosen[0].view
     width = _PANEL_WIDTH * len(chosen) + 0.6
-    height = _PANEL_WIDTH * _ratio(first_view) * 0.82 + 1.5
+    height = _PANEL_WIDTH * np.clip(_shape(first_view), *_RATIOS) * 0.82 + 1.5
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(chosen)))
     for axes, detection in zip(panels, chosen, strict=True):
@@ -114,7 +114,7 @@ def channel_figure(result: Result) -> Figure:
     rows = view.sizes["polarization"]
     columns = view.sizes["subband"]
     width = 2.6 * columns + 0.6
-    height = 2.6 * _ratio(view) * rows * 0.92 + 0.6
+    height = 2.6 * np.clip(_shape(view), *_RATIOS) * rows * 0.92 + 0.6
     figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for i, polarization in enumerate(view["polarization"].values):
@@ -211,15 +211,7 @@ def geometry_figure(
     if looks is not None:
         most = int(looks.max())
         looks = _thinned(looks)
-        mesh = plan.pcolormesh(
-            looks["x"],
-            looks["y"],
-            looks,
-            cmap="Blues",
-            vmin=0,
-            vmax=max(most, 1),
-            shading="nearest",
-        )
+        mesh = shaded(plan, looks["x"], looks["y"], looks, (0, max(most, 1)), colours="Blues")
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
     is_stretched = looks is not None and _is_long(looks)
     first_y = min(pose[:, 1].min(), lane.y_min)
@@ -246,20 +238,11 @@ def _draw_plan(
         is_first = number == 0  # labelled once for the legend
         receivers = rx[:, :2] @ rotation.T + stop[:2]
         transmitters = tx[:, :2] @ rotation.T + stop[:2]
-        axes.plot(
-            *receivers.T,
-            ".",
-            ms=5,
-            color="0.25",
-            label="receivers" if is_first else None,
-        )
-        axes.plot(
-            *transmitters.T,
-            "^",
-            ms=5,
-            color="C3",
-            label="transmitters" if is_first else None,
-        )
+        for places, mark, colour, label in (
+            (receivers, ".", "0.25", "receivers"),
+            (transmitters, "^", "C3", "transmitters"),
+        ):
+            axes.plot(*places.T, mark, ms=5, color=colour, label=label if is_first else None)
     axes.set(
         xlabel="cross-track x (m)",
         ylabel="down-track y (m)",
@@ -296,11 +279,6 @@ def _shape(view: xr.DataArray) -> float:
     return float((y[-1] - y[0]) / (x[-1] - x[0]))
 
 
-def _ratio(view: xr.DataArray) -> float:
-    """Return height over width of a view's panel."""
-    return float(np.clip(_shape(view), 0.3, 6.0))
-
-
 def _is_long(view: xr.DataArray) -> bool:
     """Return whether a view is too long to be drawn to scale."""
     return _shape(view) > _LONG
@@ -315,24 +293,10 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
     """Draw a channel of a run-view in dB and the lane."""
     is_stretched = _is_long(view)
     view = _thinned(view)
-    x = view["x"].values
-    y = view["y"].values
-    level = 20 * np.log10(np.maximum(view.values, 1e-12))
-    is_in_lane = lane.contains(*np.meshgrid(x, y))
-    imaged_in_lane = level[is_in_lane & np.isfinite(level)]
-    top = imaged_in_lane.max() if imaged_in_lane.size else 0.0
+    level = decibels(view) - strongest(view, lane)
     # Ground that no scan has seen is NaN: the grey behind the image shows there.
     axes.set_facecolor("0.8")
-    mesh = axes.pcolormesh(
-        x,
-        y,
-        level - top,
-        cmap="viridis",
-        vmin=-DYNAMIC_RANGE,
-        vmax=0,
-        shading="nearest",
-        rasterized=True,
-    )
+    mesh = shaded(axes, view["x"], view["y"], level, (-DYNAMIC_RANGE, 0))
     axes.add_patch(_lane_patch(lane))
     axes.set(
         xlabel="cross-track x (m)",
@@ -421,133 +385,3 @@ def _legend_mark(marker: str, colour: str, label: str) -> Line2D:
         mew=1.6,
         label=label,
     )
-
-
-# largest size of a panel, inches
-_WIDE = 7.5
-_HIGH = 6.0
-_RATIOS = (0.12, 2.5)  # height over width between which planes are drawn to scale
-_MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
-
-
-def image_figure(
-    image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0
-) -> Figure:
-    """Draw an image in planes, each polarization in dB re its strongest pixel.
-
-    An axis of one value is left out; a volume is drawn as its strongest pixels along each axis.
-
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Complex image (polarization, z, y, x).
-    peaks : pandas.DataFrame
-        Peaks with ``x``, ``y``, ``z``, m, which are numbered in the first polarization's panels.
-    pose : (scan, 6) ndarray of float
-        Poses, which are drawn where they lie in a panel, m and rad.
-    span : float
-        Range of the scale, dB.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row per polarization and a column per plane.
-    """
-    labels = [str(label) for label in image["polarization"].values]
-    wide_axes = [axis for axis in "xyz" if image.sizes[axis] > 1]
-    planes = [plane for plane in _PLANES if set(plane) <= set(wide_axes)]
-    width, height = _panel_size(image, planes[0])
-    size = (width * len(planes) + 1.6, (height + 1.1) * len(labels))
-    figure = Figure(figsize=size, layout="compressed")
-    panels = figure.subplots(len(labels), len(planes), squeeze=False)
-    for number, (label, row) in enumerate(zip(labels, panels, strict=True)):
-        level = np.abs(image.values[number])
-        for axes, plane in zip(row, planes, strict=True):
-            mesh = _draw_plane(axes, image, level, plane, span)
-            _draw_poses(axes, pose, plane)
-            axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
-            if number == 0:
-                points = peaks[list(plane)].to_numpy()
-                _number_points(axes, points)
-        bar = figure.colorbar(mesh, ax=row[-1], shrink=0.8, pad=0.02)
-        # On two lines, so that the label fits the bar of a low panel.
-        bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
-    figure.suptitle(_image_title(image, wide_axes), fontsize=10)
-    return figure
-
-
-def _panel_size(image: xr.DataArray, plane: tuple[str, str]) -> tuple[float, float]:
-    """Return width and height of the panel of a plane, inches."""
-    across, up = plane
-    extent_across = max(float(np.ptp(image[across].values)), 1e-9)
-    extent_up = max(float(np.ptp(image[up].values)), 1e-9)
-    ratio = float(np.clip(extent_up / extent_across, *_RATIOS))
-    width = min(_WIDE, _HIGH / ratio)
-    return width, width * ratio
-
-
-def _image_title(image: xr.DataArray, wide_axes: Sequence[str]) -> str:
-    """Return the title of an image, with the value of each axis that has a single one."""
-    title = str(image.attrs.get("title", ""))
-    texts = [title] if title else []
-    for axis in "xyz":
-        if axis not in wide_axes:
-            texts.append(f"{axis} = {image[axis].values[0]:g} m")
-    return ", ".join(texts)
-
-
-def _draw_plane(
-    axes: Axes, image: xr.DataArray, level: NDArray[np.float32], plane: tuple[str, str], span: float
-) -> AxesImage:
-    """Draw the strongest pixels of a polarization's magnitude (z, y, x) in a plane."""
-    top = max(float(level.max()), np.finfo(float).tiny)
-    collapsed = tuple(k for k, axis in enumerate("zyx") if axis not in plane)
-    decibels = 20 * np.log10(np.maximum(level.max(axis=collapsed) / top, 1e-9))
-    u = image[plane[0]].values
-    v = image[plane[1]].values
-    half_du = np.diff(u).mean() / 2
-    half_dv = np.diff(v).mean() / 2
-    is_to_scale = _RATIOS[0] < np.ptp(v) / np.ptp(u) < _RATIOS[1]
-    return axes.imshow(
-        decibels,
-        origin="lower",
-        extent=(u[0] - half_du, u[-1] + half_du, v[0] - half_dv, v[-1] + half_dv),
-        cmap="magma",
-        vmin=-span,
-        vmax=0,
-        aspect="equal" if is_to_scale else "auto",
-        interpolation="nearest",
-    )
-
-
-def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -> None:
-    """Draw poses as dots, without changing the limits of the axes."""
-    limits = axes.axis()
-    u = pose[:, "xyz".index(plane[0])]
-    v = pose[:, "xyz".index(plane[1])]
-    axes.plot(u, v, ".", color="#4fc3f7", markersize=2)
-    axes.axis(limits)
-
-
-def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
-    """Circle points (point, 2) and number them from 1 on.
-
-    Each number stands on the side where the panel goes on.
-    """
-    left, right, bottom, top = axes.axis()
-    for number, (across, up) in enumerate(points.tolist(), 1):
-        near_right = across > right - _MARGIN * (right - left)
-        near_top = up > top - _MARGIN * (top - bottom)
-        text = axes.annotate(
-            str(number),
-            (across, up),
-            xytext=(-6 if near_right else 6, -6 if near_top else 6),
-            textcoords="offset points",
-            ha="right" if near_right else "left",
-            va="top" if near_top else "bottom",
-            color="white",
-            fontsize=8,
-        )
-        text.set_in_layout(False)  # what lies in the panel moves no label out of the figure
-        axes.plot(across, up, "o", mfc="none", mec="white", markersize=9)
-    axes.axis((left, right, bottom, top))

@@ -1,18 +1,24 @@
-"""What all pages share: templates that are filled in, and figures as images."""
+"""What all pages share: templates that are filled in, maps in colours, and figures as images."""
 
 from __future__ import annotations
 
 from base64 import b64encode
 from functools import cache
 from io import BytesIO
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+import xarray as xr
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
 
 import flgpr
+from flgpr.model import Lane
 from flgpr.model.figure_text import show_dollar_signs
 
 _PACKAGE = "flgpr.report"
@@ -88,6 +94,35 @@ def figure_png(figure: Figure, dpi: float = 110) -> bytes:
     # version.
     FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})  # type: ignore[no-untyped-call]
     return stream.getvalue()
+
+
+def shaded(
+    axes: Axes,
+    x: ArrayLike,
+    y: ArrayLike,
+    values: ArrayLike,
+    limits: tuple[float, float],
+    shading: Literal["nearest", "gouraud"] = "nearest",
+    colours: str = "viridis",
+) -> QuadMesh:
+    """Draw a map (y, x) of values as colours between two limits."""
+    low, high = limits
+    return axes.pcolormesh(
+        x, y, values, vmin=low, vmax=high, cmap=colours, shading=shading, rasterized=True
+    )
+
+
+def decibels(view: xr.DataArray) -> NDArray[np.float64]:
+    """Return a view's magnitudes in dB."""
+    return np.asarray(20 * np.log10(np.maximum(view.values, 1e-12)), dtype=float)
+
+
+def strongest(view: xr.DataArray, lane: Lane) -> float:
+    """Return the level of the strongest pixel of a view (y, x) in the lane, dB; 0 without one."""
+    is_inside = lane.contains(*np.meshgrid(view["x"].values, view["y"].values))
+    level = decibels(view)[is_inside]
+    imaged = level[np.isfinite(level)]
+    return float(imaged.max()) if imaged.size else 0.0
 
 
 def _metres(value: float) -> str:

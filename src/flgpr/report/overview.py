@@ -15,10 +15,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from flgpr.model import Lane
 from flgpr.report.figures import DYNAMIC_RANGE
+from flgpr.report.kit import decibels, shaded, strongest
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
@@ -70,9 +70,12 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
     for number, (axes, lane) in enumerate(zip(strips, lanes.values(), strict=False)):
         alarms = scored.labels[scored.matched.alarm_lane == number]
         targets = scored.outcomes[scored.matched.target_lane == number]
-        _draw_road(axes, lane)
+        axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
         if objects is not None:
-            _draw_objects(axes, objects)
+            for kind, group in objects.groupby("kind", sort=False):
+                marker = "s" if kind == "post" else "D"
+                label = f"{kind}, no target"
+                _draw_points(axes, group, marker, "#4a5560", 6, label, filled=True)
         _draw_scored_alarms(axes, alarms, threshold)
         detected = targets[targets["found"]]
         missed = targets[~targets["found"]]
@@ -117,7 +120,7 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
     """
     figure, strips = _strips({"": lane})
     axes = strips[0]
-    _draw_road(axes, lane)
+    axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
     shown = alarms[:most]
     if len(shown):
         axes.scatter(
@@ -156,7 +159,7 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     screen = result.recipe.prescreen
     before = select(main.view, screen.polarization, screen.subband)
     after = select(cleaned[0].view, screen.polarization, screen.subband)
-    top = _strongest(before, result.lane)
+    top = strongest(before, result.lane)
     figures = []
     for view, alarms in ((before, main.alarms), (after, cleaned[0].alarms)):
         figures.append(_radar_figure(view, alarms, result.lane, top))
@@ -172,49 +175,26 @@ def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: flo
     bottom = 0.5 / height
     axes = figure.add_axes((left, bottom, 1 - 0.8 / width, 1 - 0.6 / height))
     view = thinned(view, math.ceil(view.sizes["y"] / _COLUMNS))
-    axes.pcolormesh(
-        view["y"].values,
-        view["x"].values,
-        _decibels(view).T - top,
-        cmap="viridis",
-        vmin=-DYNAMIC_RANGE,
-        vmax=0,
-        shading="nearest",
-        rasterized=True,
-    )
+    level = decibels(view).T - top
+    shaded(axes, view["y"], view["x"], level, (-DYNAMIC_RANGE, 0))
     axes.add_patch(_lane_patch(lane, fill=False, ec="white", ls="-.", lw=1.4))
     axes.plot(alarms["y"], alarms["x"], "o", mfc="none", mec="white", ms=7, mew=1.3)
     _frame(axes, lane)
     return figure
 
 
-def _decibels(view: xr.DataArray) -> NDArray[np.float64]:
-    """Return a view's magnitudes in dB."""
-    return np.asarray(20 * np.log10(np.maximum(view.values, 1e-12)), dtype=float)
-
-
-def _strongest(view: xr.DataArray, lane: Lane) -> float:
-    """Return the level of the strongest pixel of a view in the lane, dB."""
-    is_inside = lane.contains(*np.meshgrid(view["x"].values, view["y"].values))
-    level = _decibels(view)[is_inside]
-    imaged = level[np.isfinite(level)]
-    return float(imaged.max()) if imaged.size else 0.0
-
-
 def _size(lane: Lane) -> tuple[float, float]:
     """Return width and height of a picture of a lane, inches."""
     width = _NARROW if is_short(lane) else _WIDTH
-    across, along = _extent(lane)
-    height = (width - 0.8) * across / along
-    return width, min(max(height, _LOWEST), _HIGHEST) + 0.6
+    return width, min(max(_height_to_scale(lane, width), _LOWEST), _HIGHEST) + 0.6
 
 
-def _extent(lane: Lane) -> tuple[float, float]:
-    """Return what is shown across and along a lane, m."""
-    verge = _verge(lane)
-    across = lane.x_max - lane.x_min + 2 * verge
-    along = lane.y_max - lane.y_min + 2 * verge
-    return across, along
+def _height_to_scale(lane: Lane, width: float) -> float:
+    """Return the height at which a picture of a width shows a lane to scale, inches."""
+    verge = 2 * _verge(lane)
+    across = lane.x_max - lane.x_min + verge
+    along = lane.y_max - lane.y_min + verge
+    return (width - 0.8) * across / along
 
 
 def _verge(lane: Lane) -> float:
@@ -225,9 +205,8 @@ def _verge(lane: Lane) -> float:
 def _strips(lanes: Mapping[str, Lane]) -> tuple[Figure, list[Axes]]:
     """Return a figure with axes for each lane, one above the other."""
     shown = list(lanes.items())[:_MOST_LANES]
-    width = max(_size(lane)[0] for _, lane in shown)
-    height = sum(_size(lane)[1] for _, lane in shown)
-    figure = Figure(figsize=(width, height + 0.35), layout="constrained")
+    widths, heights = zip(*(_size(lane) for _, lane in shown), strict=True)
+    figure = Figure(figsize=(max(widths), sum(heights) + 0.35), layout="constrained")
     strips = list(figure.subplots(len(shown), 1, squeeze=False)[:, 0])
     for axes, (name, lane) in zip(strips, shown, strict=True):
         _frame(axes, lane)
@@ -244,10 +223,8 @@ def _frame(axes: Axes, lane: Lane) -> None:
     verge = _verge(lane)
     axes.set_xlim(lane.y_min - verge, lane.y_max + verge)
     axes.set_ylim(lane.x_max + verge, lane.x_min - verge)
-    across, along = _extent(lane)
     width, height = _size(lane)
-    height_to_scale = (width - 0.8) * across / along
-    is_to_scale = math.isclose(height - 0.6, height_to_scale, rel_tol=1e-6)
+    is_to_scale = math.isclose(height - 0.6, _height_to_scale(lane, width), rel_tol=1e-6)
     axes.set_aspect("equal" if is_to_scale else "auto")
     scale = "" if is_to_scale else "; not to scale"
     axes.set_xlabel(f"along the road (m), driving to the right{scale}", fontsize=8)
@@ -256,22 +233,10 @@ def _frame(axes: Axes, lane: Lane) -> None:
     axes.set_facecolor(_GROUND)
 
 
-def _draw_road(axes: Axes, lane: Lane) -> None:
-    """Draw the ground that is searched."""
-    axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
-
-
 def _lane_patch(lane: Lane, **style: Any) -> Rectangle:
     """Return the outline of a lane that lies along the picture."""
     corner = (lane.y_min, lane.x_min)
     return Rectangle(corner, lane.y_max - lane.y_min, lane.x_max - lane.x_min, **style)
-
-
-def _draw_objects(axes: Axes, objects: pd.DataFrame) -> None:
-    """Draw other objects, each kind with its name."""
-    for kind, group in objects.groupby("kind", sort=False):
-        marker = "s" if kind == "post" else "D"
-        _draw_points(axes, group, marker, "#4a5560", 6, f"{kind}, no target", filled=True)
 
 
 def _draw_points(

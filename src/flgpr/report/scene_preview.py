@@ -74,7 +74,9 @@ def scene_figure(
     _add_markers(plan, pd.concat([targets[["kind", "x", "y"]], objects]))
     plan.set(ylabel="cross-track x (m)", ylim=(-half_width, half_width), title=title)
     plan.legend(fontsize=8, ncols=7, loc="upper center", bbox_to_anchor=(0.5, -0.02), frameon=False)
-    _add_depths(section, targets)
+    for kind, rows in targets.groupby("kind", sort=False):
+        colour = _COLOURS.get(str(kind), _OTHER_COLOUR)
+        section.vlines(rows["y"], 100 * rows["top"], 100 * rows["bottom"], color=colour, lw=4)
     section.axhline(0, color="saddlebrown")
     limits = (lane.y_min - _SECTION_MARGIN, lane.y_max + _SECTION_MARGIN)
     section.set(xlabel="down-track y (m)", ylabel="depth (cm)", xlim=limits)
@@ -94,10 +96,3 @@ def _add_markers(axes: Axes, table: pd.DataFrame) -> None:
             ls="none",
             label=f"{kind} ({len(rows)})",
         )
-
-
-def _add_depths(axes: Axes, targets: pd.DataFrame) -> None:
-    """Add a vertical line from top to bottom of each target, cm."""
-    for kind, rows in targets.groupby("kind", sort=False):
-        colour = _COLOURS.get(str(kind), _OTHER_COLOUR)
-        axes.vlines(rows["y"], 100 * rows["top"], 100 * rows["bottom"], color=colour, lw=4)

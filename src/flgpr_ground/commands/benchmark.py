@@ -12,7 +12,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
-from flgpr.commands.run_options import run_options
+from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
 
 Chosen = Annotated[

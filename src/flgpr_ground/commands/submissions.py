@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
-from flgpr.commands.run_options import run_options
+from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
 from flgpr_ground.commands.benchmark import Chosen, Quick, Tier, Workers
 

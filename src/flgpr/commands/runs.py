@@ -1,4 +1,4 @@
-"""Where a run and its result lie, also for a run in memory and a result that nobody keeps."""
+"""What commands that run recipes share: where runs and results lie, and who does the work."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flgpr.commands.options import PathLike
+from flgpr.commands.options import PathLike, size_in_bytes
 
 if TYPE_CHECKING:
+    from flgpr.jobs.workers import RunOptions
+    from flgpr.progress import Track
     from flgpr.results.result import Result
 
 
@@ -75,3 +77,42 @@ class RunLocations:
         store = self._folder() / f"{name}.zarr"
         save_run(run, store)
         return store
+
+
+def run_options(
+    workers: int | None = None,
+    scheduler: str | None = None,
+    max_memory: str | int = "2GB",
+    track: Track | None = None,
+    note: Any = None,
+    pass_cache: PathLike | None = None,
+) -> RunOptions:
+    """Return the options of a run; what is None keeps its default.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes.
+    scheduler : str, optional
+        Address of a Dask scheduler.
+    max_memory : int or str
+        Memory of each process, such as "2GB".
+    track : Track, optional
+        Shows progress.
+    note : callable, optional
+        Takes a report of every piece of work that was done.
+    pass_cache : path, optional
+        Folder of backgrounds and run-views that other recipes share.
+
+    Returns
+    -------
+    RunOptions
+        The options.
+    """
+    from flgpr.jobs.workers import RunOptions, ignore_report
+    from flgpr.progress import silent
+
+    memory = size_in_bytes(max_memory)
+    return RunOptions(
+        workers, scheduler, memory, track or silent, note or ignore_report, pass_cache
+    )

@@ -1,0 +1,212 @@
+"""Figures of focused images: planes of each polarization, and depth slices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+_PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
+_COLUMNS = 4  # of slices
+_SLICE_WIDTH = 3.1  # inches
+_SLICE_RATIOS = (0.4, 2.2)  # length over width between which slices are drawn to scale
+# largest size of a panel, inches
+_WIDE = 7.5
+_HIGH = 6.0
+_RATIOS = (0.12, 2.5)  # height over width between which planes are drawn to scale
+_MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
+
+
+def image_figure(
+    image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0
+) -> Figure:
+    """Draw an image in planes, each polarization in dB re its strongest pixel.
+
+    An axis of one value is left out; a volume is drawn as its strongest pixels along each axis.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Complex image (polarization, z, y, x).
+    peaks : pandas.DataFrame
+        Peaks with ``x``, ``y``, ``z``, m, which are numbered in the first polarization's panels.
+    pose : (scan, 6) ndarray of float
+        Poses, which are drawn where they lie in a panel, m and rad.
+    span : float
+        Range of the scale, dB.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per polarization and a column per plane.
+    """
+    labels = [str(label) for label in image["polarization"].values]
+    wide_axes = [axis for axis in "xyz" if image.sizes[axis] > 1]
+    planes = [plane for plane in _PLANES if set(plane) <= set(wide_axes)]
+    width, height = _panel_size(image, planes[0])
+    size = (width * len(planes) + 1.6, (height + 1.1) * len(labels))
+    figure = Figure(figsize=size, layout="compressed")
+    panels = figure.subplots(len(labels), len(planes), squeeze=False)
+    for number, (label, row) in enumerate(zip(labels, panels, strict=True)):
+        level = np.abs(image.values[number])
+        for axes, plane in zip(row, planes, strict=True):
+            mesh = _draw_plane(axes, image, level, plane, span)
+            _draw_poses(axes, pose, plane)
+            axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
+            if number == 0:
+                points = peaks[list(plane)].to_numpy()
+                _number_points(axes, points)
+        bar = figure.colorbar(mesh, ax=row[-1], shrink=0.8, pad=0.02)
+        # On two lines, so that the label fits the bar of a low panel.
+        bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
+    figure.suptitle(_image_title(image, wide_axes), fontsize=10)
+    return figure
+
+
+def _panel_size(image: xr.DataArray, plane: tuple[str, str]) -> tuple[float, float]:
+    """Return width and height of the panel of a plane, inches."""
+    across, up = plane
+    extent_across = max(float(np.ptp(image[across].values)), 1e-9)
+    extent_up = max(float(np.ptp(image[up].values)), 1e-9)
+    ratio = float(np.clip(extent_up / extent_across, *_RATIOS))
+    width = min(_WIDE, _HIGH / ratio)
+    return width, width * ratio
+
+
+def _image_title(image: xr.DataArray, wide_axes: Sequence[str]) -> str:
+    """Return the title of an image, with the value of each axis that has a single one."""
+    title = str(image.attrs.get("title", ""))
+    texts = [title] if title else []
+    for axis in "xyz":
+        if axis not in wide_axes:
+            texts.append(f"{axis} = {image[axis].values[0]:g} m")
+    return ", ".join(texts)
+
+
+def _draw_plane(
+    axes: Axes, image: xr.DataArray, level: NDArray[np.float32], plane: tuple[str, str], span: float
+) -> AxesImage:
+    """Draw the strongest pixels of a polarization's magnitude (z, y, x) in a plane."""
+    top = max(float(level.max()), np.finfo(float).tiny)
+    collapsed = tuple(k for k, axis in enumerate("zyx") if axis not in plane)
+    return _draw_level(axes, image, level.max(axis=collapsed) / top, plane, span, _RATIOS)
+
+
+def _draw_level(
+    axes: Axes,
+    image: xr.DataArray,
+    level: NDArray[np.floating],
+    plane: tuple[str, str],
+    span: float,
+    ratios: tuple[float, float],
+) -> AxesImage:
+    """Draw a level in a plane of an image, dB re one; to scale between two ratios of its sides."""
+    u = image[plane[0]].values
+    v = image[plane[1]].values
+    # Coordinates are those of pixel centres.
+    half_du = np.diff(u).mean() / 2
+    half_dv = np.diff(v).mean() / 2
+    is_to_scale = ratios[0] < np.ptp(v) / np.ptp(u) < ratios[1]
+    return axes.imshow(
+        20 * np.log10(np.maximum(level, 1e-9)),
+        origin="lower",
+        extent=(u[0] - half_du, u[-1] + half_du, v[0] - half_dv, v[-1] + half_dv),
+        cmap="magma",
+        vmin=-span,
+        vmax=0,
+        aspect="equal" if is_to_scale else "auto",
+        interpolation="nearest",
+    )
+
+
+def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -> None:
+    """Draw poses as dots, without changing the limits of the axes."""
+    limits = axes.axis()
+    u = pose[:, "xyz".index(plane[0])]
+    v = pose[:, "xyz".index(plane[1])]
+    axes.plot(u, v, ".", color="#4fc3f7", markersize=2)
+    axes.axis(limits)
+
+
+def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
+    """Circle points (point, 2) and number them from 1 on.
+
+    Each number stands on the side where the panel goes on.
+    """
+    left, right, bottom, top = axes.axis()
+    for number, (across, up) in enumerate(points.tolist(), 1):
+        near_right = across > right - _MARGIN * (right - left)
+        near_top = up > top - _MARGIN * (top - bottom)
+        text = axes.annotate(
+            str(number),
+            (across, up),
+            xytext=(-6 if near_right else 6, -6 if near_top else 6),
+            textcoords="offset points",
+            ha="right" if near_right else "left",
+            va="top" if near_top else "bottom",
+            color="white",
+            fontsize=8,
+        )
+        text.set_in_layout(False)  # what lies in the panel moves no label out of the figure
+        axes.plot(across, up, "o", mfc="none", mec="white", markersize=9)
+    axes.axis((left, right, bottom, top))
+
+
+def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 25.0) -> Figure:
+    """Draw level slices of an image of its first polarization, side by side.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Complex image (polarization, z, y, x).
+    pose : (scan, 6) ndarray of float
+        Poses, which are drawn as dots, m and rad.
+    span : float
+        Range of the common scale below the strongest pixel of all slices, dB.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel per slice, at most four side by side.
+    """
+    level = np.abs(image.values[0]).astype(np.float64)
+    count = level.shape[0]
+    columns = min(_COLUMNS, count)
+    rows = math.ceil(count / columns)
+    length_by_width = float(np.ptp(image["y"].values) / np.ptp(image["x"].values))
+    panel_ratio = float(np.clip(length_by_width, *_SLICE_RATIOS))
+    width = _SLICE_WIDTH * columns + 1.4
+    height = (_SLICE_WIDTH * panel_ratio + 0.7) * rows + 0.5
+    figure = Figure(figsize=(width, height), layout="compressed")
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+
+    # One scale for all slices: the strongest pixel of all of them is 0 dB.
+    top = max(float(level.max()), np.finfo(float).tiny)
+    for axes in panels.ravel()[count:]:
+        axes.set_axis_off()
+    for number, axes in enumerate(panels.ravel()[:count]):
+        mesh = _draw_level(axes, image, level[number] / top, ("x", "y"), span, _SLICE_RATIOS)
+        axes.plot(pose[:, 0], pose[:, 1], ".", color="#4fc3f7", markersize=0.8)
+        depth = -float(image["z"][number])
+        axes.set_title(f"{depth:g} m below", fontsize=9)
+        if number % columns == 0:
+            axes.set_ylabel("y (m)")
+        if number >= count - columns:
+            axes.set_xlabel("x (m)")
+
+    polarization = image["polarization"].values[0]
+    figure.colorbar(
+        mesh,
+        ax=panels,
+        label=f"{polarization}, dB re the strongest pixel",
+        shrink=0.7,
+    )
+    figure.suptitle(str(image.attrs.get("title", "")), fontsize=10)
+    return figure
