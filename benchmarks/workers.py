@@ -39,7 +39,8 @@ from flgpr.jobs.job import LaneJob, code_versions
 from flgpr.jobs.pieces import do_block
 from flgpr.jobs.workers import Cluster
 from flgpr.recipe.schema import recipe_text
-from suite.data import STEP, write_noise_run
+from flgpr.store import lane_text
+from suite.data import lane_of, write_noise_run
 
 
 def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
@@ -198,9 +199,7 @@ def main() -> None:
         kept = Path(options.folder or folder) / f"run-{options.scans}.zarr"
         store = kept if kept.exists() else write_noise_run(kept, options.scans)
         lane = home / "lane.toml"
-        lane.write_text(
-            f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {STEP * options.scans - 5}\n"
-        )
+        lane.write_text(lane_text(lane_of(options.scans)))
         for number in range(options.rounds):
             for workers in (1, 2) if number % 2 == 0 else (2, 1):
                 one = once(store, lane, home / "result", workers)
