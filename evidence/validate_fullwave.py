@@ -141,22 +141,9 @@ def report(names, pols, want, got, want_at, got_at) -> None:
             (name, "VV level (dB)", want[i, vv], got[:, i, vv]),
             (name, "HH/VV (dB)", want[i, hh] - want[i, vv], got[:, i, hh] - got[:, i, vv]),
         ]
-    rows.append(
-        (
-            "metal 2 over metal 1",
-            "HH (dB)",
-            want[1, hh] - want[0, hh],
-            got[:, 1, hh] - got[:, 0, hh],
-        )
-    )
-    rows.append(
-        (
-            "metal 2 over metal 1",
-            "VV (dB)",
-            want[1, vv] - want[0, vv],
-            got[:, 1, vv] - got[:, 0, vv],
-        )
-    )
+    for label, p in (("HH (dB)", hh), ("VV (dB)", vv)):
+        over = want[1, p] - want[0, p], got[:, 1, p] - got[:, 0, p]
+        rows.append(("metal 2 over metal 1", label, *over))
     for name, quantity, value, values in rows:
         low, middle, high = np.percentile(values, [2.5, 50, 97.5])
         verdict = (
