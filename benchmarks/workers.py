@@ -4,8 +4,8 @@ The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007
 ``suite/data.py``. Usage::
 
     NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3]
-    [--folder DIR] python benchmarks/workers.py --scheduler-load 2000 python benchmarks/workers.py
-    --model [--figure docs/images/workers.png]
+    python benchmarks/workers.py --scheduler-load 2000
+    python benchmarks/workers.py --model [--figure docs/images/workers.png]
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
 the rounds count. The time is that of ``flgpr detect`` from the stored run to the result folder without the page. The
@@ -177,7 +177,6 @@ def main() -> None:
     )
     parser.add_argument("--scans", type=int, default=180)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--folder", type=Path, default=None)
     parser.add_argument("--scheduler-load", type=int, default=0)
     parser.add_argument("--model", action="store_true")
     parser.add_argument("--figure", type=Path, default=None)
@@ -194,10 +193,9 @@ def main() -> None:
         )
     found: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
     load = os.getloadavg()[0]
-    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        kept = Path(options.folder or folder) / f"run-{options.scans}.zarr"
-        store = kept if kept.exists() else write_noise_run(kept, options.scans)
+        store = write_noise_run(home / "run.zarr", options.scans)
         lane = home / "lane.toml"
         lane.write_text(lane_text(lane_of(options.scans)))
         for number in range(options.rounds):

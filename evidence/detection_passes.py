@@ -3,7 +3,7 @@
 The run is noise on the geometry of the ``sri-array``: what the chain does per scan does not depend
 on what the scan shows, and the density rule fixes the number of alarms. Usage::
 
-    python evidence/detection_passes.py [--scans 600] [--folder DIR]
+    python evidence/detection_passes.py [--scans 600]
 
 Prints one line per pass (wall and processor seconds, the latter of all threads), the sum and the peak memory. Wall
 times mean something only on an idle machine; processor times nearly always.
@@ -54,9 +54,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scans", type=int, default=600)
-    parser.add_argument("--folder", type=Path, default=None)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         small = write_noise_run(Path(folder) / "warm.zarr", 3)
         store = written_elsewhere(Path(folder) / "run.zarr", options.scans)
         recipe = load_recipe("wang2007")

@@ -16,7 +16,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -156,14 +156,17 @@ def of_entry(ground: Ground, folder: Path, entry: str, truth: pd.DataFrame) -> d
 # Tables and figure
 
 
-def groups_of(table: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield tier, group and its mines, for all groups that a tier has."""
+def groups_of(
+    table: pd.DataFrame, names: Sequence[str]
+) -> Iterator[tuple[str, str, pd.DataFrame, list[str]]]:
+    """Yield tier, group, its mines and the columns computed for all of them, for every group of a tier."""
     for tier, of_tier in table.groupby("tier", sort=False):
         for group in GROUPS:
             kind = of_tier["kind"]
             mines = of_tier[kind != "simulant" if group == "mines" else kind == group]
             if len(mines):
-                yield tier, group, mines
+                known = [name for name in names if name in table and mines[name].notna().all()]
+                yield tier, group, mines, known
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
@@ -174,12 +177,9 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     rng = np.random.default_rng(51)
-    columns = [name for name in (*RUNGS, *ENTRIES) if name in table]
-    for tier, group, mines in groups_of(table):
+    for tier, group, mines, columns in groups_of(table, (*RUNGS, *ENTRIES)):
         samples = rng.integers(0, len(mines), (2000, len(mines)))
         for column in columns:
-            if mines[column].isna().any():
-                continue  # not computed at all sites of the tier
             far = mines[column].to_numpy()
             row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
             for level in LEVELS:
@@ -202,12 +202,11 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
     among those that the oracle finds.
     """
     rows = []
-    columns = [name for name in RUNGS if name in table and name != "oracle"]
-    for tier, group, mines in groups_of(table):
+    for tier, group, mines, columns in groups_of(
+        table, [name for name in RUNGS if name != "oracle"]
+    ):
         by_oracle = mines["oracle"] <= FAR
         for column in columns:
-            if mines[column].isna().any():
-                continue  # not computed at all sites of the tier
             by_rung = mines[column] <= FAR
             lost = int((by_oracle & ~by_rung).sum())
             gained = int((by_rung & ~by_oracle).sum())
