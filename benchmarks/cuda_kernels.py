@@ -1,7 +1,7 @@
 """What the compiler says of the CUDA kernels, and what follows for their speed; no device is needed.
 
     pip install numba-cuda nvidia-nvvm nvidia-cuda-nvrtc nvidia-cuda-runtime nvidia-cuda-nvcc
-    nvidia-cuda-nvdisasm python benchmarks/cuda_kernels.py [--folder DIR]
+    nvidia-cuda-nvdisasm python benchmarks/cuda_kernels.py
 
 Registers, spills and shared memory are those that ``ptxas`` reports, instructions those of the
 machine code's loop over the pairs (``nvdisasm``), cache lines per load those of the benchmark's
@@ -14,13 +14,10 @@ single units at the boost clock, calculated, not measured:
   at a time
   ("halves"), or all of it at once ("whole"): which of them holds where threads share what they
   load, we do not know.
-
-With ``--folder`` PTX and machine code are left there.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 import tempfile
@@ -139,7 +136,6 @@ def assemble(ptx: str, capability: tuple[int, int], stem: Path) -> Code:
     code = subprocess.run(
         [_tool("nvdisasm"), "-c", f"{stem}.cubin"], capture_output=True, text=True, check=True
     ).stdout
-    stem.with_suffix(".sass").write_text(code)
     found = [
         re.search(text, told)
         for text in (r"(\d+) registers", r"(\d+) bytes spill stores", r"(\d+) bytes smem")
@@ -196,11 +192,6 @@ def lines_per_load() -> tuple[ImagingOperator, float, float]:
 
 def main() -> None:
     """Compile, count and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--folder", type=Path, default=None)
-    options = parser.parse_args()
     operator, half, whole = lines_per_load()
     backend = operator.backend
     size = backend._spectrum.size
@@ -209,17 +200,12 @@ def main() -> None:
         f"window of {backend.width} taps, {size} slots, {stride} bins kept; {half:.2f} and {whole:.2f} lines per load"
     )
     with tempfile.TemporaryDirectory() as home:
-        folder = options.folder or Path(home)
-        folder.mkdir(parents=True, exist_ok=True)
         for card, capability, processors, clock, lanes, most in CARDS:
             name_of = "{}.{}".format(*capability)
             print(f"\n{card} (compute capability {name_of}, {processors} x {clock} GHz)")
             for name, (kernel, arguments, fast) in kernels(backend.width, stride, size).items():
-                stem = (
-                    folder
-                    / f"{name.replace(', ', '-').replace(' ', '-')}-{name_of.replace('.', '')}"
-                )
-                code = assemble(ptx_of(kernel, arguments, fast, capability), capability, stem)
+                ptx = ptx_of(kernel, arguments, fast, capability)
+                code = assemble(ptx, capability, Path(home) / "kernel")
                 held = min(65536 // (-(-code.registers // 8) * 8 * gpu.THREADS) * gpu.THREADS, most)
                 memory = f"{code.spilled} bytes spilled, {code.shared} shared"
                 print(f"  {name}: {code.registers} registers ({held} threads held), {memory}")

@@ -26,11 +26,10 @@ from pathlib import Path
 
 from flgpr.imaging import ImagingOperator
 from flgpr.method.method import detect
-from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, write_whole
 from imaging_speed.speed import bench_imaging, format_bench
-from suite.data import STEP, write_noise_run
+from suite.data import lane_of, write_noise_run
 
 TESTS = Path(__file__).parents[1] / "tests/imaging/cuda_simulated.py"
 
@@ -38,10 +37,10 @@ TESTS = Path(__file__).parents[1] / "tests/imaging/cuda_simulated.py"
 def seconds_per_kilometre(store: Path, scans: int, device: str) -> tuple[float, int]:
     """Detect with images made on a device and give the seconds per kilometre and the number of alarms."""
     text = recipe_text("wang2007").replace("[image]\n", f'[image]\ndevice = "{device}"\n')
-    length = STEP * scans - 5
+    lane = lane_of(scans)
     begun = time.perf_counter()
-    found = detect(open_run(store), parse_recipe(text), Lane(-1.5, 1.5, 0.0, length))
-    return (time.perf_counter() - begun) * 1000 / length, len(found.alarms)
+    found = detect(open_run(store), parse_recipe(text), lane)
+    return (time.perf_counter() - begun) * 1000 / lane.y_max, len(found.alarms)
 
 
 def device_name() -> str:

@@ -4,8 +4,8 @@ The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007
 ``suite/data.py``. Usage::
 
     NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3]
-    [--folder DIR] python benchmarks/workers.py --scheduler-load 2000 python benchmarks/workers.py
-    --model [--figure docs/images/workers.png]
+    python benchmarks/workers.py --scheduler-load 2000
+    python benchmarks/workers.py --model [--figure docs/images/workers.png]
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
 the rounds count. The time is that of ``flgpr detect`` from the stored run to the result folder without the page. The
@@ -39,7 +39,8 @@ from flgpr.jobs.job import LaneJob, code_versions
 from flgpr.jobs.pieces import do_block
 from flgpr.jobs.workers import Cluster
 from flgpr.recipe.schema import recipe_text
-from suite.data import STEP, write_noise_run
+from flgpr.store import lane_text
+from suite.data import lane_of, write_noise_run
 
 
 def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
@@ -176,7 +177,6 @@ def main() -> None:
     )
     parser.add_argument("--scans", type=int, default=180)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--folder", type=Path, default=None)
     parser.add_argument("--scheduler-load", type=int, default=0)
     parser.add_argument("--model", action="store_true")
     parser.add_argument("--figure", type=Path, default=None)
@@ -193,14 +193,11 @@ def main() -> None:
         )
     found: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
     load = os.getloadavg()[0]
-    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        kept = Path(options.folder or folder) / f"run-{options.scans}.zarr"
-        store = kept if kept.exists() else write_noise_run(kept, options.scans)
+        store = write_noise_run(home / "run.zarr", options.scans)
         lane = home / "lane.toml"
-        lane.write_text(
-            f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {STEP * options.scans - 5}\n"
-        )
+        lane.write_text(lane_text(lane_of(options.scans)))
         for number in range(options.rounds):
             for workers in (1, 2) if number % 2 == 0 else (2, 1):
                 one = once(store, lane, home / "result", workers)

@@ -3,7 +3,7 @@
 The run is noise on the geometry of the ``sri-array``: what the chain does per scan does not depend
 on what the scan shows, and the density rule fixes the number of alarms. Usage::
 
-    python evidence/detection_passes.py [--scans 600] [--folder DIR]
+    python evidence/detection_passes.py [--scans 600]
 
 Prints one line per pass (wall and processor seconds, the latter of all threads), the sum and the peak memory. Wall
 times mean something only on an idle machine; processor times nearly always.
@@ -12,14 +12,12 @@ times mean something only on an idle machine; processor times nearly always.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import resource
 import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numba
@@ -33,7 +31,7 @@ from flgpr.scoring import pd_mean, roc
 from flgpr.store import open_run
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from suite.data import STEP, write_noise_run
+from suite.data import lane_of, write_noise_run, written_elsewhere
 
 
 class Clock:
@@ -56,18 +54,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scans", type=int, default=600)
-    parser.add_argument("--folder", type=Path, default=None)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         small = write_noise_run(Path(folder) / "warm.zarr", 3)
-        # Written by another process, so that the peak memory is that of the chain alone.
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as other:
-            store = other.submit(write_noise_run, Path(folder) / "run.zarr", options.scans).result()
+        store = written_elsewhere(Path(folder) / "run.zarr", options.scans)
         recipe = load_recipe("wang2007")
-        length = STEP * options.scans - 5
-        lane = Lane(-1.5, 1.5, 0.0, length)
+        lane = lane_of(options.scans)
         detect(open_run(small), recipe, Lane(-1.5, 1.5, -13.0, 0.0))  # compile
-        places = np.linspace(5, length - 5, max(2, options.scans // 12))
+        places = np.linspace(5, lane.y_max - 5, max(2, options.scans // 12))
         truth = pd.DataFrame(
             {
                 "target_id": [f"T{i}" for i in range(places.size)],

@@ -18,21 +18,21 @@ splits, too):
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.special import expit
 
 sys.path.append(str(Path(__file__).parent))
+from common import Stated, far_at, markdown, matched, stated_in, with_share
 from flgpr.scoring import (
+    assign,
     chance,
-    clopper_pearson,
-    label_alarms,
     match,
     mcnemar_test,
     operating_row,
@@ -43,14 +43,12 @@ from flgpr.scoring.matching import Match
 from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground
 from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
-from proving_ground import matched
 
 FAR = 0.02  # per m²
 LEVELS = (0.5, 0.7, 0.9)  # of Pd
 SPLITS = ("standard", "new-site")  # with every site by itself
 OTHER_SPLITS = ("new-kind", "new-height", "variant")
 BINS = 10
-STRETCH = 10.0  # m of lane that are drawn together
 DRAWS = 2000
 
 
@@ -73,14 +71,7 @@ def in_lanes(of_entry: Match, lanes: list[str]) -> Match:
 def found_in(of_entry: Match, lanes: list[str]) -> Found:
     """Return what an entry finds in some of its lanes, against the false alarms of these."""
     one = in_lanes(of_entry, lanes)
-    labelled = label_alarms(one)
-    false = np.sort(labelled.loc[labelled["label"] == "false", "confidence"].to_numpy())
-    far = np.full(len(one.truth), math.inf)
-    area = far_area(one, "union")
-    for row in labelled[labelled["label"] == "detection"].itertuples():
-        before = len(false) - np.searchsorted(false, row.confidence)
-        far[row.target] = before / area
-    return Found(one.truth, far, 1 / area)
+    return Found(one.truth, assign(one)["far"].to_numpy(), 1 / far_area(one, "union"))
 
 
 def chance_at(one: Match, scored: Sequence[str] = ()) -> float:
@@ -103,19 +94,10 @@ def paired_cells(first: Found, second: Found, group: str, scored: Sequence[str] 
     chosen = kinds_of(first, group, scored)
     mine = first.far[chosen] <= FAR
     other = second.far[chosen] <= FAR
-    cells = []
-    for hits in (mine, other):
-        low, high = clopper_pearson(int(hits.sum()), hits.size)
-        cells.append(f"{hits.sum()} of {hits.size} ({low:.2f} to {high:.2f})")
+    cells = [with_share(int(hits.sum()), hits.size) for hits in (mine, other)]
     alone = int((mine & ~other).sum())
     other_alone = int((other & ~mine).sum())
     return [*cells, f"+{alone} -{other_alone}", f"{mcnemar_test(alone, other_alone):.2g}"]
-
-
-def far_at(far: np.ndarray, level: float) -> float:
-    """Return the false alarms per m² at which a share of the targets is found."""
-    ordered = np.sort(far)
-    return float(ordered[math.ceil(level * len(ordered)) - 1])
 
 
 def ratio_cell(first: Found, second: Found, group: str, level: float) -> str:
@@ -146,31 +128,6 @@ def ratio_cell(first: Found, second: Found, group: str, level: float) -> str:
 def _rate(far: float) -> str:
     """Return false alarms per m² in words."""
     return f"{far:.4f}" if math.isfinite(far) else "never"
-
-
-class Stated(NamedTuple):
-    """Alarms in the borders of some lanes, with what their confidence states."""
-
-    p: np.ndarray  # (alarm,) stated probability of a target
-    hit: np.ndarray  # (alarm,) whether there is one within the halo
-    stretch: np.ndarray  # (alarm,) number of the stretch of lane
-
-
-def stated_in(of_entry: Match, lanes: list[str]) -> Stated:
-    """Return the alarms in lanes with targets, and which are hits."""
-    p = []
-    hit = []
-    stretch = []
-    for number, name in enumerate(lanes):
-        alarms = of_entry.alarms[of_entry.alarms["lane"] == name]
-        targets = of_entry.truth[of_entry.truth["lane"] == name][["x", "y"]].to_numpy()
-        xy = alarms[["x", "y"]].to_numpy()
-        inside = of_entry.lanes[name].contains(xy[:, 0], xy[:, 1])
-        off = np.linalg.norm(xy[inside][:, None] - targets, axis=-1).min(axis=1)
-        hit.append(off <= of_entry.halo)
-        p.append(expit(alarms["confidence"].to_numpy()[inside]))
-        stretch.append(1000 * number + (xy[inside, 1] // STRETCH).astype(int))
-    return Stated(np.concatenate(p), np.concatenate(hit), np.concatenate(stretch))
 
 
 def calibration_error(p: np.ndarray, hit: np.ndarray) -> float:
@@ -259,8 +216,10 @@ class Compared:
         return [entry for entry, count in counts.items() if count == most]
 
 
-def report_pairs(compared: Compared, first: str, second: str, split: str, site: str) -> None:
-    """Print the rows of a split and a site: mines beside the others, and kinds beside the second."""
+def pair_rows(
+    compared: Compared, first: str, second: str, split: str, site: str
+) -> Iterator[list[str]]:
+    """Yield the rows of a split and a site: mines beside the others, and kinds beside the second."""
     scored = compared.scored(split)
     mine = compared.found(first, split, site)
     of_site = in_lanes(compared.match(first, split), compared.lanes(split, site))
@@ -275,41 +234,36 @@ def report_pairs(compared: Compared, first: str, second: str, split: str, site: 
         for kind in kinds:
             own, its, alone, p = paired_cells(mine, theirs, kind, scored)
             chance_cell = by_chance if kind == "mines" else ""
-            cells = [split, site, kind, own, title, its, alone, p, chance_cell]
-            print(f"| {' | '.join(cells)} |")
+            yield [split, site, kind, own, title, its, alone, p, chance_cell]
 
 
 def report(compared: Compared, first: str, second: str) -> None:
     """Print the tables of a tier."""
     tier = compared.ground.tier or compared.ground.title
-    sites = [*compared.ground.sites, "all"]
+    places = list(itertools.product(SPLITS, [*compared.ground.sites, "all"]))
+    pairs: list[list[str]] = []
+    for split, site in [*places, *((split, "all") for split in OTHER_SPLITS)]:
+        pairs += pair_rows(compared, first, second, split, site)
+    ratios = []
+    calibrations = []
+    for split, site in places:
+        mine = compared.found(first, split, site)
+        theirs = compared.found(second, split, site)
+        cells = [ratio_cell(mine, theirs, "metal", level) for level in LEVELS]
+        ratios.append([split, site, *cells])
+        lanes = compared.lanes(split, site, empty=False)
+        for entry in (first, second):
+            cells = calibration_cells(stated_in(compared.match(entry, split), lanes))
+            calibrations.append([split, site, entry, *cells])
     print(f"\n{tier}: mines found at {FAR:g} false alarms per m²\n")
-    print(
-        f"| split | site | kind | {first} | other | | alone | p (McNemar) | chance |\n|{'---|' * 9}"
-    )
-    for split in SPLITS:
-        for site in sites:
-            report_pairs(compared, first, second, split, site)
-    for split in OTHER_SPLITS:
-        report_pairs(compared, first, second, split, "all")
+    head = ("split", "site", "kind", first, "other", "", "alone", "p (McNemar)", "chance")
+    print(markdown(head, pairs))
     print(f"\n{tier}: false alarms per m² of {first} and of {second}, and their ratio\n")
-    heads = " | ".join(f"Pd {level:g} of metal" for level in LEVELS)
-    print(f"| split | site | {heads} |\n|{'---|' * (2 + len(LEVELS))}")
-    for split in SPLITS:
-        for site in sites:
-            mine = compared.found(first, split, site)
-            theirs = compared.found(second, split, site)
-            cells = [ratio_cell(mine, theirs, "metal", level) for level in LEVELS]
-            print(f"| {split} | {site} | {' | '.join(cells)} |")
+    print(markdown(["split", "site", *(f"Pd {level:g} of metal" for level in LEVELS)], ratios))
     print(f"\n{tier}: calibration\n")
-    heads = "alarms | stated, observed mean | error | of right probabilities: median, 95 %"
-    print(f"| split | site | entry | {heads} |\n|{'---|' * 7}")
-    for split in SPLITS:
-        for site in sites:
-            lanes = compared.lanes(split, site, empty=False)
-            for entry in (first, second):
-                cells = calibration_cells(stated_in(compared.match(entry, split), lanes))
-                print(f"| {split} | {site} | {entry} | {' | '.join(cells)} |")
+    of_right = "of right probabilities: median, 95 %"
+    head = ("split", "site", "entry", "alarms", "stated, observed mean", "error", of_right)
+    print(markdown(head, calibrations))
 
 
 def main(arguments: list[str] | None = None) -> None:

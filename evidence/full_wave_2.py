@@ -2,7 +2,7 @@
 
 ``python evidence/full_wave_2.py decks OUT`` writes its input files by evidence/full_wave_2.toml, a folder a lane.
 ``python evidence/full_wave_2.py solve OUT --python PYTHON`` runs gprMax (by an interpreter that has it) on every file
-without a result: those that transmit H first, lane by lane. It resumes; a run takes four minutes of two cores and more.
+without a result, lane by lane: H is transmitted. It resumes; a run takes four minutes of two cores and more.
 ``python evidence/full_wave_2.py pack OUT SAMPLES`` imports what is complete as run stores with truth and objects.
 """
 
@@ -28,7 +28,6 @@ from flgpr_exchange.commands.importing import import_gprmax_decks
 from flgpr_exchange.gprmax.decks import SCENE_FILE
 
 DECLARED = Path(__file__).with_suffix(".toml")
-TRANSMITTED = ("H", "V")  # in the order in which they are computed
 
 
 def declared() -> dict[str, Any]:
@@ -66,6 +65,11 @@ def scene_of(common: dict[str, Any], lane: dict[str, Any]) -> Scene:
     )
 
 
+def transmitting_h() -> Sensor:
+    """Return the array with what is received while H is transmitted: HH and HV."""
+    return load_sensor("full-wave").model_copy(update={"polarization": ("HH", "HV")})
+
+
 def decks_of(common: dict[str, Any], lane: dict[str, Any], sensor: Sensor) -> Decks:
     """Return the input files of a lane, with its buried stones."""
     scene = scene_of(common, lane)
@@ -99,7 +103,7 @@ def stone_lines(lane: dict[str, Any], origin: list[float]) -> str:
 def write_decks(out: Path) -> None:
     """Write the input files of all lanes, a folder each."""
     common = declared()
-    sensor = load_sensor("full-wave")
+    sensor = transmitting_h()
     for lane in common["lanes"]:
         folder = out / lane["name"]
         folder.mkdir(parents=True)
@@ -114,12 +118,10 @@ def write_decks(out: Path) -> None:
 
 
 def solve(out: Path, interpreter: str) -> None:
-    """Run gprMax on every input file that has no result, lane by lane, what transmits H first."""
-    for transmitted in TRANSMITTED:
-        for folder in sorted(path for path in out.iterdir() if path.is_dir()):
-            for deck in sorted(folder.glob(f"*-{transmitted}.in")):
-                if not deck.with_suffix(".h5").exists():
-                    _solve(deck, interpreter)
+    """Run gprMax on every input file that has no result, lane by lane."""
+    for deck in sorted(out.glob("*/*-H.in")):
+        if not deck.with_suffix(".h5").exists():
+            _solve(deck, interpreter)
 
 
 def _solve(deck: Path, interpreter: str) -> None:
@@ -139,20 +141,16 @@ def pack(out: Path, samples: Path) -> None:
     common = declared()
     for lane in common["lanes"]:
         folder = out / lane["name"]
-        manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
-        complete = [label for label in TRANSMITTED if _is_solved(folder, manifest, label)]
-        if not complete:
+        if not _is_solved(folder):
             print(f"{folder.name}: left out, results are missing")
             continue
-        if len(complete) < len(TRANSMITTED):
-            folder = _transmitting(complete, folder, manifest)
         target = samples / lane["name"]
         target.mkdir(parents=True)
         for path in import_gprmax_decks(folder, target / "run.zarr")[1:]:
             path.unlink()  # the sample has tables of its own
         _write_tables(common, lane, target)
-        (target / "README.md").write_text(readme_of(lane, complete), encoding="utf-8")
-        print(f"{folder.name}: {', '.join(complete)} transmitted")
+        (target / "README.md").write_text(readme_of(lane), encoding="utf-8")
+        print(f"{folder.name}: packed")
 
 
 def _write_tables(common: dict[str, Any], lane: dict[str, Any], folder: Path) -> None:
@@ -169,9 +167,8 @@ def _write_tables(common: dict[str, Any], lane: dict[str, Any], folder: Path) ->
     write_table(objects, folder / "objects.csv")
 
 
-def readme_of(lane: dict[str, Any], transmitted: list[str]) -> str:
+def readme_of(lane: dict[str, Any]) -> str:
     """Return the README of a packaged lane."""
-    recorded = " ".join(f"{label}H {label}V" for label in transmitted)
     conductivity = 1000 * lane["conductivity"]
     roughness = 1000 * lane["rms_height"]
     return f"""# {lane["name"].capitalize()}
@@ -179,7 +176,7 @@ def readme_of(lane: dict[str, Any], transmitted: list[str]) -> str:
 A miniature forward-looking lane computed with gprMax 4.0.1 (finite differences in the time domain, 1.5 cm cells). No
 code of flgpr made its fields; flgpr wrote the input files, by `evidence/full_wave_2.toml`, and read the results.
 
-- `run.zarr`: 2 transmitters x 16 receivers 1.5 m above the ground, {recorded}, 442.5 MHz to 1.5 GHz in 7.5 MHz steps,
+- `run.zarr`: 2 transmitters x 16 receivers 1.5 m above the ground, HH HV, 442.5 MHz to 1.5 GHz in 7.5 MHz steps,
   two scans. The direct wave, computed in air alone, is taken off; the reflection of the ground beneath is not.
 - `truth.csv`: eight mines, two of each body, one under 3 cm of cover and one under 7.5 cm.
 - `objects.csv`: four rocks half out of the ground, and four buried stones whose height is that of their top. They are
@@ -190,25 +187,11 @@ heights rounded to cells.
 """
 
 
-def _is_solved(folder: Path, manifest: dict[str, Any], transmitted: str) -> bool:
-    """Return whether every result of a transmitted polarization is there."""
-    runs = [run for run in manifest["runs"] if run["transmit"] == transmitted]
+def _is_solved(folder: Path) -> bool:
+    """Return whether every result of a lane is there."""
+    runs = json.loads((folder / "manifest.json").read_text("utf-8"))["runs"]
     names = {run["file"] for run in runs} | {run["free"] for run in runs}
     return all((folder / f"{name}.h5").exists() for name in names)
-
-
-def _transmitting(labels: list[str], folder: Path, manifest: dict[str, Any]) -> Path:
-    """Return a folder of links to a lane's files, whose manifest has some transmitted polarizations alone."""
-    part = folder.parent / "transmitted" / folder.name
-    part.mkdir(parents=True, exist_ok=True)
-    for path in folder.iterdir():
-        link = part / path.name
-        if path.name != "manifest.json" and not link.exists():
-            os.link(path, link)
-    manifest["polarization"] = [name for name in manifest["polarization"] if name[0] in labels]
-    manifest["runs"] = [run for run in manifest["runs"] if run["transmit"] in labels]
-    (part / "manifest.json").write_text(json.dumps(manifest, indent=1))
-    return part
 
 
 def main() -> None:

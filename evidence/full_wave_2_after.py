@@ -28,6 +28,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 sys.path.append(str(Path(__file__).parent))
+from common import markdown, matched
 from flgpr.method.method import detect
 from flgpr.proving_ground import load_ground, packaged_entries, run_benchmark, write_score_tables
 from flgpr.recipe.schema import parse_recipe
@@ -38,7 +39,6 @@ from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground, GroundLane
 from flgpr_ground.running import SEALED, passphrase
 from flgpr_ground.table import paired_in_words
-from proving_ground import matched
 
 GROUND = "full-wave-2"
 SPLIT = "full-wave"
@@ -112,8 +112,7 @@ def entries_of(folder: Path) -> list[str]:
 def print_tables(found: dict[str, pd.DataFrame]) -> None:
     """Print mines found of each body and in each row."""
     names = [words for words, _ in BODIES.values()]
-    print(f"| entry | mines | {' | '.join(names)} | in rows 1 to 4 | false alarms |")
-    print("|---" * (len(names) + 4) + "|")
+    rows = []
     ranked = sorted(found.items(), key=lambda item: -item[1]["found"].sum())
     for entry, table in ranked:
         row = np.rint((table["y"] - FIRST_ROW) / ROWS_APART)
@@ -122,7 +121,8 @@ def print_tables(found: dict[str, pd.DataFrame]) -> None:
         cells = [entry, str(table["found"].sum())]
         cells += [str(by_body[body]) for body in BODIES]
         cells += [", ".join(map(str, by_row)), str(len(table.attrs["false"]))]
-        print(f"| {' | '.join(cells)} |")
+        rows.append(cells)
+    print(markdown(["entry", "mines", *names, "in rows 1 to 4", "false alarms"], rows))
 
 
 def write_score_table(ground: Ground, folder: Path, path: Path) -> None:

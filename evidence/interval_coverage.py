@@ -1,6 +1,8 @@
 """Coverage of the intervals of scores: ``python evidence/interval_coverage.py [--lanes N] [--draws N]``."""
 
 import argparse
+import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,32 +11,13 @@ from scipy import stats
 from flgpr.model import Lane
 from flgpr.scoring import band, clopper_pearson, match, pd_mean_interval, poisson_interval
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from suite.data import alarms_and_truth
+
 SPACING = 10.0  # m of lane per target
 RATE = 0.3  # false alarms per m² of open ground
 GAIN = 2.0  # targets score N(GAIN, 1), false alarms N(0, 1)
 GRID = np.linspace(0.002, 0.1, 50)
-
-
-def tables(
-    targets: int, noise: int, length: float, rng: np.random.Generator
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Draw a 4 m wide lane with alarms at each target and all over it."""
-    truth = pd.DataFrame(
-        {
-            "x": 2.0,
-            "y": (np.arange(targets) + 0.5) * length / targets,
-            "kind": "metal",
-            "depth": 0.05,
-        }
-    )
-    truth["target_id"] = [f"m{number}" for number in range(targets)]
-    places = rng.uniform([0, 0], [4, length], size=(noise, 2))
-    near = (
-        np.hypot(places[:, 0] - 2, (places[:, 1] % (length / targets)) - length / targets / 2) <= 1
-    )
-    alarms = pd.DataFrame(np.concatenate([truth[["x", "y"]], places[~near]]), columns=["x", "y"])
-    confidence = np.concatenate([rng.normal(GAIN, 1, targets), rng.normal(size=int((~near).sum()))])
-    return alarms.assign(confidence=confidence), truth
 
 
 def coverage(lanes: int, draws: int) -> None:
@@ -48,7 +31,7 @@ def coverage(lanes: int, draws: int) -> None:
         lane = Lane(0.0, 4.0, 0.0, SPACING * n)
         held = np.zeros(4)
         for _ in range(lanes):
-            alarms, truth = tables(n, rng.poisson(RATE * lane.area), lane.y_max, rng)
+            alarms, truth = alarms_and_truth(n, rng.poisson(RATE * lane.area), lane.y_max, rng)
             matched = match(alarms, truth, lane)
             seed = int(rng.integers(2**31))
             made = band(matched, None, GRID, draws=draws, seed=seed)

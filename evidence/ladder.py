@@ -1,6 +1,6 @@
 """What each piece of knowledge is worth to a detector: oracles that lose one at a time, on both tiers.
 
-``python evidence/ladder.py GROUND OUT [--tier T] [--every 1] [--site S] [--figure FILE.png]`` looks at the lanes of a
+``python evidence/ladder.py GROUND OUT [--tier T] [--site S] [--figure FILE.png]`` looks at the lanes of a
 folder of ``flgpr benchmark run`` and opens its sealed truth, which is entered in the log OUT/looks.jsonl. What is in
 OUT already is not computed again. ``--summary`` only makes the tables and the figure again. No detector is chosen or
 tuned by it.
@@ -16,7 +16,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,10 @@ from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).parent))
 import ladder_rungs as rungs
+from common import far_at, markdown, matched
 from flgpr.model import ground_points
-from flgpr.scoring import clopper_pearson, label_alarms, match, mcnemar_test
-from flgpr.scoring.lane_roc import far_area
+from flgpr.scoring import assign, clopper_pearson, mcnemar_test
 from flgpr.simulate import draw_world
-from flgpr.store import read_table
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground
@@ -63,6 +62,7 @@ ENTRIES = {"fused": "fused", "wang2007": "C_HH (wang2007)"}
 PARTS = ("bodies", "position")
 LEVELS = (0.5, 0.7)  # of Pd
 FAR = 0.02  # per m²
+RECIPE = "wang2007"  # whose images are looked at
 GROUPS = ("mines", "metal", "plastic", "ap")
 
 
@@ -86,21 +86,18 @@ def look_at_site(
     site: str,
     part: str,
     truth: pd.DataFrame,
-    every: int,
-    recipe: str,
 ) -> Iterator[dict]:
     """Yield the false alarms per m² of every mine of a site, on every rung of a part."""
     bare, tested = lanes_of_site(ground, site)
     if bare is None:
         return
     start = time.process_time()
-    ground_looks = rungs.BareGround(cleaned_lane(str(folder), bare, recipe), bare)
+    ground_looks = rungs.BareGround(cleaned_lane(str(folder), bare, RECIPE), bare)
     print(f"{bare.name}: {time.process_time() - start:.0f} s", flush=True)
     for lane in tested:
         start = time.process_time()
-        setup = cleaned_lane(str(folder), lane, recipe)
+        setup = cleaned_lane(str(folder), lane, RECIPE)
         targets = truth[truth["lane"] == lane.name].reset_index(drop=True)
-        targets = targets.iloc[::every].reset_index(drop=True)
         looks, own = looks_at_mines(setup, lane, targets)
         hidden = None
         if part == "position":
@@ -150,39 +147,26 @@ def read_site(files: dict[str, Path]) -> pd.DataFrame:
 
 def of_entry(ground: Ground, folder: Path, entry: str, truth: pd.DataFrame) -> dict[str, float]:
     """Return the false alarms per m² with which an entry finds each mine of the standard split."""
-    file = entry_folder(folder, entry, ground) / "standard" / ALARMS
-    if not file.is_file():
+    if not (entry_folder(folder, entry, ground) / "standard" / ALARMS).is_file():
         return {}
-    lanes = {lane.name: lane.lane for lane in ground.tested("standard")}
-    own = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
-    matched = match(read_table(file, "alarms"), own, lanes, ground.table.halo)
-    area = far_area(matched, "union")
-    labelled = label_alarms(matched)
-    false = np.sort(labelled.loc[labelled["label"] == "false", "confidence"].to_numpy())
-    found = dict.fromkeys(own["target_id"], math.inf)
-    for row in labelled[labelled["label"] == "detection"].itertuples():
-        before = len(false) - np.searchsorted(false, row.confidence)
-        found[own["target_id"][row.target]] = before / area
-    return found
+    found = assign(matched(ground, truth, [folder], entry, "standard"))
+    return dict(zip(found["target_id"], found["far"], strict=True))
 
 
 # Tables and figure
 
 
-def far_at(far: np.ndarray, level: float) -> float:
-    """Return the false alarms per m² at which a share of the mines is found."""
-    ordered = np.sort(far)
-    return float(ordered[math.ceil(level * len(ordered)) - 1])
-
-
-def groups_of(table: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield tier, group and its mines, for all groups that a tier has."""
+def groups_of(
+    table: pd.DataFrame, names: Sequence[str]
+) -> Iterator[tuple[str, str, pd.DataFrame, list[str]]]:
+    """Yield tier, group, its mines and the columns computed for all of them, for every group of a tier."""
     for tier, of_tier in table.groupby("tier", sort=False):
         for group in GROUPS:
             kind = of_tier["kind"]
             mines = of_tier[kind != "simulant" if group == "mines" else kind == group]
             if len(mines):
-                yield tier, group, mines
+                known = [name for name in names if name in table and mines[name].notna().all()]
+                yield tier, group, mines, known
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
@@ -193,12 +177,9 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     rng = np.random.default_rng(51)
-    columns = [name for name in (*RUNGS, *ENTRIES) if name in table]
-    for tier, group, mines in groups_of(table):
+    for tier, group, mines, columns in groups_of(table, (*RUNGS, *ENTRIES)):
         samples = rng.integers(0, len(mines), (2000, len(mines)))
         for column in columns:
-            if mines[column].isna().any():
-                continue  # not computed at all sites of the tier
             far = mines[column].to_numpy()
             row = {"tier": tier, "group": group, "rung": column, "mines": len(mines)}
             for level in LEVELS:
@@ -221,12 +202,11 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
     among those that the oracle finds.
     """
     rows = []
-    columns = [name for name in RUNGS if name in table and name != "oracle"]
-    for tier, group, mines in groups_of(table):
+    for tier, group, mines, columns in groups_of(
+        table, [name for name in RUNGS if name != "oracle"]
+    ):
         by_oracle = mines["oracle"] <= FAR
         for column in columns:
-            if mines[column].isna().any():
-                continue  # not computed at all sites of the tier
             by_rung = mines[column] <= FAR
             lost = int((by_oracle & ~by_rung).sum())
             gained = int((by_rung & ~by_oracle).sum())
@@ -261,13 +241,12 @@ def _page_table(
         column = (row["tier"], row["group"])
         titles[column] = title.format(tier=row["tier"], group=row["group"], total=row[total])
         cells[row["rung"], column] = cell(row)
-    lines = [f"| {' | '.join([corner, *titles.values()])} |", f"|{'---|' * (1 + len(titles))}"]
     present = set(rows["rung"])
-    for rung in names:
+    body = []
+    for rung, words in names.items():
         if rung in present:
-            of_rung = [cells.get((rung, column), "") for column in titles]
-            lines.append(f"| {' | '.join([names[rung], *of_rung])} |")
-    return "\n".join(lines)
+            body.append([words, *(cells.get((rung, column), "") for column in titles)])
+    return markdown([corner, *titles.values()], body)
 
 
 def _found_cell(row: dict) -> str:
@@ -283,29 +262,6 @@ def _lost_cell(row: dict) -> str:
         return f"{row['lost']}{gained}"
     share = f"{row['share_low']:.2f} to {row['share_high']:.2f}"
     return f"{row['lost']} ({share}){gained}; p = {row['p']:.2g}"
-
-
-def report(rows: pd.DataFrame, least: float) -> None:
-    """Print the tables; ``least`` is one false alarm over the ground, per m²."""
-
-    def cell(value: float) -> str:
-        if not math.isfinite(value):
-            return "never"
-        return f"< {least:.2g}" if value == 0 else f"{value:.2g}"
-
-    for tier, of_tier in rows.groupby("tier", sort=False):
-        for group, of_group in of_tier.groupby("group", sort=False):
-            count = of_group["mines"].iloc[0]
-            print(f"\n{tier}, {group}: {count}\n")
-            print("| knows | at Pd 0.5 | at Pd 0.7 | found at 0.02 per m² |\n|---|---|---|---|")
-            for row in of_group.to_dict("records"):
-                cells = []
-                for level in LEVELS:
-                    low, high = cell(row[f"low_{level:g}"]), cell(row[f"high_{level:g}"])
-                    cells.append(f"{cell(row[f'far_at_{level:g}'])} ({low} to {high})")
-                name = RUNGS.get(row["rung"], ENTRIES.get(row["rung"], ""))
-                share = f"{row['pd']:.2f} ({row['pd_low']:.2f} to {row['pd_high']:.2f})"
-                print(f"| {name} | {' | '.join(cells)} | {row['found']}, {share} |")
 
 
 def draw(rows: pd.DataFrame, least: float, path: Path) -> None:
@@ -354,8 +310,6 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--tier")
     parser.add_argument("--site", action="append")
-    parser.add_argument("--every", type=int, default=1, help="look at every so-manieth target")
-    parser.add_argument("--recipe", default="wang2007", help="whose images are looked at")
     parser.add_argument("--summary", action="store_true")
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args(arguments)
@@ -377,9 +331,7 @@ def main(arguments: list[str] | None = None) -> None:
             for part, file in of_site.items():
                 if given.summary or file.is_file():
                     continue
-                rows = look_at_site(
-                    ground, given.ground, site, part, truth, given.every, given.recipe
-                )
+                rows = look_at_site(ground, given.ground, site, part, truth)
                 pd.DataFrame(list(rows)).to_csv(file, index=False, float_format="%.6g")
     tables = [read_site(of_site) for of_site in files if of_site["bodies"].is_file()]
     table = pd.concat(tables, ignore_index=True)
@@ -395,8 +347,7 @@ def main(arguments: list[str] | None = None) -> None:
     losses.to_csv(given.out / "ladder-paired.csv", index=False, float_format="%.5g")
     bare = [lane for ground in tiers for lane in ground.lanes.values() if lane.empty]
     least = 1 / min((lane.lane.area for lane in bare), default=math.inf)
-    report(rows, least)
-    print(f"\n{page_tables(rows, losses)}")
+    print(page_tables(rows, losses))
     if given.figure is not None:
         draw(rows, least, given.figure)
 

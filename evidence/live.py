@@ -21,7 +21,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,7 @@ from flgpr.method.method import detect
 from flgpr.method.model import load_model, save_model
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
-from flgpr.store import open_run, read_table
+from flgpr.store import lane_text, open_run, read_table
 
 SCENE = """
 name = "live lane"
@@ -84,26 +83,14 @@ def play(
     home.mkdir()
     incoming = home / "incoming"
     output = home / "out"
-    command = [
-        sys.executable,
-        "-m",
-        "flgpr",
-        "live",
-        str(incoming),
-        "-o",
-        str(output),
-        "--lane",
-        str(lane),
-        "--quiet",
-    ]
-    command += ["--recipe", "wang2007", "--speed", "15", "--idle", "15"] + (
-        [] if model is None else ["--model", str(model)]
-    )
-    command = ["chrt", "-r", "1", *command] if options.realtime else command
+    words = [incoming, "-o", output, "--lane", lane, "--quiet", "--recipe", "wang2007"]
+    words += ["--speed", 15, "--idle", 15, *([] if model is None else ["--model", model])]
+    priority = ["chrt", "-r", "1"] if options.realtime else []
+    command = [*priority, sys.executable, "-m", "flgpr", "live", *map(str, words)]
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     before = _processor_time()
     with subprocess.Popen(command, env=environment) as process:
-        feed(run, incoming, options.rate, lead=8.0, count=options.scans)
+        feed(run, incoming, options.rate, lead=8.0)
         process.wait(600)
     report = json.loads((output / "live.json").read_text())
     report["processor_s"] = _processor_time() - before
@@ -142,13 +129,9 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=4.2)
     parser.add_argument("--length", type=float, default=240.0)
     parser.add_argument("--run", type=Path, default=None)
-    parser.add_argument("--scans", type=int, default=None, help="play only so many")
     parser.add_argument("--agreement", action="store_true")
     parser.add_argument(
         "--realtime", action="store_true", help="real-time priority (chrt) for live"
-    )
-    parser.add_argument(
-        "--case", choices=["contrast", "model"], default=None, help="one of the two only"
     )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -160,13 +143,10 @@ def main() -> None:
             simulate_lane(home / "scene.toml", sensor="sri-array", seed=11, output=run)
         pose = open_run(run)["pose"].values
         lane = Lane(-1.5, 1.5, float(pose[:, 1].min()) + 7.0, float(pose[:, 1].max()) + 7.0)
-        (home / "lane.toml").write_text(
-            "".join(f"{name} = {value}\n" for name, value in asdict(lane).items())
-        )
+        (home / "lane.toml").write_text(lane_text(lane))
         model = make_model(home / "model")
         dataset = open_run(run)
-        cases = {"contrast": ("local contrast, F1", None), "model": ("model, F0 to F4", model)}
-        for name, chosen in [cases[options.case]] if options.case else cases.values():
+        for name, chosen in (("local contrast, F1", None), ("model, F0 to F4", model)):
             start = time.perf_counter()
             told = play(
                 run, home / "lane.toml", home / ("play-" + name.split()[0]), options, chosen

@@ -20,7 +20,6 @@ import resource
 import sys
 import tempfile
 import time
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +32,10 @@ from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
+from flgpr.store import lane_text
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from suite.data import write_noise_run
+from suite.data import written_elsewhere
 
 SIZES = {"polarization": 3, "pair": 36, "frequency": 1024}
 
@@ -51,13 +51,9 @@ def main() -> None:
     lane = Lane(-1.5, 1.5, 0.0, arguments.length)
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
-        writer = get_context("spawn").Process(
-            target=write_noise_run, args=(home / "run.zarr", arguments.scans)
-        )
-        writer.start()  # a process of its own, so that its memory is not counted
-        writer.join()
+        written_elsewhere(home / "run.zarr", arguments.scans)
         area = home / "lane.toml"
-        area.write_text(f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {arguments.length}\n")
+        area.write_text(lane_text(lane))
         options = {"lane": area, "report": arguments.compare is None}
         begun = time.process_time()
         flgpr.detect(

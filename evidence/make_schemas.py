@@ -15,6 +15,7 @@ import operator
 import re
 import sys
 import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,10 @@ def schema_of(name: str) -> dict[str, Any]:
         if model is Sensor:
             allow_lines(schema)
     schema.pop("title", None)
-    return {"$schema": DRAFT, "title": title, **plain_text(schema)}
+    for part in parts_of(schema):
+        if isinstance(part.get("description"), str):
+            part["description"] = without_marks(part["description"])
+    return {"$schema": DRAFT, "title": title, **schema}
 
 
 def describe_members(schema: JsonSchemaValue, of_type: type) -> JsonSchemaValue:
@@ -221,7 +225,10 @@ def with_stages(schema: dict[str, Any]) -> dict[str, Any]:
         choices.append(foreign_stage(known))
         definitions[f"{kind}-stage"] = {"anyOf": choices}
     for entry, kind in STAGE_ENTRIES.items():
-        replace_reference(schema["properties"][entry], f"#/$defs/{kind}-stage")
+        # Every reference to a stage is one to the stages of the entry's kind.
+        for part in parts_of(schema["properties"][entry]):
+            if part.get("$ref") == "#/$defs/Named":
+                part["$ref"] = f"#/$defs/{kind}-stage"
     return schema
 
 
@@ -241,28 +248,14 @@ def foreign_stage(packaged: list[str]) -> dict[str, Any]:
     return {"type": "object", "properties": {"stage": name}, "required": ["stage"]}
 
 
-def replace_reference(schema: Any, reference: str) -> None:
-    """Let every reference to a stage in a schema be one to the stages of a kind."""
+def parts_of(schema: Any) -> Iterator[dict[str, Any]]:
+    """Yield every table in a schema, itself first."""
     if isinstance(schema, dict):
-        if schema.get("$ref") == "#/$defs/Named":
-            schema["$ref"] = reference
-        for value in schema.values():
-            replace_reference(value, reference)
-    elif isinstance(schema, list):
-        for value in schema:
-            replace_reference(value, reference)
-
-
-def plain_text(schema: Any) -> Any:
-    """Return a schema whose descriptions are one line each, without marks of reStructuredText."""
-    if isinstance(schema, dict):
-        plain = {key: plain_text(value) for key, value in schema.items()}
-        if isinstance(plain.get("description"), str):
-            plain["description"] = without_marks(plain["description"])
-        return plain
-    if isinstance(schema, list):
-        return [plain_text(value) for value in schema]
-    return schema
+        yield schema
+    below = schema.values() if isinstance(schema, dict) else schema
+    if isinstance(schema, dict | list):
+        for value in below:
+            yield from parts_of(value)
 
 
 def without_marks(text: str) -> str:

@@ -19,7 +19,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -47,110 +46,88 @@ ABSORBER = 10  # cells
 CENTRE = 0.87e9  # Hz, of the pulse
 
 
-class Mesh(NamedTuple):
-    """Cells (m), their room beside the antennas, behind, above, ahead of and under the body, and the window (s)."""
-
-    cell: float = 0.01
-    layer: float = 0.0075
-    side: int = 11
-    back: int = 14
-    top: int = 14
-    front: int = 13
-    under: int = 8
-    window: float = 25e-9
-
-    @property
-    def edges(self):
-        """Edges of a cell (3,), m."""
-        return np.array([self.cell, self.cell, self.layer])
-
-    def bounds(self):
-        """Corners of the model in the frame of the array, m."""
-        deep = max(COVERS) + max(height for height, _ in BODIES.values())
-        absorber = ABSORBER * self.edges
-        low = [
-            RX_X[0] - self.side * self.cell,
-            -self.back * self.cell,
-            -deep - self.under * self.layer,
-        ] - absorber
-        ahead = AHEAD + RADIUS + self.front * self.cell
-        high = [
-            RX_X[-1] + self.side * self.cell,
-            ahead,
-            TX_HEIGHT + self.top * self.layer,
-        ] + absorber
-        return low, high
-
-    def node(self, *point):
-        """Count the nodes (3,) from the model's corner to a point in the frame of the array."""
-        return np.rint(np.array(point) / self.edges).astype(int) + np.rint(
-            -self.bounds()[0] / self.edges
-        ).astype(int)
-
-    def text(self, node):
-        """Write where a node lies in the model, m."""
-        return " ".join(f"{value:.9g}" for value in node * self.edges)
+EDGES = np.array([0.01, 0.01, 0.0075])  # m, of a cell
+WINDOW = 25e-9  # s
+# cells
+BESIDE, BEHIND, ABOVE, BEYOND, UNDER = 11, 14, 14, 13, 8
 
 
-MESH = Mesh()
+def bounds():
+    """Return the corners of the model in the frame of the array, m."""
+    deep = max(COVERS) + max(height for height, _ in BODIES.values())
+    absorber = ABSORBER * EDGES
+    room = EDGES * [BESIDE, BEHIND, UNDER]
+    low = np.array([RX_X[0], 0.0, -deep]) - room - absorber
+    room = EDGES * [BESIDE, BEYOND, ABOVE]
+    high = np.array([RX_X[-1], AHEAD + RADIUS, TX_HEIGHT]) + room + absorber
+    return low, high
 
 
-def deck(soil, body=None, cover=0.0, mesh=MESH, drive="HV") -> str:
-    """Write the input file of one model; body None is the soil alone, "soil" a body of the soil itself."""
-    low, high = mesh.bounds()
-    shape = np.rint((high - low) / mesh.edges).astype(int)
-    ground = np.array([shape[0], shape[1], mesh.node(0, 0, 0)[2]])
+def node(*point):
+    """Count the nodes (3,) from the model's corner to a point in the frame of the array."""
+    return np.rint(np.array(point) / EDGES).astype(int) + np.rint(-bounds()[0] / EDGES).astype(int)
+
+
+def place(node):
+    """Write where a node lies in the model, m."""
+    return " ".join(f"{value:.9g}" for value in node * EDGES)
+
+
+def deck(soil, body=None, cover=0.0) -> str:
+    """Write the input file of one model; body None is the soil alone."""
+    low, high = bounds()
+    shape = np.rint((high - low) / EDGES).astype(int)
+    ground = np.array([shape[0], shape[1], node(0, 0, 0)[2]])
     lines = [
         f"#title: {body} {cover}",
-        f"#domain: {mesh.text(shape)}",
-        f"#dx_dy_dz: {mesh.text(np.ones(3))}",
-        f"#time_window: {mesh.window:.9g}",
+        f"#domain: {place(shape)}",
+        f"#dx_dy_dz: {place(np.ones(3))}",
+        f"#time_window: {WINDOW:.9g}",
         f"#pml_cells: {ABSORBER}",
         f"#material: {soil[0]:g} {soil[1]:g} 1 0 soil",
         f"#material: {PLASTIC:g} 0 1 0 plastic",
-        f"#box: 0 0 0 {mesh.text(ground)} soil",
-        *_body(mesh, body, cover),
+        f"#box: 0 0 0 {place(ground)} soil",
+        *_body(body, cover),
         f"#waveform: gaussiandotnorm 0.5 {CENTRE:.9g} pulse",
     ]
     # Ex lies half a cell further in x than its node and Ez in z: two cells stand for the point
     # between them.
-    tx = mesh.node(0, 0, TX_HEIGHT)
-    for label, axis in (("H", 0), ("V", 2)):
-        if label in drive:
-            lines += [
-                f"#hertzian_dipole: {'xyz'[axis]} {mesh.text(place)} pulse"
-                for place in (tx - np.eye(3)[axis], tx)
-            ]
+    tx = node(0, 0, TX_HEIGHT)
+    for axis in (0, 2):
+        lines += [
+            f"#hertzian_dipole: {'xyz'[axis]} {place(at)} pulse"
+            for at in (tx - np.eye(3)[axis], tx)
+        ]
     for number, x in enumerate(RX_X):
-        rx = mesh.node(x, 0, RX_HEIGHT)
+        rx = node(x, 0, RX_HEIGHT)
         for axis in (0, 2):
             name = f"r{number}{'xyz'[axis]}"
             lines += [
-                f"#rx: {mesh.text(rx - np.eye(3)[axis])} {name}0 E{'xyz'[axis]}",
-                f"#rx: {mesh.text(rx)} {name}1 E{'xyz'[axis]}",
+                f"#rx: {place(rx - np.eye(3)[axis])} {name}0 E{'xyz'[axis]}",
+                f"#rx: {place(rx)} {name}1 E{'xyz'[axis]}",
             ]
     return "\n".join(lines) + "\n"
 
 
-def _body(mesh, body, cover):
+def _body(body, cover):
     """Write the boxes of a body: its cells are those whose centres lie within the radius."""
     if body is None:
         return []
-    height, gap = BODIES.get(body, BODIES["solid"])
-    count = int(np.ceil(RADIUS / mesh.cell))
-    centres = (np.arange(-count, count) + 0.5) * mesh.cell
+    height, gap = BODIES[body]
+    count = int(np.ceil(RADIUS / EDGES[0]))
+    centres = (np.arange(-count, count) + 0.5) * EDGES[0]
     inside = rectangles(np.hypot(centres[:, None], centres) <= RADIUS)
-    middle = mesh.node(0, AHEAD, 0)
-    parts = [({"metal": "pec", "soil": "soil"}.get(body, "plastic"), gap, height)]
+    middle = node(0, AHEAD, 0)
+    parts = [("pec" if body == "metal" else "plastic", gap, height)]
     if gap > 0:
         parts.append(("free_space", 0.0, gap))
     lines = []
     for material, upper, lower in parts:
-        bottom, top = (middle[2] - round((cover + drop) / mesh.layer) for drop in (lower, upper))
+        bottom, top = (middle[2] - round((cover + drop) / EDGES[2]) for drop in (lower, upper))
         for i0, i1, j0, j1 in inside:
             first = np.array([middle[0] + i0 - count, middle[1] + j0 - count, bottom])
             last = np.array([middle[0] + i1 - count, middle[1] + j1 - count, top])
-            lines.append(f"#box: {mesh.text(first)} {mesh.text(last)} {material}")
+            lines.append(f"#box: {place(first)} {place(last)} {material}")
     return lines
 
 
@@ -181,23 +158,19 @@ def received(path):
     return 1j * np.stack([even["x"] / along, odd["z"] / along, odd["x"] / up, even["z"] / up])
 
 
-def time_step(edges):
-    return 1 / (SPEED_OF_LIGHT * np.sqrt((edges**-2.0).sum()))
-
-
-def numerical_wavenumber(frequency, ray, edges):
+def numerical_wavenumber(frequency, ray):
     """Wavenumber (frequency,) of a plane wave in the grid's air along a unit vector (Taflove & Hagness 2005, Ch. 4)."""
-    step = time_step(edges)
+    step = 1 / (SPEED_OF_LIGHT * np.sqrt((EDGES**-2.0).sum()))
     wanted = (np.sin(np.pi * frequency * step) / (SPEED_OF_LIGHT * step)) ** 2
     k = 2 * np.pi * frequency / SPEED_OF_LIGHT
     for _ in range(20):  # Newton
-        half = k[:, None] * ray * edges / 2
-        value = ((np.sin(half) / edges) ** 2).sum(axis=1) - wanted
-        k = k - value / (np.sin(2 * half) * ray / (2 * edges)).sum(axis=1)
+        half = k[:, None] * ray * EDGES / 2
+        value = ((np.sin(half) / EDGES) ** 2).sum(axis=1) - wanted
+        k = k - value / (np.sin(2 * half) * ray / (2 * EDGES)).sum(axis=1)
     return k
 
 
-def excess_phase(mesh):
+def excess_phase():
     """Phase (receiver, frequency) by which the grid delays the way through the air and back, rad."""
     body = np.array([0.0, AHEAD, 0.0])
     phase = np.zeros((RX_X.size, FREQUENCY.size))
@@ -205,9 +178,7 @@ def excess_phase(mesh):
     for n, x in enumerate(RX_X):
         for antenna in (np.array([0, 0, TX_HEIGHT]), np.array([x, 0, RX_HEIGHT])):
             way = np.linalg.norm(body - antenna)
-            phase[n] += way * (
-                numerical_wavenumber(FREQUENCY, (body - antenna) / way, mesh.edges) - k
-            )
+            phase[n] += way * (numerical_wavenumber(FREQUENCY, (body - antenna) / way) - k)
     return phase
 
 
@@ -232,10 +203,10 @@ def run(name, folder, python):
         )
 
 
-def archive(name, soil, body, cover, folder, mesh=MESH):
+def archive(name, soil, body, cover, folder):
     """Write the echo of a body."""
     echo = received(folder / f"{name}.h5") - received(folder / f"eps{soil[0]:g}-empty.h5")
-    phase = excess_phase(mesh)
+    phase = excess_phase()
     height, gap = BODIES[body]
     output = read_gprmax(folder / f"{name}.h5")
     about = {
@@ -253,7 +224,7 @@ def archive(name, soil, body, cover, folder, mesh=MESH):
             "air_under_top_m": gap,
             "permittivity": None if body == "metal" else PLASTIC,
         },
-        "cells_m": mesh.edges.tolist(),
+        "cells_m": EDGES.tolist(),
         "time_step_s": output.time_step,
         "steps": output.steps,
         "pulse": {"type": "gaussiandotnorm", "frequency_hz": CENTRE},

@@ -7,35 +7,24 @@ opens the sealed truth of the first folder, which is logged. Prints Markdown tab
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.special import expit
 
-from flgpr.scoring import match, roc_of
+sys.path.append(str(Path(__file__).parent))
+from common import matched, stated_in
+from flgpr.scoring import roc_of
 from flgpr.scoring.matching import Match
-from flgpr.store import read_table
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
-from flgpr_ground.ground import Ground
 from flgpr_ground.oracle import oracle_file
-from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
+from flgpr_ground.running import SEALED, passphrase, read_ground
 
 LEVELS = {"metal": (0.5, 0.6, 0.7, 0.8, 0.9), "plastic": (0.2, 0.3, 0.4, 0.5)}
 BINS = np.linspace(0, 1, 11)
-
-
-def matched(
-    ground: Ground, truth: pd.DataFrame, folders: list[Path], entry: str, split: str
-) -> Match:
-    """Match an entry's alarms in a split."""
-    files = [entry_folder(folder, entry, ground) / split / ALARMS for folder in folders]
-    file = next(one for one in files if one.parent.is_dir())
-    lanes = {lane.name: lane.lane for lane in ground.tested(split)}
-    own = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
-    return match(read_table(file, "alarms"), own, lanes, ground.table.halo)
 
 
 def at_pd(far: np.ndarray, pd_: np.ndarray, level: float) -> float:
@@ -52,16 +41,7 @@ def oracle_curve(found: pd.DataFrame, kind: str, column: str) -> tuple[np.ndarra
 
 def reliability(one: Match, lanes: list[str]) -> tuple[pd.DataFrame, float]:
     """Share of hits among the alarms in some lanes by their stated probability, and the expected calibration error."""
-    p = []
-    hit = []
-    for name in lanes:
-        alarms, targets = (table[table["lane"] == name] for table in (one.alarms, one.truth))
-        alarms = alarms[one.lanes[name].contains(alarms["x"].to_numpy(), alarms["y"].to_numpy())]
-        off = alarms[["x", "y"]].to_numpy()[:, None] - targets[["x", "y"]].to_numpy()
-        hit.append(np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= one.halo)
-        p.append(expit(alarms["confidence"].to_numpy()))
-    p = np.concatenate(p)
-    hit = np.concatenate(hit)
+    p, hit, _ = stated_in(one, lanes)
     number = np.clip(np.digitize(p, BINS) - 1, 0, len(BINS) - 2)
     table = pd.DataFrame({"bin": number, "p": p, "hit": hit}).groupby("bin").agg(
         alarms=("p", "size"), stated=("p", "mean"), true=("hit", "mean"), hits=("hit", "sum")

@@ -21,6 +21,7 @@ from flgpr.store.tables import read_columns
 from flgpr_ground.figures import tiers_figure
 from flgpr_ground.ground import Ground
 from flgpr_ground.running import read_ground
+from flgpr_ground.table import paired_in_words
 
 STANDARD = "standard"
 REFERENCE = "wang2007"
@@ -97,20 +98,12 @@ def standard_table(
         }
         for far, found in other.items():
             cells[f"at {far:g}"] = f"{found[entry]:.0f}" if entry in found.index else ABSENT
-        cells[f"against {REFERENCE}"] = against_reference(entry, row)
+        against = paired_in_words(row) or ABSENT
+        cells[f"against {REFERENCE}"] = "reference" if entry == REFERENCE else against
         seconds = cost.get(entry, float("nan"))
         cells["processor s per km"] = ABSENT if pd.isna(seconds) else f"{seconds:.0f}"
         rows.append(cells)
     return pd.DataFrame(rows)
-
-
-def against_reference(entry: str, row: pd.Series) -> str:
-    """Return how many mines the entry alone and the reference alone find, with McNemar's p."""
-    if entry == REFERENCE:
-        return "reference"
-    if pd.isna(row.p):
-        return ABSENT
-    return f"+{row.only:.0f} -{row.reference_only:.0f}, p = {row.p:.2g}"
 
 
 def splits_table(scores: pd.DataFrame, entries: list[str], ground: Ground) -> pd.DataFrame:

@@ -52,8 +52,8 @@ COLOURS, LINES = (
 KEY = ["site", "body", "depth_cm", "rms_mm"]
 
 
-def site_table(site: str, bodies: list[str], measured: bool) -> pd.DataFrame:
-    """Table of a site, a row for every body, depth and roughness; without measuring its columns are empty."""
+def site_table(site: str, bodies: list[str]) -> pd.DataFrame:
+    """Table of a site, a row for every body, depth and roughness."""
     sensor = load_sensor("sri-array")
     viewing = Viewing(subbands={name: BANDS[name] for name in ("F1", "F4")})
     parts = []
@@ -61,11 +61,9 @@ def site_table(site: str, bodies: list[str], measured: bool) -> pd.DataFrame:
         ground = ground_model(site, rms_height=rms_height)
         cases = expected_signal_to_clutter(sensor, ground, bodies, viewing=viewing)
         cases = cases.rename(columns={"signal_to_clutter_db": "formula_db"})
-        cases["measured_db"] = cases["margin_db"] = np.nan
-        if measured:
-            found = measure_signal_to_clutter(sensor, ground, bodies, viewing=viewing, seeds=SEEDS)
-            cases["measured_db"] = found["signal_to_clutter_db"]
-            cases["margin_db"] = found["high_db"] - found["signal_to_clutter_db"]
+        found = measure_signal_to_clutter(sensor, ground, bodies, viewing=viewing, seeds=SEEDS)
+        cases["measured_db"] = found["signal_to_clutter_db"]
+        cases["margin_db"] = found["high_db"] - found["signal_to_clutter_db"]
         parts.append(one_row_per_case(site, cases))
     return pd.concat(parts)
 
@@ -87,16 +85,14 @@ def one_row_per_case(site: str, cases: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(list(rows.values()))
 
 
-def write_table(bodies: list[str], measured: bool) -> pd.DataFrame:
+def write_table(bodies: list[str]) -> pd.DataFrame:
     """Add what the table has not yet, site by site, and write it after each."""
     table = read_columns(TABLE) if TABLE.is_file() else pd.DataFrame(columns=KEY)
     for site in sites():
         there = table[table["site"] == site]
-        if measured and len(there):
-            there = there[there["f1_hh_measured_db"].notna()]
         missing = [body for body in bodies if body not in set(there["body"])]
         if missing:
-            new = site_table(site, missing, measured)
+            new = site_table(site, missing)
             others = table[(table["site"] != site) | ~table["body"].isin(missing)]
             table = pd.concat([others, new]) if len(others) else new
             table = table.sort_values(KEY, kind="stable").reset_index(drop=True)
@@ -230,15 +226,10 @@ def main() -> None:
         action="store_true",
         help="print the table of independent estimates instead",
     )
-    parser.add_argument(
-        "--formula", action="store_true", help="do not measure: fill in the formula's figures alone"
-    )
-    parser.add_argument("--bodies", nargs="*", help="packaged bodies to add; all by default")
-    arguments = parser.parse_args()
-    if arguments.independent:
+    if parser.parse_args().independent:
         print_independent()
         return
-    table = write_table(arguments.bodies or packaged_bodies(), not arguments.formula)
+    table = write_table(packaged_bodies())
     draw_roughness(table).savefig(IMAGES / "signal-to-clutter-roughness.png", dpi=90)
     draw_sites(table).savefig(IMAGES / "signal-to-clutter-sites.png", dpi=90)
     for subband, polarization in CHANNELS:

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+sys.path.append(str(Path(__file__).parent))
+from common import markdown
 from flgpr.simulate import Scene
 from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
 from flgpr.simulate.ground.soil import mironov, one_way_loss
@@ -35,12 +37,6 @@ BANDS = (1.05e9, 2.55e9)  # Hz, the middles of F1 and F4
 def number(value: float) -> str:
     """Write a value with at most three digits that count and no idle zeros."""
     return f"{value:.3g}" if value else "0"
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """Write a table in Markdown."""
-    lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
-    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
 
 
 def permittivity(scene: Scene, frequency: float) -> complex:
@@ -76,7 +72,7 @@ def surfaces() -> str:
         "ε'",
         "tan δ",
     ]
-    return table([*head, "loss one way, dB/m"], rows)
+    return markdown([*head, "loss one way, dB/m"], rows)
 
 
 def contents() -> str:
@@ -115,7 +111,7 @@ def contents() -> str:
         "grass, cm",
         "bushes, posts per m",
     ]
-    return table(head, rows)
+    return markdown(head, rows)
 
 
 def backscatter() -> str:
@@ -128,7 +124,7 @@ def backscatter() -> str:
             for level in sigma(scene, frequency, LEVEL):
                 cells.append(f"{level:.1f}")
         rows.append([*cells, number(scene.surface.cross_db)])
-    return table(["site", "F1 HH", "F1 VV", "F4 HH", "F4 VV", "HV re HH"], rows)
+    return markdown(["site", "F1 HH", "F1 VV", "F4 HH", "F4 VV", "HV re HH"], rows)
 
 
 def sigma(
@@ -179,7 +175,7 @@ def ranges() -> str:
                 value = "-"
             cells.append(value)
         rows.append(cells)
-    return table(["entry", *told], rows)
+    return markdown(["entry", *told], rows)
 
 
 def hallikainen(sand: float, clay: float, moisture: float) -> tuple[float, float]:
@@ -219,7 +215,9 @@ def losses() -> str:
             ]
         )
     head = ["soil", "clay, moisture", "ε' of the model", "tan δ of the model, 1 GHz"]
-    return table([*head, "Hallikainen et al. 1985, 1.4 GHz", "von Hippel 1954, 0.3 to 3 GHz"], rows)
+    return markdown(
+        [*head, "Hallikainen et al. 1985, 1.4 GHz", "von Hippel 1954, 0.3 to 3 GHz"], rows
+    )
 
 
 TABLES = (surfaces, contents, backscatter, ranges, losses)

@@ -218,16 +218,8 @@ def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, An
     output = home / "out"
     incoming.mkdir()
     write_description(world.description(), incoming)
-    command = [
-        sys.executable,
-        "-m",
-        "flgpr",
-        "live",
-        str(incoming),
-        "--recipe",
-        str(home / "soak.toml"),
-    ]
-    command += ["-o", str(output), "--quiet"]
+    words = [incoming, "--recipe", home / "soak.toml", "-o", output, "--quiet"]
+    command = [sys.executable, "-m", "flgpr", "live", *map(str, words)]
     scans = round(options.hours * 3600 * RATE)
     rate = RATE * options.speed
     rng = np.random.default_rng(options.seed + 2)

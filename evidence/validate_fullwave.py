@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flgpr.imaging import ScanImager
-from flgpr.model import Grid, Sensor, lane_to_scan
+from flgpr.model import Grid, lane_to_scan, load_sensor
 from flgpr.simulate import Scene, Simulator
 from flgpr.store import open_run, read_table, sample_lane
 
@@ -65,21 +65,6 @@ def lane_scene(run, truth, objects) -> Scene:
     )
 
 
-def lane_sensor(run) -> Sensor:
-    frequency = run["frequency"].values
-    return Sensor(
-        name="lane a",
-        source="full-wave lane",
-        tones={"start": frequency[0], "step": frequency[1] - frequency[0], "count": frequency.size},
-        polarization=tuple(run["polarization"].values),
-        tx=[tuple(p) for p in np.unique(run["tx_position"].values, axis=0)],
-        rx=[tuple(p) for p in np.unique(run["rx_position"].values, axis=0)],
-        height=float(run["pose"].values[0, 2]),
-        antenna={"kind": "dipole"},
-        footprint=(-2.0, 2.0, 0.8, 6.5),
-    )
-
-
 def levels(run, places) -> tuple[np.ndarray, np.ndarray, list]:
     """Peak near each place per scan and polarization, dB, and where it lies; (place, polarization), images."""
     imager = ScanImager(run, GRID, BAND, window="hann", tolerance=1e-3)
@@ -105,7 +90,7 @@ def main() -> None:
     truth = read_table(folder / "truth.csv", "truth")
     objects = read_table(folder / "objects.csv", "objects")
     scene = lane_scene(run, truth, objects)
-    sensor = lane_sensor(run)
+    sensor = load_sensor("full-wave")
     truth = truth[truth["kind"] == "metal"]
     names = [f"{kind} mine {i + 1}" for i, kind in enumerate(truth["kind"])] + list(objects["kind"])
     places = np.concatenate([truth[["x", "y"]].to_numpy(), objects[["x", "y"]].to_numpy()])
@@ -141,22 +126,9 @@ def report(names, pols, want, got, want_at, got_at) -> None:
             (name, "VV level (dB)", want[i, vv], got[:, i, vv]),
             (name, "HH/VV (dB)", want[i, hh] - want[i, vv], got[:, i, hh] - got[:, i, vv]),
         ]
-    rows.append(
-        (
-            "metal 2 over metal 1",
-            "HH (dB)",
-            want[1, hh] - want[0, hh],
-            got[:, 1, hh] - got[:, 0, hh],
-        )
-    )
-    rows.append(
-        (
-            "metal 2 over metal 1",
-            "VV (dB)",
-            want[1, vv] - want[0, vv],
-            got[:, 1, vv] - got[:, 0, vv],
-        )
-    )
+    for label, p in (("HH (dB)", hh), ("VV (dB)", vv)):
+        over = want[1, p] - want[0, p], got[:, 1, p] - got[:, 0, p]
+        rows.append(("metal 2 over metal 1", label, *over))
     for name, quantity, value, values in rows:
         low, middle, high = np.percentile(values, [2.5, 50, 97.5])
         verdict = (

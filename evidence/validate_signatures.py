@@ -1,12 +1,11 @@
 """Compare the simulator's buried bodies with the full-wave archives of tests/data/signatures, body by body.
 
-Prints the tables and writes docs/images/signatures.png. Nothing is fitted, not even a common scale. ``--no-figure``
-prints only. The archives are made by make_signatures.py.
+Prints the tables and writes docs/images/signatures.png. Nothing is fitted, not even a common scale.
+The archives are made by make_signatures.py.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -101,17 +100,13 @@ def draw(cases, found, path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--no-figure", action="store_true", help="print only")
-    told = parser.parse_args()
     cases = [load(name) for name in names()]
     cases.sort(
         key=lambda case: (case.soil["permittivity"], ORDER[case.body["name"]], case.body["cover_m"])
     )
     found = [compare(case, simulated(case)) for case in cases]
     report(cases, found)
-    if not told.no_figure:
-        draw(cases, found, ROOT / "docs" / "images" / "signatures.png")
+    draw(cases, found, ROOT / "docs" / "images" / "signatures.png")
 
 
 if __name__ == "__main__":

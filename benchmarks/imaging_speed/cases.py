@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
+from suite.data import complex_noise
 
 ComplexArray = NDArray[np.complex64]
 SUBBANDS = ((0.8e9, 2.8e9), (0.75e9, 1.35e9), (1.25e9, 1.85e9), (1.75e9, 2.35e9), (2.25e9, 2.85e9))
@@ -102,13 +103,6 @@ def sri_scan() -> ImagedScan:
         np.ascontiguousarray(data, np.complex64),
         image.astype(np.complex64),
     )
-
-
-def complex_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
-    """Return complex normal noise of unit variance in each part."""
-    real = rng.normal(size=shape)
-    imaginary = rng.normal(size=shape)
-    return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
 def direct_sums(scan: ImagedScan) -> DirectSums:

@@ -44,15 +44,6 @@ class _Times(NamedTuple):
     bandwidth: float  #: measured peak, bytes per second
 
 
-class _Operators(NamedTuple):
-    """The operators that are timed."""
-
-    images: ImagingOperator
-    fine: ImagingOperator
-    buried: ImagingOperator
-    channel: ImagingOperator
-
-
 def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> pd.DataFrame:
     """Time the imaging operator, and if asked installed other codes, in interleaved rounds.
 
@@ -151,71 +142,50 @@ def own_cases(scan: ImagedScan, exact: DirectSums, device: str) -> list[Case]:
             **options,
         )
 
-    operators = _Operators(
-        images=operator(5e-4, subbands=SUBBANDS),
-        fine=operator(1e-5, subbands=SUBBANDS),
-        buried=operator(5e-4, scan.buried_pixels(), subbands=SUBBANDS, half_space=PERMITTIVITY),
-        channel=operator(1e-3),
-    )
+    images = operator(5e-4, subbands=SUBBANDS)
+    buried = operator(5e-4, scan.buried_pixels(), subbands=SUBBANDS, half_space=PERMITTIVITY)
+    channel = operator(1e-3)
     code = f"flgpr {device}"
-    cases = _image_cases(scan, exact, operators, code)
-    cases += _channel_cases(scan, exact, operators.channel, code)
-    if device == "cuda":
-        cases += _batch_cases(scan, exact, operators, code)
-    return cases
-
-
-def _image_cases(
-    scan: ImagedScan, exact: DirectSums, operators: _Operators, code: str
-) -> list[Case]:
-    """Return the cases of 15 images, three polarizations in five sub-bands."""
-    buffer = operators.images.image_buffer(3)
-
-    works = (
-        ("15 images", operators.images, exact.images),
-        ("15 images, 1e-5", operators.fine, exact.images),
-        ("15 images, ground", operators.buried, exact.buried),
-    )
+    buffer = images.image_buffer(3)
     cases = []
-    for work, operator, sums in works:
-        run = partial(operator.adjoint, scan.data, buffer)
-        cases.append(Case(work, code, run, sums, 15, operator.width))
+    for work, one, sums in (
+        ("15 images", images, exact.images),
+        ("15 images, 1e-5", operator(1e-5, subbands=SUBBANDS), exact.images),
+        ("15 images, ground", buried, exact.buried),
+    ):
+        run = partial(one.adjoint, scan.data, buffer)
+        cases.append(Case(work, code, run, sums, 15, one.width))
+    width = channel.width
+    for work, run, sums in (
+        ("one channel", partial(channel.adjoint, scan.data[:1]), exact.channel),
+        ("forward", partial(channel.forward, scan.image[:1]), exact.forward[:1]),
+    ):
+        cases.append(Case(work, code, run, sums, 1, width))
+    run = partial(channel.forward, scan.image)
+    cases.append(Case("forward, 3 channels", code, run, exact.forward, 3, width))
+    if device == "cuda":
+        cases += _batch_cases(scan, exact, images, channel, code)
     return cases
-
-
-def _channel_cases(
-    scan: ImagedScan, exact: DirectSums, operator: ImagingOperator, code: str
-) -> list[Case]:
-    """Return the cases of one channel, and of the forward model."""
-    image = partial(operator.adjoint, scan.data[:1])
-    forward = partial(operator.forward, scan.image[:1])
-    forward_all = partial(operator.forward, scan.image)
-    width = operator.width
-    return [
-        Case("one channel", code, image, exact.channel, 1, width),
-        Case("forward", code, forward, exact.forward[:1], 1, width),
-        Case("forward, 3 channels", code, forward_all, exact.forward, 3, width),
-    ]
 
 
 def _batch_cases(
-    scan: ImagedScan, exact: DirectSums, operators: _Operators, code: str
+    scan: ImagedScan,
+    exact: DirectSums,
+    images: ImagingOperator,
+    channel: ImagingOperator,
+    code: str,
 ) -> list[Case]:
     """Return the cases of many scans at once, for a CUDA device."""
     batch = np.repeat(scan.data[None], BATCH, axis=0)
-    single = np.ascontiguousarray(batch[:, :1])
-    image_buffer = operators.images.image_buffer(BATCH, 3)
-    channel_buffer = operators.channel.image_buffer(BATCH, 1)
-    images = partial(operators.images.adjoint, batch, image_buffer)
-    channel = partial(operators.channel.adjoint, single, channel_buffer)
-    width = operators.images.width
-    channel_width = operators.channel.width
-    return [
-        Case(f"15 images of {BATCH} scans", code, images, exact.images, 15, width, BATCH),
-        Case(
-            f"one channel of {BATCH} scans", code, channel, exact.channel, 1, channel_width, BATCH
-        ),
-    ]
+    cases = []
+    for work, operator, data, sums, count in (
+        ("15 images", images, batch, exact.images, 15),
+        ("one channel", channel, np.ascontiguousarray(batch[:, :1]), exact.channel, 1),
+    ):
+        run = partial(operator.adjoint, data, operator.image_buffer(BATCH, data.shape[1]))
+        work = f"{work} of {BATCH} scans"
+        cases.append(Case(work, code, run, sums, count, operator.width, BATCH))
+    return cases
 
 
 def _row(

@@ -7,6 +7,8 @@ the number of alarms. ``FLGPR_BENCHMARK_SIZE=small`` makes everything small, to 
 from __future__ import annotations
 
 import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +52,21 @@ def write_noise_run(path: Path, scans: int) -> Path:
             pose = [0.0, STEP * scan - 20, 5.0, 0.0, *attitude]
             writer.append(noise[0] + 1j * noise[1], pose, float(scan))
     return path
+
+
+def written_elsewhere(path: Path, scans: int) -> Path:
+    """Store such a run by a process of its own, so that its memory is not counted in this one."""
+    with ProcessPoolExecutor(1, get_context("spawn")) as other:
+        return other.submit(write_noise_run, path, scans).result()
+
+
+def ripley(count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Draw examples and labels of Ripley's mixture: two classes of two normals, variance 0.03."""
+    rng = np.random.default_rng(seed)
+    label = rng.integers(0, 2, count)
+    side = rng.integers(0, 2, count)
+    centre = np.array([[[-0.7, 0.3], [0.3, 0.3]], [[-0.3, 0.7], [0.4, 0.7]]])
+    return centre[label, side] + np.sqrt(0.03) * rng.standard_normal((count, 2)), label
 
 
 def alarms_and_truth(

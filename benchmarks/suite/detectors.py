@@ -11,7 +11,7 @@ from flgpr.detect import (
     leave_one_out,
 )
 
-from .data import complex_noise, size
+from .data import complex_noise, ripley, size
 
 CASES = {
     "rank 1": (2, (28, 1), 1),
@@ -55,12 +55,7 @@ class Relevance:
     """Relevance vector machine on Ripley's two classes of two normals each."""
 
     def setup(self) -> None:
-        rng = np.random.default_rng(1)
-        count = size(600, 60)
-        self.label = rng.integers(0, 2, count)
-        side = rng.integers(0, 2, count)
-        centre = np.array([[[-0.7, 0.3], [0.3, 0.3]], [[-0.3, 0.7], [0.4, 0.7]]])
-        self.examples = centre[self.label, side] + np.sqrt(0.03) * rng.standard_normal((count, 2))
+        self.examples, self.label = ripley(size(600, 60), 1)
         self.machine = RelevanceVectorClassifier(gamma=4.0)
         self.machine.fit(self.examples[:60], self.label[:60])
 

@@ -11,7 +11,7 @@ from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.method.model import Model
 from flgpr.recipe.schema import Recipe
-from flgpr.scoring import label_alarms, match
+from flgpr.scoring import assign, match
 from flgpr.stages.likelihood import LikelihoodMap
 from full_wave_causes.lanes import (
     LANE,
@@ -65,12 +65,9 @@ def before_targets(alarms: pd.DataFrame, data: LaneData) -> np.ndarray:
     """Return the false alarms with which each target is found; infinite for one never found."""
     lane = "lane"
     truth = data.targets.assign(lane=lane)
-    labelled = label_alarms(match(alarms.assign(lane=lane), truth, {lane: data.lane}, HALO))
-    false = labelled.loc[labelled["label"] == "false", "confidence"].to_numpy()
-    counts = np.full(len(truth), np.inf)
-    for row in labelled[labelled["label"] == "detection"].itertuples():
-        counts[row.target] = np.count_nonzero(false >= row.confidence)
-    return counts
+    matched = match(alarms.assign(lane=lane), truth, {lane: data.lane}, HALO)
+    found = assign(matched)
+    return found["n_false"].where(found["detected"], np.inf).to_numpy()
 
 
 def folded_alarms(recipe: Recipe, data: LaneData, prior: list[dict]) -> pd.DataFrame:

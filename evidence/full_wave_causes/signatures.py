@@ -39,6 +39,12 @@ def decibels(ratio: float) -> float:
     return float(20 * np.log10(ratio)) if ratio > 0 else np.nan
 
 
+def compared(one: np.ndarray, other: np.ndarray, name: str = "") -> dict[str, float]:
+    """Return coherence and level of an array over another, under names that end so."""
+    level = decibels(np.linalg.norm(one) / np.linalg.norm(other))
+    return {f"coherence{name}": coherence(one, other), f"level_db{name}": level}
+
+
 def by_difference() -> list[dict]:
     """Hold the echoes of bodies alone against the simulator's, and against the directions."""
     rows = []
@@ -61,20 +67,15 @@ def by_difference() -> list[dict]:
             vectors = directions(case)
         row = {
             "case": name,
-            "coherence": coherence(full, simulated),
-            "level_db": decibels(np.linalg.norm(full) / np.linalg.norm(simulated)),
+            **compared(full, simulated),
             "share_full_wave": share(full, vectors),
             "share_simulated": share(simulated, vectors),
         }
         for number, label in enumerate(case.polarization):
             if label in ("HH", "VV"):
                 for band, low in enumerate(list(BANDS)[:CHIP_BANDS]):
-                    row[f"coherence_{label}_{low}"] = coherence(
-                        full[number, band], simulated[number, band]
-                    )
-                    row[f"level_db_{label}_{low}"] = decibels(
-                        np.linalg.norm(full[number, band]) / np.linalg.norm(simulated[number, band])
-                    )
+                    name = f"_{label}_{low}"
+                    row |= compared(full[number, band], simulated[number, band], name)
         rows.append(row)
     return rows
 
@@ -202,16 +203,11 @@ def in_the_lane(twins: int) -> tuple[list[dict], list[dict], tuple[float, float]
                 chip = chips_at(data.run, scan, place, signal)[0, :, :CHIP_BANDS] / unit
                 echo = chips_at(data.run, scan, place, alone)[0, :, :CHIP_BANDS]
                 by_chance = [coherence(echo, other[:, :CHIP_BANDS]) for other in at_free]
-                row = head | {"target": target.target_id, "scan": scan}
-                row["coherence"] = coherence(echo, chip)
+                row = head | {"target": target.target_id, "scan": scan} | compared(chip, echo)
                 row["by_chance_95"] = float(np.quantile(by_chance, 0.95))
-                row["level_db"] = decibels(np.linalg.norm(chip) / np.linalg.norm(echo))
                 for label in ("HH", "VV"):
                     number = labels.index(label)
-                    row[f"coherence_{label}"] = coherence(echo[number], chip[number])
-                    row[f"level_db_{label}"] = decibels(
-                        np.linalg.norm(chip[number]) / np.linalg.norm(echo[number])
-                    )
+                    row |= compared(chip[number], echo[number], f"_{label}")
                 rows.append(row)
         power = np.mean(np.concatenate(ground), axis=0)
         for number, label in enumerate(labels):

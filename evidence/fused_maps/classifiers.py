@@ -33,12 +33,17 @@ def features_of(some: Looks, known: Sequence[tuple[Clutter, dict[str, list]]]) -
         white = clutter.whitened(chips, some.metre)
         for found in directions.values():
             columns.append(some.mean(ratios_of(white, some.metre, found)))
-    power = (np.abs(some.chip) ** 2).mean(axis=-1)
-    decibels = 10 * np.log10(np.maximum(power, 1e-6) / np.maximum(some.ring, 1e-6))
+    decibels = some.decibels()
     for polarization in range(3):
         for band in range(len(BANDS)):
             columns.append(some.mean(decibels[:, polarization, band]))
     return np.stack(columns, axis=1)
+
+
+def log_odds(p: np.ndarray, least: float) -> np.ndarray:
+    """Return the log odds of probabilities, none nearer to 0 and 1 than the least."""
+    p = np.clip(p, least, 1 - least)
+    return np.log(p) - np.log1p(-p)
 
 
 def examples(
@@ -85,8 +90,7 @@ def try_injected(bench: Bench) -> None:
                 seen = np.isfinite(features).all(axis=1)
                 odds = np.full(lane.places, np.nan)
                 p = fitted[lane.site].predict_proba(features[seen])[:, 1]
-                p = np.clip(p, 1e-12, 1 - 1e-12)
-                odds[seen] = np.log(p) - np.log1p(-p)
+                odds[seen] = log_odds(p, 1e-12)
                 return odds.reshape(lane.rows, lane.columns)
 
             bench.tell(f"injected bodies, {title}, {name}", value)
@@ -128,9 +132,7 @@ def try_chips(bench: Bench) -> None:
             part[at] = white[at] @ directions[metre][0].T
         part = part * np.exp(-1j * np.angle(part[:, :1]))
         rest = np.log(np.maximum(1 - (np.abs(part) ** 2).sum(axis=1), 1e-3))
-        power = (np.abs(chips[:, :2]) ** 2).mean(axis=-1)
-        around = some.ring[:, :2, list(LOW)]
-        decibels = 10 * np.log10(np.maximum(power, 1e-6) / np.maximum(around, 1e-6))
+        decibels = some.decibels()[:, :2, list(LOW)]
         return np.column_stack([part.real, part.imag, rest, decibels.reshape(len(chips), -1)])
 
     def learn(trained: Trained):
@@ -150,7 +152,6 @@ def try_chips(bench: Bench) -> None:
         clutter, directions, network = learnt[lane.site]
         looks = all_looks(lane, rings[id(lane)])
         p = network.predict_proba(inputs(looks, clutter, directions))[:, 1].astype(float)
-        p = np.clip(p, 1e-9, 1 - 1e-9)
-        return lane.mean(np.log(p) - np.log1p(-p))
+        return lane.mean(log_odds(p, 1e-9))
 
     bench.tell("injected bodies, network on whitened chips of a look", value)

@@ -94,9 +94,7 @@ class Lane:
     def mean(self, values: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
         """Return the weighted mean over looks (y, x) of a value of each."""
         weights = self.weight if weights is None else weights
-        total = np.bincount(self.place, weights * values, self.places)
-        weight = np.bincount(self.place, weights, self.places)
-        seen = np.where(weight > 0, total / np.maximum(weight, 1e-30), np.nan)
+        seen = weighted_means(self.place, weights, values, self.places)
         return seen.reshape(self.rows, self.columns)
 
     def area(self) -> float:
@@ -107,6 +105,15 @@ class Lane:
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         far = distances(points, self.targets) > HALO
         return float(far.mean()) * STEP**2 * self.columns * (self.rows - 1)
+
+
+def weighted_means(
+    place: np.ndarray, weights: np.ndarray, values: np.ndarray, count: int
+) -> np.ndarray:
+    """Return the weighted mean (place,) of the values of looks; NaN where there is none."""
+    total = np.bincount(place, weights * values, count)
+    weight = np.bincount(place, weights, count)
+    return np.where(weight > 0, total / np.maximum(weight, 1e-30), np.nan)
 
 
 def distances(points: np.ndarray, targets: np.ndarray) -> np.ndarray:

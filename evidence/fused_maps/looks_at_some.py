@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from fused_maps.lanes import BANDS, NAVIGATION, Lane
+from fused_maps.lanes import BANDS, NAVIGATION, Lane, weighted_means
 from fused_maps.scores import Bench
 from fused_maps.signatures import phases_of
 
@@ -30,9 +30,12 @@ class Looks:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the weighted mean over looks (place,)."""
-        total = np.bincount(self.place, self.weight * values, self.count)
-        weight = np.bincount(self.place, self.weight, self.count)
-        return np.where(weight > 0, total / np.maximum(weight, 1e-30), np.nan)
+        return weighted_means(self.place, self.weight, values, self.count)
+
+    def decibels(self) -> np.ndarray:
+        """Return the contrast (look, polarization, sub-band) of chips to their rings, dB."""
+        power = (np.abs(self.chip) ** 2).mean(axis=-1)
+        return 10 * np.log10(np.maximum(power, 1e-6) / np.maximum(self.ring, 1e-6))
 
 
 def ring_powers(lane: Lane) -> np.ndarray:

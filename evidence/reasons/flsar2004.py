@@ -63,7 +63,7 @@ from flgpr_papers.flsar2004.material import (
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import SHARE, Bounds, Interval, clip
 from flgpr_papers.kit.study_worlds import OWN
-from reasons.trials import Trial
+from reasons.trials import Question, Trial
 
 FloatArray = NDArray[np.float64]
 ALIKE: Bounds = (0.9, 1.0)
@@ -176,9 +176,8 @@ def template_trials(material: Material) -> list[Trial]:
     trial_list = []
     for changed, images, mean_as_it_is, components_as_they_are, explanation in cases:
         value = cosine_interval(images, mean_as_it_is, components_as_they_are, draws)
-        sample = f"{len(images)} looks"
-        rule = ALIKE if explanation else None
-        trial_list.append(Trial(statement, explanation, changed, quantity, value, sample, rule))
+        question = Question(statement, quantity, f"{len(images)} looks")
+        trial_list.append(question.asked(explanation, changed, value, ALIKE))
     return trial_list
 
 
@@ -249,32 +248,25 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
     trial_list = []
     for changed, targets, explanation in _subset_cases(settings, site):
         value, clusters = removed_share(settings, site, targets)
-        rule = REMOVES if explanation else None
-        sample = f"{clusters} clusters"
-        trial_list.append(Trial(statement, explanation, changed, quantity, value, sample, rule))
+        question = Question(statement, quantity, f"{clusters} clusters")
+        trial_list.append(question.asked(explanation, changed, value, REMOVES))
     by_strength = subset_by_strength(settings, site)
     value, clusters = removed_share(settings, site, by_strength, relative=True)
-    relative_trial = Trial(
-        statement=statement,
-        explanation="a deviation in units of the image grows with brightness, and mines are "
-        "brighter than clutter",
-        changed="deviation over the mean amplitude of the cluster",
-        quantity=quantity,
-        interval=value,
-        sample=f"{clusters} clusters",
-        predicted=REMOVES,
+    bright = (
+        "a deviation in units of the image grows with brightness, and mines are brighter than "
+        "clutter"
     )
+    over_mean = "deviation over the mean amplitude of the cluster"
+    question = Question(statement, quantity, f"{clusters} clusters")
+    trial_list.append(question.asked(bright, over_mean, value, REMOVES))
     shares = other_subsets(settings, site)
-    drawn_trial = Trial(
-        statement=statement,
-        explanation="this draw of the subset is an unlucky one",
-        changed=f"{SUBSETS} other draws of the subset",
-        quantity=f"{quantity}, median and range",
-        interval=(float(np.median(shares)), float(min(shares)), float(max(shares))),
-        sample=f"{SUBSETS} draws",
-        predicted=REMOVES,
+    value = (float(np.median(shares)), float(min(shares)), float(max(shares)))
+    unlucky = "this draw of the subset is an unlucky one"
+    question = Question(statement, f"{quantity}, median and range", f"{SUBSETS} draws")
+    trial_list.append(
+        question.asked(unlucky, f"{SUBSETS} other draws of the subset", value, REMOVES)
     )
-    return [*trial_list, relative_trial, drawn_trial]
+    return trial_list
 
 
 def _subset_cases(settings: Settings, site: Site) -> list[tuple[str, Sequence[str], str]]:
@@ -447,31 +439,18 @@ def _vector_trials(
     """Return the numbers of vectors of both machines, and how well they find mines."""
     sample = f"{len(few[0])} examples, left out one by one"
     share_statement = "share of relevance vectors"
+    share = Question(share_statement, "relevance vectors over examples", sample)
+    ratio = Question("RVM sparser by as much", "relevance over support vectors", sample)
+    of_both = ratio_interval(relevance.vector_share, support.vector_share)
     trial_list = [
-        Trial(
-            statement=share_statement,
-            explanation=explanation,
-            changed=changed,
-            quantity="relevance vectors over examples",
-            interval=spread_of_folds(relevance.vector_share),
-            sample=sample,
-            predicted=RELEVANCE if explanation else None,
-        ),
-        Trial(
-            statement="RVM sparser by as much",
-            explanation=explanation,
-            changed=changed,
-            quantity="relevance over support vectors",
-            interval=ratio_interval(relevance.vector_share, support.vector_share),
-            sample=sample,
-            predicted=SPARSER if explanation else None,
-        ),
+        share.asked(explanation, changed, spread_of_folds(relevance.vector_share), RELEVANCE),
+        ratio.asked(explanation, changed, of_both, SPARSER),
     ]
     measure = Measure(open_area(few, settings))
     for label, scores in (("RVM", relevance), ("SVM", support)):
-        quantity = f"mean Pd up to 0.07 per m², {label}"
+        question = Question(share_statement, f"mean Pd up to 0.07 per m², {label}", sample)
         value = measure.interval(scores, settings.classify.bootstrap)
-        trial_list.append(Trial(share_statement, "", changed, quantity, value, sample))
+        trial_list.append(question.shown(changed, value))
     return trial_list
 
 
@@ -526,16 +505,12 @@ def _between_trials(material: Material, variant: Variant) -> list[Trial]:
     measure = Measure(open_area(test, material.settings))
     trial_list = []
     for changed, explanation, scores, number in cases:
-        trial = Trial(
-            statement="training carries over, arid to temperate, plastic",
-            explanation=explanation,
-            changed=f"{_name_of(variant)}, {changed}",
-            quantity=number,
-            interval=clip(measure.interval(scores, options.bootstrap), SHARE),
-            sample=f"{len(np.unique(scores.target))} mines",
-            predicted=CARRIES if explanation else None,
+        statement = "training carries over, arid to temperate, plastic"
+        question = Question(statement, number, f"{len(np.unique(scores.target))} mines")
+        value = clip(measure.interval(scores, options.bootstrap), SHARE)
+        trial_list.append(
+            question.asked(explanation, f"{_name_of(variant)}, {changed}", value, CARRIES)
         )
-        trial_list.append(trial)
     return trial_list
 
 

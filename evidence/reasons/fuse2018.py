@@ -38,7 +38,7 @@ from flgpr_papers.fuse2018.suppression import (
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval, clustered
 from flgpr_papers.kit.study_worlds import OWN
-from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Trial
+from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
 
 BoolArray = NDArray[np.bool_]
 EVERY = 4
@@ -259,4 +259,4 @@ def _trial(
     sample = "all looks of the study"
     if rows is not None:
         sample = f"{len(rows)} looks at {rows['mine'].nunique()} mines"
-    return Trial(KEPT, explanation, changed, quantity, value, sample, predicted, unit="dB")
+    return Question(KEPT, quantity, sample, "dB").asked(explanation, changed, value, predicted)

@@ -24,11 +24,12 @@ from flgpr.method.method import detect, engine_of
 from flgpr.model import lane_to_scan
 from flgpr.progress import Track, silent
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
-from flgpr.scoring import assign, clopper_pearson, match
+from flgpr.scoring import assign, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
 from flgpr_papers.cosgrove2004.findings import interval
+from flgpr_papers.flsar2004.findings import proportion
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Bounds, Interval
 from flgpr_papers.kit.mines import MIXES, mix_draws
@@ -416,6 +417,4 @@ def _found_share(far_of_targets: pd.Series, far: float) -> tuple[Interval, str]:
     """Return the share of targets found at an allowed FAR with its exact interval, and in words."""
     cost = far_of_targets.to_numpy(dtype=np.float64)  # None becomes NaN, which is not found
     number = int((cost <= far).sum())
-    low, high = clopper_pearson(number, len(cost))
-    value = number / len(cost), float(low), float(high)
-    return value, f"{number} of {len(cost)} mines"
+    return proportion(number, len(cost)), f"{number} of {len(cost)} mines"

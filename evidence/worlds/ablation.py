@@ -15,7 +15,7 @@ import pandas as pd
 
 from flgpr.simulate.scene.scene import Soil, site_tables
 from worlds.effects import block_differences
-from worlds.lanes import FAR, KINDS, LaneJob, lane_table
+from worlds.lanes import FAR, KINDS, LaneJob, declared_lane, lane_table
 from worlds.space import DECLARED, in_soil_of, on_soil_of
 
 PARTS: dict[str, list[str]] = DECLARED["ablation"]["parts"]
@@ -64,11 +64,10 @@ def jobs() -> list[LaneJob]:
 
     All lanes of a replicate have the same mines.
     """
-    declared = DECLARED["ablation"]
     smooth = smooth_road()
     natural = natural_road()
     lane_jobs = []
-    for replicate in range(declared["replicates"]):
+    for replicate in range(DECLARED["ablation"]["replicates"]):
         for road in ROADS:
             tables_of_road, other = (smooth, natural) if road == "smooth" else (natural, smooth)
             for change in (NOTHING, *PARTS):
@@ -77,12 +76,7 @@ def jobs() -> list[LaneJob]:
                     site = replaced(tables_of_road, other, [change])
                 name = f"{road}-{change.replace(' ', '-')}-{replicate}"
                 about = {"road": road, "change": change, "replicate": replicate}
-                seed = declared["seed"] + replicate
-                length = float(declared["length"])
-                count = declared["count"]
-                lane_jobs.append(
-                    LaneJob("ablation", name, about, site, declared["mines"], length, count, seed)
-                )
+                lane_jobs.append(declared_lane("ablation", name, about, site, replicate))
     return lane_jobs
 
 

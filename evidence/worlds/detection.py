@@ -12,8 +12,8 @@ from scipy.special import expit
 
 from worlds.design import marginal_row, model_matrix, term_columns
 from worlds.effects import Fit, fit_means, fit_shares
-from worlds.lanes import FAR, KINDS, LaneJob, lane_table
-from worlds.space import AXES, DECLARED, World, design_worlds
+from worlds.lanes import FAR, KINDS, LaneJob, declared_lane, lane_table
+from worlds.space import AXES, DECLARED, design_worlds
 
 FloatArray = NDArray[np.float64]
 CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
@@ -22,20 +22,15 @@ CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
 
 def jobs() -> list[LaneJob]:
     """List the lanes of the designed fraction."""
-    return [_job(world, DECLARED["detection"]) for world in design_worlds()]
-
-
-def _job(world: World, declared: dict[str, float]) -> LaneJob:
-    """Return the lane of a world."""
-    about = {
-        "number": world.number,
-        **{axis: getattr(world, axis) for axis in AXES},
-        "replicate": world.replicate,
-    }
-    length = float(declared["length"])
-    count = int(declared["count"])
-    seed = int(declared["seed"]) + world.number
-    return LaneJob("detection", world.name, about, world.tables(), world.mines, length, count, seed)
+    lane_jobs = []
+    for world in design_worlds():
+        about = {"number": world.number, **{axis: getattr(world, axis) for axis in AXES}}
+        about |= {"replicate": world.replicate}
+        job = declared_lane(
+            "detection", world.name, about, world.tables(), world.number, world.mines
+        )
+        lane_jobs.append(job)
+    return lane_jobs
 
 
 def tables(targets: pd.DataFrame) -> dict[str, pd.DataFrame]:

@@ -40,7 +40,7 @@ class Fit:
             return value, low, high
         return float(expit(value)), float(expit(low)), float(expit(high))
 
-    def linear(self, row: ArrayLike, level: float = LEVEL) -> Interval:
+    def linear(self, row: ArrayLike) -> Interval:
         """Estimate the linear predictor at a row, or its difference between two rows.
 
         The interval is Student's.
@@ -48,7 +48,7 @@ class Fit:
         vector = np.asarray(row, dtype=np.float64)
         value = float(vector @ self.coefficient)
         error = float(np.sqrt(vector @ self.covariance @ vector))
-        half = float(stdtrit(self.freedom, (1 + level) / 2)) * error
+        half = float(stdtrit(self.freedom, (1 + LEVEL) / 2)) * error
         return value, value - half, value + half
 
     def difference(self, row: ArrayLike, other: ArrayLike) -> Interval:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,23 +19,21 @@ from worlds.space import AXES, DECLARED
 from worlds.tables import read_table
 
 _COLOURS = ("#0b5fa5", "#2a9d5c", "#d98c00", "#b3261e")
+_DOTS: dict[str, Any] = {"marker": "o", "ms": 4, "capsize": 2}
 _BIN = 3.0  # dB of signal to clutter
 _FEWEST = 5  # targets that a bin needs to be drawn
 
 
 def draw_figures(folder: Path) -> None:
     """Draw every figure whose tables are in a folder, as PNG."""
-    for name, make in FIGURES.items():
-        figure = make(folder)
-        if figure is not None:
-            write_whole(folder / f"{name}.png", figure_png(figure, 110))
+    for name, (source, make) in FIGURES.items():
+        table = read_table(folder, source)
+        if not table.empty:
+            write_whole(folder / f"{name}.png", figure_png(make(folder, table), 110))
 
 
-def detection_figure(folder: Path) -> Figure | None:
+def detection_figure(folder: Path, worlds: pd.DataFrame) -> Figure:
     """Draw Pd of metal and plastic over roughness, a line per permittivity, with the paper's."""
-    worlds = read_table(folder, "detection")
-    if worlds.empty:
-        return None
     effects = read_table(folder, "detection-effects")
     figure = Figure(figsize=(9.5, 7.2), layout="constrained")
     grid = figure.subplots(len(FAR), 2, sharex=True, sharey=True, squeeze=False)
@@ -45,9 +44,7 @@ def detection_figure(folder: Path) -> Figure | None:
             axes.axhline(
                 DECLARED["paper"][kind][row], color="k", ls="--", lw=1.2, label="Wang et al. 2007"
             )
-            axes.axhline(
-                worlds[f"chance_{far:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance"
-            )
+            _draw_chance(axes, worlds, far)
             axes.set_title(f"{kind}, {far:g} false alarms per m²", fontsize=10)
     grid[0, 1].legend(fontsize=8, loc="upper right")
     figure.supxlabel("rms height of the surface, mm", fontsize=10)
@@ -78,17 +75,7 @@ def _draw_pd(
         error = [rows["value"] - rows["low"], rows["high"] - rows["value"]]
         positions = np.array(levels) * shift
         label = f"ε' = {permittivity:g}"
-        axes.errorbar(
-            positions,
-            rows["value"],
-            error,
-            color=colour,
-            marker="o",
-            ms=4,
-            lw=1.3,
-            capsize=2,
-            label=label,
-        )
+        axes.errorbar(positions, rows["value"], error, color=colour, lw=1.3, label=label, **_DOTS)
     axes.set_xscale("log")
     axes.set_xticks(levels, [f"{level:g}" for level in levels])
     axes.set_xticks([], minor=True)
@@ -96,11 +83,13 @@ def _draw_pd(
     axes.grid(alpha=0.25)
 
 
-def signatures_figure(folder: Path) -> Figure | None:
+def _draw_chance(axes: Axes, table: pd.DataFrame, far: float) -> None:
+    """Draw what is found by chance."""
+    axes.axhline(table[f"chance_{far:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance")
+
+
+def signatures_figure(_folder: Path, targets: pd.DataFrame) -> Figure:
     """Draw the signal to clutter of every body by roughness, and the share of targets found."""
-    targets = read_table(folder, "detection-mines")
-    if targets.empty:
-        return None
     figure = Figure(figsize=(10.5, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     targets = targets.assign(label=targets["body"] + " (" + targets["kind"] + ")")
@@ -113,15 +102,9 @@ def signatures_figure(folder: Path) -> Figure | None:
         positions = np.arange(len(order)) + 0.16 * (1.5 - number)
         label = f"{roughness:g} mm rms"
         error = [middle - low, high - middle]
+        colour = _COLOURS[number]
         left.errorbar(
-            middle,
-            positions,
-            xerr=error,
-            fmt="o",
-            color=_COLOURS[number],
-            ms=4,
-            lw=1.2,
-            label=label,
+            middle, positions, xerr=error, fmt="o", color=colour, ms=4, lw=1.2, label=label
         )
     left.set_yticks(range(len(order)), order, fontsize=8)
     left.set_xlabel("signal to clutter, dB: median and quarters of the targets", fontsize=9)
@@ -129,9 +112,7 @@ def signatures_figure(folder: Path) -> Figure | None:
     left.legend(fontsize=8)
     for kind, colour in zip(KINDS, _COLOURS, strict=False):
         _draw_found(right, targets[targets["kind"] == kind], kind, colour)
-    right.axhline(
-        targets[f"chance_{FAR[-1]:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance"
-    )
+    _draw_chance(right, targets, FAR[-1])
     right.set_ylim(-0.04, 1.04)
     right.set_xlabel("signal to clutter, dB", fontsize=9)
     right.set_ylabel(f"share found at {FAR[-1]:g} false alarms per m²", fontsize=9)
@@ -158,24 +139,11 @@ def _draw_found(axes: Axes, targets: pd.DataFrame, label: str, colour: str) -> N
         below.append(share - float(low))
         above.append(float(high) - share)
     if middles:
-        axes.errorbar(
-            middles,
-            shares,
-            [below, above],
-            color=colour,
-            marker="o",
-            ms=4,
-            lw=1.2,
-            capsize=2,
-            label=label,
-        )
+        axes.errorbar(middles, shares, [below, above], color=colour, lw=1.2, label=label, **_DOTS)
 
 
-def ablation_figure(folder: Path) -> Figure | None:
+def ablation_figure(_folder: Path, costs: pd.DataFrame) -> Figure:
     """Draw what every part costs, added to the smooth road and taken from the natural one."""
-    costs = read_table(folder, "ablation-costs")
-    if costs.empty:
-        return None
     titles = {"smooth": "added to the smooth road", "natural": "taken from the natural road"}
     responses = {
         f"plastic {FAR[-1]:g}": "Pd of plastic",
@@ -218,11 +186,8 @@ def _draw_costs(axes: Axes, costs: pd.DataFrame, names: bool) -> None:
     axes.grid(alpha=0.25, axis="x")
 
 
-def geometry_figure(folder: Path) -> Figure | None:
+def geometry_figure(folder: Path, means: pd.DataFrame) -> Figure:
     """Draw Pd of metal and plastic by the array's height and the ground that is used."""
-    means = read_table(folder, "geometry-means")
-    if means.empty:
-        return None
     figure = Figure(figsize=(9.5, 4.2), layout="constrained")
     grid = figure.subplots(1, 2, sharey=True)
     grounds = list(dict.fromkeys(zip(means["nearest"], means["farthest"], strict=True)))
@@ -234,14 +199,9 @@ def geometry_figure(folder: Path) -> Figure | None:
             positions = np.arange(len(grounds)) + 0.1 * (number - 1)
             error = np.nan_to_num([cells["value"] - cells["low"], cells["high"] - cells["value"]])
             label = f"{height:g} m high"
+            colour = _COLOURS[number]
             axes.errorbar(
-                positions,
-                cells["value"],
-                error,
-                fmt="o",
-                color=_COLOURS[number],
-                capsize=2,
-                label=label,
+                positions, cells["value"], error, fmt="o", color=colour, capsize=2, label=label
             )
         chance = read_table(folder, "geometry")[f"chance_{FAR[-1]:g}"].mean()
         axes.axhline(chance, color="0.4", lw=1, ls=":", label="by chance")
@@ -256,10 +216,10 @@ def geometry_figure(folder: Path) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[Path], Figure | None]] = {
-    "detection": detection_figure,
-    "signatures": signatures_figure,
-    "ablation": ablation_figure,
-    "geometry": geometry_figure,
+FIGURES: dict[str, tuple[str, Callable[[Path, pd.DataFrame], Figure]]] = {
+    "detection": ("detection", detection_figure),
+    "signatures": ("detection-mines", signatures_figure),
+    "ablation": ("ablation-costs", ablation_figure),
+    "geometry": ("geometry-means", geometry_figure),
 }
-"""What draws each figure from the tables of a folder; None where they are not there."""
+"""The table without which there is no figure, and what draws it, by the figure's name."""

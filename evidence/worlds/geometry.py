@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from flgpr.scoring import clopper_pearson
 from flgpr.simulate.scene.scene import site_tables
 from worlds.ablation import responses
-from worlds.lanes import LaneJob, lane_table
+from worlds.lanes import LaneJob, declared_lane, lane_table
 from worlds.space import DECLARED
 
 WHERE = ["height", "nearest", "farthest"]
@@ -30,23 +30,10 @@ def jobs() -> list[LaneJob]:
         for height in declared["height"]:
             about = {"height": height, "replicate": replicate}
             name = f"{height:g}m-{replicate}"
-            seed = declared["seed"] + replicate
-            length = float(declared["length"])
-            count = declared["count"]
-            lane_jobs.append(
-                LaneJob(
-                    "geometry",
-                    name,
-                    about,
-                    site,
-                    declared["mines"],
-                    length,
-                    count,
-                    seed,
-                    height,
-                    ground,
-                )
+            job = declared_lane(
+                "geometry", name, about, site, replicate, height=height, ground=ground
             )
+            lane_jobs.append(job)
     return lane_jobs
 
 

@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,7 @@ from flgpr.progress import Track, silent
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
-from flgpr.store import write_whole
-from flgpr_papers.kit.cache import key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.mines import find_mix, mix_draws
 from flgpr_papers.wang2007.lanes import F1_BAND, f1_alone
 from flgpr_papers.wang2007.lanes import sensor as f1_sensor
@@ -76,6 +76,34 @@ class LaneJob:
         return "metal", self.mines, "simulant"
 
 
+def declared_lane(
+    part: str,
+    name: str,
+    about: dict[str, Any],
+    site: dict[str, Any],
+    number: int,
+    mines: str = "",
+    height: float | None = None,
+    ground: tuple[tuple[float, float], ...] = (),
+) -> LaneJob:
+    """Return a lane of a part with the declared length, number of targets and first seed.
+
+    Parameters
+    ----------
+    part, name, about, site, height, ground
+        As of :class:`LaneJob`.
+    number : int
+        Added to the part's first seed.
+    mines : str
+        Mix that stands for plastic mines; the declared one without it.
+    """
+    declared = DECLARED[part]
+    return LaneJob(
+        part, name, about, site, mines or declared["mines"], float(declared["length"]),
+        declared["count"], declared["seed"] + number, height, ground,
+    )  # fmt: skip
+
+
 def run_jobs(
     folder: Path, jobs: Sequence[LaneJob], executor: Executor, track: Track = silent
 ) -> None:
@@ -101,7 +129,7 @@ def run_jobs(
         pass
 
 
-def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
+def run_job(job: Mapping[str, Any], folder: str) -> None:
     """Simulate and score a lane in a worker process, and write its record.
 
     Parameters
@@ -110,13 +138,13 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
         Fields of a :class:`LaneJob`.
     folder : str
         Folder of the map of worlds.
-
-    Returns
-    -------
-    dict
-        ``lane``, its name, and ``seconds`` of processor time that it took.
     """
     lane = LaneJob(**job)
+    read_or_make(lane.path(Path(folder)), partial(lane_record, lane))
+
+
+def lane_record(lane: LaneJob) -> dict[str, Any]:
+    """Simulate and score a lane: its targets, at which FAR each is found, its signal to clutter."""
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         scene = lane_scene(lane, Path(scratch))
@@ -128,18 +156,13 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
         alarms = detect(run, lane_recipe(ground), scene.lane).alarms
         scores.append(_scored(alarms, truth, scene, ground))
     ratios = signal_to_clutter(scene, sensor, lane.seed, tuple(_LANE["band"])).tolist()
-    seconds = time.process_time() - begin
-    record = {
+    return {
         "about": lane.about,
-        "seconds": seconds,
+        "seconds": time.process_time() - begin,
         "targets": truth[_TARGET_COLUMNS].to_dict("records"),
         "ratio_db": ratios,
         "found": scores,
     }
-    path = lane.path(Path(folder))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps(record))
-    return {"lane": lane.name, "seconds": seconds}
 
 
 def lane_scene(lane: LaneJob, scratch: Path) -> Scene:

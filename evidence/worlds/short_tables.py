@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,12 @@ from worlds.tables import read_table
 
 def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
     """Return the tables that people read, by name, a value with its interval in one cell."""
-    tables = {
-        "design": design_table(),
-        "detection-short": detection_table(read_table(folder, "detection-effects")),
-        "detection-missing-short": missing_table(read_table(folder, "detection-missing")),
-        "ablation-short": ablation_table(read_table(folder, "ablation-costs")),
-        "geometry-short": geometry_table(read_table(folder, "geometry-means")),
-    }
-    return {name: table for name, table in tables.items() if not table.empty}
+    tables = {"design": design_table()}
+    for name, (source, make) in TABLES.items():
+        table = read_table(folder, source)
+        if not table.empty:
+            tables[name] = make(table)
+    return tables
 
 
 def response_name(response: str) -> str:
@@ -47,8 +46,6 @@ def design_table() -> pd.DataFrame:
 
 def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
     """Tabulate Pd of metal and plastic, and plastic in dB, by the levels of every axis."""
-    if effects.empty:
-        return pd.DataFrame()
     responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR]
     responses.append("plastic ratio_db")
     rows = []
@@ -66,8 +63,6 @@ def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
 
 def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the decibels that plastic mines miss of the paper's Pd, by FAR and roughness."""
-    if missing.empty:
-        return pd.DataFrame()
     rows = []
     for (far, paper, roughness), cells in missing.groupby(["far", "paper", "roughness"]):
         row = {
@@ -87,8 +82,6 @@ def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:
 
     An asterisk marks what is clear for all parts together.
     """
-    if costs.empty:
-        return pd.DataFrame()
     responses = [f"plastic {far:g}" for far in FAR] + [f"metal {FAR[-1]:g}", "plastic ratio_db"]
     rows = []
     for (road, change), several in costs.groupby(["road", "change"], sort=False):
@@ -109,8 +102,6 @@ def _by_response(table: pd.DataFrame) -> dict[str, pd.Series]:
 
 def geometry_table(means: pd.DataFrame) -> pd.DataFrame:
     """Tabulate Pd of metal and plastic by height and ground used."""
-    if means.empty:
-        return pd.DataFrame()
     responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR]
     rows = []
     for (height, nearest, farthest), several in means.groupby(
@@ -131,3 +122,12 @@ def in_brackets(row: pd.Series, value: str = "value") -> str:
     if not np.isfinite([row["low"], row["high"]]).all():
         return f"{row[value]:z.2f}"
     return f"{row[value]:z.2f} ({row['low']:z.2f} to {row['high']:z.2f})"
+
+
+TABLES: dict[str, tuple[str, Callable[[pd.DataFrame], pd.DataFrame]]] = {
+    "detection-short": ("detection-effects", detection_table),
+    "detection-missing-short": ("detection-missing", missing_table),
+    "ablation-short": ("ablation-costs", ablation_table),
+    "geometry-short": ("geometry-means", geometry_table),
+}
+"""The table that a short one is of, and what makes it, by the short one's name."""

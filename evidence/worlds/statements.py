@@ -17,6 +17,7 @@ import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,7 @@ import flgpr
 from flgpr.door import refuse_links
 from flgpr.jobs.workers import Executor
 from flgpr.progress import Track, silent
-from flgpr.store import write_whole
-from flgpr_papers.kit.cache import key_of
+from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import (
     AGREES,
     DISAGREES,
@@ -113,12 +113,12 @@ def run(folder: Path, executor: Executor, track: Track = silent) -> None:
             pending.append((paper, asdict(world), str(folder)))
     for _ in track(executor.run(judge_in_world, pending), "statements", len(pending)):
         pass
-    # Of a study that was killed after its record was written nothing else takes its lanes away.
+    # Studies take their own lanes away: what is left is of earlier versions, or empty.
     shutil.rmtree(folder / "work", ignore_errors=True)
     write_tables(folder)
 
 
-def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> dict[str, Any]:
+def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> None:
     """Judge the statements of a paper in a world, in a worker process, and write the record.
 
     Lanes too small for a study are recorded as such.
@@ -131,15 +131,16 @@ def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> dict[s
         Fields of a `worlds.space.World`.
     folder : str
         Folder of the map of worlds.
-
-    Returns
-    -------
-    dict
-        ``paper``, and ``seconds`` of processor time that it took.
     """
     world = World(**levels)
+    path = path_of(Path(folder), paper, world)
+    read_or_make(path, partial(_record, paper, world, Path(folder) / "work"))
+
+
+def _record(paper: str, world: World, folder: Path) -> dict[str, Any]:
+    """Judge the statements of a paper in a world, whose lanes lie in a folder for that time."""
     begin = time.process_time()
-    work = Path(folder) / "work" / f"{paper}-{world.number}"
+    work = folder / f"{paper}-{world.number}"
     refuse_links(work.parent, work)
     findings: list[Finding] = []
     failed = ""
@@ -147,18 +148,13 @@ def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> dict[s
         findings = FINDINGS_IN[paper](world, work)
     except ValueError as error:
         failed = str(error)
-    seconds = time.process_time() - begin
-    record = {
+    shutil.rmtree(work, ignore_errors=True)
+    return {
         "world": asdict(world),
         "failed": failed,
-        "seconds": seconds,
+        "seconds": time.process_time() - begin,
         "findings": [row_of(finding) for finding in findings],
     }
-    path = path_of(Path(folder), paper, world)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps(record))
-    shutil.rmtree(work, ignore_errors=True)
-    return {"paper": paper, "seconds": seconds}
 
 
 def read_records(folder: Path) -> dict[str, list[Record]]:

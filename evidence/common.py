@@ -1,0 +1,74 @@
+"""What several scripts need: an entry's alarms matched, what they find and state, and tables in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.special import expit
+
+from flgpr.scoring import clopper_pearson, match
+from flgpr.scoring.matching import Match
+from flgpr.store import read_table
+from flgpr_ground.ground import Ground
+from flgpr_ground.running import ALARMS, entry_folder
+
+STRETCH = 10.0  # m of lane that are drawn together
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table in Markdown."""
+    lines = [f"| {' | '.join(map(str, cells))} |" for cells in (head, *rows)]
+    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
+
+
+def with_share(found: int, count: int) -> str:
+    """Return how many of some are found, with the exact 95 % interval of their share."""
+    low, high = clopper_pearson(found, count)
+    return f"{found} of {count} ({low:.2f} to {high:.2f})"
+
+
+def matched(
+    ground: Ground, truth: pd.DataFrame, folders: list[Path], entry: str, split: str
+) -> Match:
+    """Match an entry's alarms in a split, those of the first folder in which it ran."""
+    files = [entry_folder(folder, entry, ground) / split / ALARMS for folder in folders]
+    file = next(one for one in files if one.parent.is_dir())
+    lanes = {lane.name: lane.lane for lane in ground.tested(split)}
+    own = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
+    return match(read_table(file, "alarms"), own, lanes, ground.table.halo)
+
+
+def far_at(far: np.ndarray, level: float) -> float:
+    """Return the false alarms per m² at which a share of the targets is found."""
+    ordered = np.sort(far)
+    return float(ordered[math.ceil(level * len(ordered)) - 1])
+
+
+class Stated(NamedTuple):
+    """Alarms in the borders of some lanes, with what their confidence states."""
+
+    p: np.ndarray  # (alarm,) stated probability of a target
+    hit: np.ndarray  # (alarm,) whether there is one within the halo
+    stretch: np.ndarray  # (alarm,) number of the stretch of lane
+
+
+def stated_in(of_entry: Match, lanes: list[str]) -> Stated:
+    """Return the alarms in lanes with targets, and which are hits."""
+    p = []
+    hit = []
+    stretch = []
+    for number, name in enumerate(lanes):
+        alarms = of_entry.alarms[of_entry.alarms["lane"] == name]
+        targets = of_entry.truth[of_entry.truth["lane"] == name][["x", "y"]].to_numpy()
+        xy = alarms[["x", "y"]].to_numpy()
+        inside = of_entry.lanes[name].contains(xy[:, 0], xy[:, 1])
+        off = np.linalg.norm(xy[inside][:, None] - targets, axis=-1).min(axis=1)
+        hit.append(off <= of_entry.halo)
+        p.append(expit(alarms["confidence"].to_numpy()[inside]))
+        stretch.append(1000 * number + (xy[inside, 1] // STRETCH).astype(int))
+    return Stated(np.concatenate(p), np.concatenate(hit), np.concatenate(stretch))
