@@ -37,6 +37,7 @@ from numba.cuda import compile_ptx
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging.cuda import _groups
 from flgpr.kernels import gpu
+from flgpr.model import SPEED_OF_LIGHT
 from imaging_speed.cases import SUBBANDS, sri_scan
 
 # name, compute capability, multiprocessors, boost clock (GHz), fp32 lanes and most threads of each
@@ -178,7 +179,7 @@ def lines_per_load() -> tuple[ImagingOperator, float, float]:
     step = scan.frequency[1] - scan.frequency[0]
     distance = [np.linalg.norm(scan.pixels - place, axis=1) for place in (*scan.tx, *scan.rx)]
     path = np.array(distance[: len(scan.tx)]) + np.array(distance[len(scan.tx) :])
-    byte = 8 * np.floor(path * step / 299792458 * size).astype(np.int64)
+    byte = 8 * np.floor(path * step / SPEED_OF_LIGHT * size).astype(np.int64)
     found = []
     for lanes in (16, 32):
         warps = byte[:, : byte.shape[1] // lanes * lanes].reshape(-1, lanes)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.model import Sensor, load_sensor
+from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, draw_world, make_decks
 from flgpr.store import write_table
 from flgpr_exchange.commands.importing import import_gprmax_decks
@@ -73,7 +73,7 @@ def transmitting_h() -> Sensor:
 def decks_of(common: dict[str, Any], lane: dict[str, Any], sensor: Sensor) -> Decks:
     """Return the input files of a lane, with its buried stones."""
     scene = scene_of(common, lane)
-    fastest = 299_792_458.0 / sensor.tones.axis()[-1]
+    fastest = SPEED_OF_LIGHT / sensor.tones.axis()[-1]
     # A trifle less, so that the cell is rounded to the one that is declared and not below it.
     cells_per_wavelength = 0.999 * fastest / np.sqrt(lane["permittivity"]) / common["cell"]
     decks = make_decks(

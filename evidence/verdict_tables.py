@@ -7,17 +7,16 @@ printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, 
 """
 
 import csv
-import json
 import sys
 from pathlib import Path
-from typing import Any
+
+from flgpr_papers.kit.findings import Finding, read_findings
 
 WORLDS = {"prepared": "", "as found": "as-found"}
 """Folder of a world within that of a study, by the heading of its columns."""
 VERDICTS = ("agrees", "disagrees", "cannot say")
 MAIN_GROUP = "open"
 """Group of lanes that a study's own table has, where it has several."""
-Finding = dict[str, Any]
 Statement = tuple[str, str]
 """What tells a statement from others of its group: claim and quantity."""
 
@@ -28,8 +27,8 @@ def main() -> None:
     output = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/evidence/verdicts")
     for study in sorted(path for path in folder.iterdir() if path.is_dir()):
         copy_reasons(study, output)
-        judged = {world: read_findings(study / place) for world, place in WORLDS.items()}
-        groups = dict.fromkeys(finding["group"] for found in judged.values() for finding in found)
+        judged = {world: judged_findings(study / place) for world, place in WORLDS.items()}
+        groups = dict.fromkeys(finding.group for found in judged.values() for finding in found)
         for group in groups:
             findings = {world: by_statement(found, group) for world, found in judged.items()}
             name = study.name if group in ("", MAIN_GROUP) else f"{study.name}-{group}"
@@ -57,19 +56,17 @@ def header() -> list[str]:
     return columns
 
 
-def read_findings(folder: Path) -> list[Finding]:
+def judged_findings(folder: Path) -> list[Finding]:
     """Read the statements of a run that were judged; none where it was not run."""
-    path = folder / "findings.json"
-    if not path.is_file():
+    if not (folder / "findings.json").is_file():
         return []
-    found = json.loads(path.read_text(encoding="utf-8"))["findings"]
-    return [finding for finding in found if finding["verdict"] in VERDICTS]
+    return [finding for finding in read_findings(folder) if finding.verdict in VERDICTS]
 
 
 def by_statement(found: list[Finding], group: str) -> dict[Statement, Finding]:
     """Return the findings of a group of lanes by claim and quantity: one claim may be asked of several quantities."""
-    chosen = [finding for finding in found if finding["group"] == group]
-    return {(finding["claim"], finding["quantity"]): finding for finding in chosen}
+    chosen = [finding for finding in found if finding.group == group]
+    return {(finding.claim, finding.quantity): finding for finding in chosen}
 
 
 def rows_of(findings: dict[str, dict[Statement, Finding]]) -> list[list[str]]:
@@ -80,14 +77,14 @@ def rows_of(findings: dict[str, dict[Statement, Finding]]) -> list[list[str]]:
     papers: dict[Statement, str] = {}
     for found in findings.values():
         for statement, finding in found.items():
-            papers.setdefault(statement, finding["paper"])
+            papers.setdefault(statement, finding.paper)
     claims = [claim for claim, _ in papers]
     rows = []
     for (claim, quantity), paper in papers.items():
         row = [f"{claim} ({quantity})" if claims.count(claim) > 1 else claim, paper]
         for found in findings.values():
             finding = found.get((claim, quantity))
-            row += [finding["ours"], finding["verdict"]] if finding else ["–", "–"]
+            row += [finding.ours, finding.verdict] if finding else ["–", "–"]
         rows.append(row)
     return rows
 
@@ -96,7 +93,7 @@ def count_verdicts(world: str, found: dict[Statement, Finding]) -> str:
     """Return how many statements agree, disagree and cannot be said in a world."""
     if not found:
         return f"{world}: not run"
-    verdicts = [finding["verdict"] for finding in found.values()]
+    verdicts = [finding.verdict for finding in found.values()]
     return f"{world}: " + ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS)
 
 

@@ -28,7 +28,6 @@ BANDS = {
     "B6": (2.35e9, 2.95e9),
 }
 MIDDLES = np.array([(low + high) / 2 for low, high in BANDS.values()])
-LIGHT = 299_792_458.0  # m/s
 LOW = (0, 1, 2)  # sub-bands of `fused`
 FOUR = (0, 1, 2, 3)
 NEAREST = 7.0  # m, the first row of the images

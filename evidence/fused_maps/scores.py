@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
-from scipy.stats import binomtest
 
+from flgpr.scoring import mcnemar_test
 from flgpr_ground.oracle import STEP
 from fused_maps.lanes import HALO, LOW, RATE, RATES, Lane, distances
 from fused_maps.learnt import Trained
@@ -72,8 +72,7 @@ class Found:
         cells.append(", ".join(str(int((self.far[mine] < rate).sum())) for rate in RATES))
         ours, theirs = self.far[mine] < RATE, reference.far[mine] < RATE
         alone, others = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
-        p = binomtest(alone, alone + others).pvalue if alone + others else 1.0
-        cells.append(f"{alone}, {others} ({p:.2g})")
+        cells.append(f"{alone}, {others} ({mcnemar_test(alone, others):.2g})")
         for kind in ("metal", "plastic"):
             change = (self.log_far() - reference.log_far())[self.kinds == kind]
             error = change.std(ddof=1) / math.sqrt(len(change))

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from flgpr.imaging import ScanImager
-from flgpr.model import Grid, lane_to_scan, load_sensor
+from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, load_sensor
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr_ground.oracle import STEP
-from fused_maps.lanes import BANDS, HEIGHT, LIGHT, METRES, MIDDLES, NEAREST, Lane
+from fused_maps.lanes import BANDS, HEIGHT, METRES, MIDDLES, NEAREST, Lane
 
 SOILS = ((2.7, 0.01), (4.0, 0.02), (6.0, 0.05), (9.0, 0.1), (14.0, 0.15))
 BODIES = {
@@ -74,7 +74,7 @@ class Signatures:
 
 def phases_of(metres: np.ndarray, bands: Sequence[int]) -> np.ndarray:
     """Return the factors (..., 1, sub-band, 1) of a move along the line of sight, m."""
-    angle = 4 * np.pi * MIDDLES[list(bands)] / LIGHT * metres[..., None]
+    angle = 4 * np.pi * MIDDLES[list(bands)] / SPEED_OF_LIGHT * metres[..., None]
     return np.exp(1j * angle)[..., None, :, None]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import tomllib
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +14,7 @@ from scipy.optimize import brentq
 from flgpr.simulate.ground import soil
 from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr.store import write_whole
+from flgpr.toml_text import toml_lines
 
 _FILES = Path(__file__).parent
 DECLARED: dict[str, Any] = tomllib.loads((_FILES / "worlds.toml").read_text(encoding="utf-8"))
@@ -148,11 +148,5 @@ def on_soil_of(contents: str) -> dict[str, float]:
 
 def write_site(path: Path, tables: dict[str, Any]) -> None:
     """Write tables of a site as a TOML file, which is complete or not there at all."""
-    lines = []
-    for name, table in tables.items():
-        lines.append(f"[{name}]")
-        for entry, value in table.items():
-            lines.append(f"{entry} = {json.dumps(value)}")
-        lines.append("")
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, "\n".join(lines))
+    write_whole(path, "\n".join(toml_lines(tables, {})))
