@@ -1,12 +1,15 @@
-"""Live detection.
+"""Live detection: a run that comes in scan by scan.
 
-Scans come from a folder, over sockets or from a recording, alarms go to a file of events and to a callback.
+Scans come from a folder, over sockets or from a recording; alarms go to a file of events and to a
+callback.
 
-A frame becomes a scan, or is left out, in ``live/intake.py``: one without a pose, or with numbers that cannot be a pose
-(``pose_fault`` of ``store/scan_file.py``), has it filled in there from its neighbours', or is left out where they do
-not tell it. The detector (``live/detector.py``, ``add``) asks the gate of ``model/plausible.py`` whether to believe a
-pose, and takes the scan in, leaves it out, or holds it back (``LiveDetector.held``) until others agree with it or it is
-dropped. What is said of it: ``position_events`` in ``live/events.py``; how many: ``Intake.settled``.
+Where a scan with a bad pose goes: a frame becomes a scan, or is left out, in ``live/intake.py``.
+One without a pose, or with numbers that cannot be a pose (``pose_fault`` of
+``store/scan_file.py``), has it filled in there from its neighbours', or is left out where they do
+not tell it. The detector (``live/detector.py``, ``add``) asks the gate of ``model/plausible.py``
+whether to believe a pose, and takes the scan in, leaves it out, or holds it back
+(``LiveDetector.held``) until others agree with it or it is dropped. What is said of it:
+``position_events`` in ``live/events.py``; how many: ``Intake.settled``.
 """
 
 from __future__ import annotations

@@ -206,7 +206,8 @@ class RunViewSums(LaneSums):
     with a name in the stub ``screen/__init__.pyi``. ``Steps.view_sums`` (``method/steps.py``)
     chooses it by a further name of ``RunViewTable.look`` (``recipe/tables.py``), which has
     its row in ``docs/guide/systems.md`` and in the schema that ``evidence/make_schemas.py`` writes.
-    Nothing else changes: passes, live detection and the cache follow.
+    Nothing else changes but the frozen table of settings (``tests/freeze``): passes, live detection
+    and the cache follow.
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
