@@ -27,6 +27,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
@@ -50,8 +51,31 @@ VERSIONED = (
 """Files with versions, paths, times or words, which may differ."""
 
 
-Seconds = dict[str, float]
-"""What a process took on the clock and on the processor."""
+@dataclass(frozen=True)
+class Seconds:
+    """What a process took."""
+
+    clock: float
+    processor: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Medians of both sides, s, their ratio new/old, and the least and largest ratio of a round."""
+
+    old: float
+    new: float
+    ratio: float
+    least: float
+    largest: float
+
+
+def compare(old: Sequence[float], new: Sequence[float]) -> Comparison:
+    """Compare the seconds of two sides, a pair for each round."""
+    ratios = [after / before for before, after in zip(old, new, strict=True)]
+    before = median(old)
+    after = median(new)
+    return Comparison(before, after, after / before, min(ratios), max(ratios))
 
 
 def order_of(round_number: int) -> tuple[str, str]:
@@ -70,7 +94,7 @@ def run(checkout: Path, words: Sequence[object]) -> Seconds:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{checkout}: flgpr {' '.join(map(str, words))} failed")
-    return {"clock": clock, "processor": used.ru_utime + used.ru_stime}
+    return Seconds(clock, used.ru_utime + used.ru_stime)
 
 
 def content(folder: Path) -> dict[str, str]:
@@ -148,15 +172,14 @@ def main() -> None:
                 continue
             seconds, others = measure(words, checkouts, home, wanted.rounds)
             for kind in ("clock", "processor"):
-                old, new = ([one[kind] for one in seconds[side]] for side in SIDES)
-                ratios = [after / before for before, after in zip(old, new, strict=True)]
-                ratio = median(new) / median(old)
+                old, new = ([getattr(one, kind) for one in seconds[side]] for side in SIDES)
+                found = compare(old, new)
                 print(
-                    f"{name:10} {kind:10} {median(old):8.3f} {median(new):8.3f} {ratio:8.3f} "
-                    f"{min(ratios):7.3f} to {max(ratios):5.3f}  {'DIFFER' if others else 'same'}",
+                    f"{name:10} {kind:10} {found.old:8.3f} {found.new:8.3f} {found.ratio:8.3f} "
+                    f"{found.least:7.3f} to {found.largest:5.3f}  {'DIFFER' if others else 'same'}",
                     flush=True,
                 )
-                passed &= kind != wanted.by or ratio <= wanted.most
+                passed &= kind != wanted.by or found.ratio <= wanted.most
             if others:
                 print(f"{name:10} {len(others)} files differ: {', '.join(others[:8])}")
             passed &= not others

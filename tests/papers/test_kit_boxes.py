@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from slow_scoring import box_curve, example_curve
+from reference.slow_scoring import box_curve, example_curve
 
 from flgpr.model import Lane
 from flgpr.scoring import (

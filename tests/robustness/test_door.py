@@ -324,7 +324,7 @@ def test_a_list_is_scored_as_it_was_hashed(copied, monkeypatch):
     entrant = find_entrant(folder)
     assert list(entrant.table()["alarm_id"]) == ["a", "b", "c"]
     assert (
-        entrant.provenance(None)["alarms_sha256"]
+        entrant.digests()["alarms_sha256"]
         == read_manifest_only(folder).manifest["files"]["alarms.csv"]
     )
 

@@ -67,7 +67,6 @@ def prescreen(
     >>> import numpy as np
     >>> import xarray as xr
     >>> from flgpr.model import Grid, Lane
-    from flgpr.screen.views import grid_of
     >>> from flgpr.screen import prescreen
     >>> grid = Grid.spanning((-2.0, 2.0), (0.0, 10.0), 0.1)
     >>> x, y = np.meshgrid(grid.x, grid.y)
