@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference.slow_scoring import box_curve, example_curve
 
 from flgpr.model import Lane
 from flgpr.scoring import (
@@ -18,6 +17,7 @@ from flgpr.scoring import (
     peak_roc,
     with_area,
 )
+from reference.slow_scoring import box_curve, example_curve
 
 LANE = Lane(0.0, 3.0, 0.0, 5.0)
 X = np.arange(0.125, 3, 0.25)
