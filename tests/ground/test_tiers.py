@@ -219,12 +219,8 @@ def test_the_ladder_has_the_oracle_as_one_of_its_rungs(field, tmp_path):
     recipe = field / "one.toml"
     oracle = run_oracle(field / "out", recipe, tier="smooth").set_index("target_id")
     figure = tmp_path / "ladder.png"
-    ladder.main(
-        [
-            *(str(field / "out"), str(tmp_path), "--tier", "smooth"),
-            *("--recipe", str(recipe), "--figure", str(figure)),
-        ]
-    )
+    ladder.RECIPE = str(recipe)
+    ladder.main([str(field / "out"), str(tmp_path), "--tier", "smooth", "--figure", str(figure)])
     found = pd.read_csv(tmp_path / "ladder-smooth-sand.csv").set_index("target_id")
     assert sorted(found.index) == sorted(oracle.index)
     for rung, column in (("oracle", "far"), ("phases", "far_phase")):
