@@ -207,7 +207,7 @@ NOT_HERE = (
     "flgpr plan survey",  # what a crew fills in; tests/trials/test_register.py fills it in
     # tests/test_cli.py does; here it is scored at another rate
     "flgpr score result --truth truth.csv   ",
-    "flgpr score --agreement",  # tests/viewer/test_verdicts.py has analysts
+    "flgpr agree",  # tests/viewer/test_verdicts.py has analysts
     "flgpr reproduce",  # minutes; tests/papers has the studies
 )
 
