@@ -29,7 +29,7 @@ class Estimator:
     """
 
     trained: str  #: class that is trained, with ``fit``
-    scorer: str  #: class of :mod:`flgpr.detect.scorers` that scores with what was learnt
+    scorer: str  #: class of ``flgpr.detect.scorers`` that scores with what was learnt
     #: whether it reads features in groups: each entry of a detector's ``features`` is one
     grouped: bool = False
     outward: bool = False  #: whether its scores grow with what is unlike the examples

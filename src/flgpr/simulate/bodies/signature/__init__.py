@@ -1,6 +1,6 @@
 """Signatures: what buried bodies scatter, by Maxwell's equations in and around them, in tables.
 
-``table`` reads tables; :mod:`flgpr_ground.signatures` makes them.
+``table`` reads tables; ``flgpr_ground.signatures`` makes them.
 """
 
 from flgpr.lazy import face
