@@ -92,7 +92,7 @@ class Reader:
 
 
 class NmeaLog(Reader):
-    """Log of a satellite receiver: counted here, read as a track (:mod:`flgpr.formats.tracks`)."""
+    """Log of a satellite receiver: counted here, read as a track (``formats/tracks.py``)."""
 
     kind = "NMEA 0183 log"
 
