@@ -71,7 +71,7 @@ robustness: $(VENV)/.test
 # imports, the demo, detection with its estimators, stores, formats, commands and live scans work with both.
 OLDEST_PYTHON ?= python3.11
 NEWEST_PYTHON ?= $(PYTHON)
-VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method recipe stages detect formats geo live/test_session.py live/test_sockets.py \
+VERSIONS := test_imports.py test_lazy.py test_main.py test_system.py method recipe stages detect formats exchange geo live/test_session.py live/test_sockets.py \
     report/test_score_page.py results scoring store systems/test_systems.py viewer/test_server.py \
     $(addprefix commands/test_,detect.py help.py importing.py info.py options.py scoring.py simulate.py)
 # What of these takes long and rests on no library's version: mathematics of ours, and drawn cases.
