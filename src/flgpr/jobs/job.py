@@ -204,17 +204,17 @@ def make_job(
     area = area_of(open_run(run, options.max_memory), parsed, borders)
     other_runs = []
     for name, path in (others or {}).items():
-        other_runs.append((name, _absolute(path), read_manifest(path)["sha256"]))
+        other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
     truth_and_digest = ("", "")
     if truth is not None:
-        truth_and_digest = (_absolute(truth), sha256(read_named(truth)))
+        truth_and_digest = (absolute(truth), sha256(read_named(truth)))
     refuse_links(Path(output))  # before it is followed to where it leads
     return LaneJob(
-        run=_absolute(run),
+        run=absolute(run),
         recipe=recipe,
         lane=(area.x_min, area.x_max, area.y_min, area.y_max),
-        model=None if model is None else _absolute(model),
-        output=_absolute(output),
+        model=None if model is None else absolute(model),
+        output=absolute(output),
         report=report,
         store_sha256=read_manifest(run)["sha256"],
         model_sha256="" if model is None else model_digest(model),
@@ -224,11 +224,11 @@ def make_job(
         others=tuple(other_runs),
         truth=truth_and_digest,
         lane_source=lane_source,
-        pass_cache="" if options.pass_cache is None else _absolute(options.pass_cache),
+        pass_cache="" if options.pass_cache is None else absolute(options.pass_cache),
     )
 
 
-def _absolute(path: str | Path) -> str:
+def absolute(path: str | Path) -> str:
     """Return a path that means the same in every process."""
     return str(Path(path).resolve())
 

@@ -19,7 +19,7 @@ from flgpr.door import refuse_links
 from flgpr.engine import Arrays
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.jobs.driver import passes_of_lane
-from flgpr.jobs.job import LaneJob, code_versions, model_digest
+from flgpr.jobs.job import LaneJob, absolute, code_versions, model_digest
 from flgpr.jobs.pieces import report
 from flgpr.jobs.workers import Executor, RunOptions
 from flgpr.live import forecast
@@ -348,11 +348,11 @@ class _Training:
             refuse_links(output)
             job = replace(
                 lane.job,
-                output=str(output.resolve()),
-                model=None if learnt is None else str(learnt.resolve()),
+                output=absolute(output),
+                model=None if learnt is None else absolute(learnt),
                 model_sha256="" if learnt is None else model_digest(learnt),
                 truth=lane.job.truth if truth else ("", ""),
-                pass_cache="" if cache is None else str(Path(cache).resolve()),
+                pass_cache="" if cache is None else absolute(cache),
             )
             label = f"{lane.name}: "
             with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
