@@ -153,7 +153,8 @@ def test_live_it_finds_what_it_found(causal):
 @pytest.mark.parametrize("case", CAUSAL[:1], indirect=True)
 def test_live_killed_and_resumed_it_finds_the_same(causal):
     words = causal.live("live-resumed", "--snapshot", 2)
-    assert killed(words, "snapshot.bundle", 3) == KILLED_BY_SIGNAL
+    # The first and the last snapshot are always written; on a busy machine others may be skipped.
+    assert killed(words, "snapshot.bundle", 2) == KILLED_BY_SIGNAL
     flgpr(*words)
     resumed = causal.folder / "live-resumed"
     assert any(one["event"] == "resume" for one in events(resumed))
