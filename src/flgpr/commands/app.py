@@ -111,11 +111,15 @@ app = typer.Typer(
 def _take_in_other_packages() -> None:
     """Add the commands of other packages.
 
-    An entry point of the group "flgpr.commands" names an :class:`~flgpr.commands.shell.Offer`.
+    An entry point of the group "flgpr.commands" names an :class:`~flgpr.commands.shell.Offer`. A
+    command whose words another one has is left out, so that no package replaces a command of this
+    one; it is told at every start.
     """
     for offer in entry_points(group="flgpr.commands"):
         offered: Offer = offer.load()
-        COMMANDS.update(offered.commands)
+        for words, function in offered.commands.items():
+            if COMMANDS.setdefault(words, function) is not function:
+                LEFT_OUT.append(f"flgpr {words} of {offer.value} is left out: there is one already")
         for title, words in offered.panels.items():
             HELP_PANELS.setdefault(title, {}).update(words)
 
@@ -137,6 +141,9 @@ def _fill(program: typer.Typer) -> None:
             groups[first].command(second, cls=PairCommand)(shell_function(function))
 
 
+LEFT_OUT: list[str] = []
+"""Commands of other packages that are left out, and why."""
+
 _take_in_other_packages()
 _fill(app)
 
@@ -154,4 +161,6 @@ def _main(
         bool, Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Parse the options before a command."""
+    """Parse the options before a command, and tell what of other packages is left out."""
+    for line in LEFT_OUT:
+        typer.echo(f"note: {line}", err=True)
