@@ -15,6 +15,7 @@ twins, with the goals that were set before:
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -164,7 +165,7 @@ def print_paths(lanes: list[Lane]) -> None:
                 ]
                 mean = np.mean(lines, axis=0)
                 met = int((np.abs(mean) <= GOALS["path"]).sum())
-                cells = [f"{value:+.1f}" for value in mean]
+                cells = [f"{value + 0.0:+.1f}" for value in mean]
                 rows.append([title, label, world, *cells, f"{met} of {len(cells)}"])
     print("\nPower by path, full wave over twins (dB)\n")
     print(markdown(["lanes", "", "twins", *(f"{p:g} m" for p in TOLD), "within 2 dB"], rows))
@@ -186,9 +187,9 @@ def print_images(lanes: list[Lane]) -> None:
                     number = np.clip(np.digitize(AHEAD + 1e-6, CELLS) - 1, 0, len(CELLS) - 2)
                     cells = [mean[number == cell].mean() for cell in range(len(CELLS) - 1)]
                     met = int((np.abs(cells) <= GOALS["image"]).sum())
-                    told = [f"{value:+.1f}" for value in cells]
+                    told = [f"{value + 0.0:+.1f}" for value in cells]
                     rows.append([title, label, name, world, *told, f"{met} of {len(cells)}"])
-    heads = [f"{low:g}-{high:g} m" for low, high in zip(CELLS[:-1], CELLS[1:], strict=True)]
+    heads = [f"{low:g}-{high:g} m" for low, high in itertools.pairwise(CELLS)]
     print("\nPower of images by distance ahead, full wave over twins (dB)\n")
     print(markdown(["lanes", "", "sub-band", "twins", *heads, "within 3 dB"], rows))
 

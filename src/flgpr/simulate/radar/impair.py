@@ -192,7 +192,8 @@ class Impairments:
             size = np.sqrt(self.noise_power * 10 ** (level_db / 10))
             phase = rng.uniform(0, 2 * np.pi, (*shape[:2], tones.size))
             disturbance = (size * np.exp(1j * phase)).astype(np.complex64)
-            np.add.at(noise, (..., tones), disturbance)  # channels may overlap
+            for number, tone in enumerate(tones):  # channels may overlap
+                noise[..., tone] += disturbance[..., number]
         return noise
 
 
