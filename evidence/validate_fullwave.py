@@ -69,7 +69,7 @@ def lane_scene(run, truth, objects) -> Scene:
 def per_current(run):
     """Return the packaged lane's run as the field over the transmitter's current, on the lane's scale at 1 GHz.
 
-    Its direct wave is the closed form of a short dipole times f to the power -1.00, to 0.004 dB (rms over tones), and
+    Its direct wave is the closed form of a short dipole times f to the power -1.00, to 0.005 dB (rms over tones), and
     turned by half a turn: the field was divided by the change of the current, jω times the current.
     """
     factor = -(run["frequency"] / 1e9)

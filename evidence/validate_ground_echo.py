@@ -10,6 +10,12 @@ twins, with the goals that were set before:
 - covariance of clutter, in the chips of `fused` before `early`: its divergence from that of twins below 0.2 nats a
   value. It is Stein's, ``(tr(S) - ln det(S))/d - 1`` with S the covariance whitened by that of the twins; chips are
   divided by their own power. As few chips diverge by themselves, that of single sets of twins is beside it.
+
+Two more tables hold the direct wave of lane a against the closed form of a short dipole, tone by tone, and the echo of
+the solved lanes at paths of 2.2 to 3.9 m against that of a smooth surface by image theory. Beside the latter are three
+laws of what roughness takes, at nadir: the simulator's ``exp(-2(k s)²)``, second-order perturbation for the exponential
+correlation of the heights, and its limit for short waves of the surface, ``exp(-2(k s)² sqrt(ε))``. The last two take
+the rms height of the solver's grid.
 """
 
 from __future__ import annotations
@@ -29,6 +35,11 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from common import markdown
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
+from flgpr.simulate.bodies.echoes import LayeredGround
+from flgpr.simulate.ground.specular import SpecularEcho
+from flgpr.simulate.ground.terrain import TerrainHeights
+from flgpr.simulate.radar.coupling import direct_wave
+from flgpr.simulate.simulator import array_state, system_response
 from full_wave_causes.lanes import (
     ECHO,
     OWN,
@@ -38,6 +49,7 @@ from full_wave_causes.lanes import (
     LaneData,
     full_wave,
     solved_lane,
+    solved_scene,
     solved_twin,
     twin,
     twin_scene,
@@ -46,12 +58,15 @@ from full_wave_causes.signatures import BANDS, CHIP_BANDS, chips_at, scale_of
 from validate_fullwave import per_current
 
 LANE_A = "lane a"
+TOLD_LABELS = {False: ("HH", "HV"), True: ("HH", "VV")}  # in full-wave-2 H alone was transmitted
 WORLDS = {"plain": "C0", "echo": "C1"}
 PATHS = np.arange(2.0, 10.01, 0.25)  # m, of the figure
 TOLD = np.arange(3.0, 10.01, 0.5)  # m, of the table
 AHEAD = np.arange(1.2, 5.01, 0.1)  # m
 CELLS = np.array([1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0])  # m, borders of the table's cells
 CLEAR = 0.4  # m about targets in which no chip is taken
+GATE = (2.2, 3.9)  # m of path, about the specular echo
+ROUGH_BANDS = np.array([0.5, 0.8, 1.1, 1.4]) * 1e9
 GOALS = {"path": 2.0, "image": 3.0, "covariance": 0.2}
 
 
@@ -157,7 +172,8 @@ def print_paths(lanes: list[Lane]) -> None:
     at = [int(np.abs(PATHS - path).argmin()) for path in TOLD]
     rows = []
     for some, title in ((lanes[1:], "full-wave-2"), (lanes[:1], LANE_A)):
-        for row, label in enumerate(some[0].labels):
+        for label in TOLD_LABELS[title == LANE_A]:
+            row = some[0].labels.index(label)
             for world in WORLDS:
                 lines = [
                     over(lane.real.path, [one.path for one in lane.twins[world]])[row, at]
@@ -175,7 +191,7 @@ def print_images(lanes: list[Lane]) -> None:
     """Print full wave over twins by sub-band and distance ahead."""
     rows = []
     for some, title in ((lanes[1:], "full-wave-2"), (lanes[:1], LANE_A)):
-        for label in ("HH", "VV") if title == LANE_A else ("HH", "HV"):
+        for label in TOLD_LABELS[title == LANE_A]:
             row = some[0].labels.index(label)
             for band, name in enumerate(BANDS):
                 for world in WORLDS:
@@ -218,6 +234,104 @@ def print_covariances(lanes: list[Lane]) -> None:
     print("\nCovariance of clutter in chips of HH, before `early`\n")
     heads = ("divergence (nats a value)", "of one set of twins", "largest eigenvalue", "of twins")
     print(markdown(["lanes", "chips", "twins", *heads, "below 0.2"], rows))
+
+
+def print_unit() -> None:
+    """Print the direct wave of lane a over the closed form: power of frequency, and what is left of it."""
+    run = full_wave().run.load()
+    frequency = run["frequency"].values
+    distance = np.linalg.norm((run["tx_position"] - run["rx_position"]).values, axis=1)
+    near = (distance > 0.2) & (distance < 0.6)
+    sensor = load_sensor(ECHO)
+    state = array_state(sensor, np.zeros(6))
+    closed = direct_wave(state, frequency, sensor.antenna.side_db)
+    closed = closed * system_response(sensor, frequency)
+    rows = []
+    for row, label in ((0, "HH"), (3, "VV")):
+        ratio = run["signal"].values[:, row][:, near] / closed[row, near]
+        level = np.median(20 * np.log10(np.abs(ratio)), axis=(0, 1))
+        decade = 20 * np.log10(frequency / frequency[0])
+        exponent, start = np.polyfit(decade, level, 1)
+        rest = np.std(level - exponent * decade - start)
+        turn = np.degrees(np.abs(np.angle((ratio / np.abs(ratio)).mean())))
+        rows.append([label, f"{exponent:.2f}", f"{rest:.3f}", f"{turn:.0f}"])
+    print("\nDirect wave of lane a over the closed form, pairs 0.2 to 0.6 m apart\n")
+    print(markdown(["", "power of frequency", "rest (dB, rms over tones)", "turned by (°)"], rows))
+
+
+def gated(signal: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Return what of a signal comes by paths within the gate of the specular echo."""
+    path = np.arange(4096) / 4096 * SPEED_OF_LIGHT / (frequency[1] - frequency[0])
+    inside = (path > GATE[0]) & (path < GATE[1])
+    profile = np.fft.ifft(signal, path.size, axis=-1)
+    return np.fft.fft(profile * inside, axis=-1)[..., : frequency.size]
+
+
+def smooth_echo(number: int) -> np.ndarray:
+    """Return the echo (pair, frequency) in HH of a solved lane's ground, were it smooth."""
+    scene = solved_scene(number)
+    surface = scene.surface.model_copy(update={"rms_height": 0.0})
+    sensor = load_sensor(ECHO)
+    ground = LayeredGround(scene.soil, None, sensor.tones.axis())
+    flat = TerrainHeights(scene.terrain, scene.lane, 0)
+    echo = SpecularEcho(surface, scene.grass, ground, flat, sensor.antenna.side_db)
+    array = array_state(sensor, np.array([0, 0, sensor.height, 0, 0, 0.0]))
+    return echo(array)[0] * system_response(sensor, sensor.tones.axis())
+
+
+def second_order_loss(k: float, permittivity: float, rms: float, length: float) -> float:
+    """Return what exponential roughness takes from the echo at nadir, nepers, by second-order perturbation.
+
+    ``2·k·s²·(q - (q² - k²)·<1/(q1' + q2')>)`` with q = k·sqrt(ε), the mean over the surface's waves, for fields along
+    the ridges of each wave. Long waves leave ``2(k s)²``, short ones ``2·k·q·s²``.
+    """
+    level = (np.arange(4000) + 0.5) / 4000
+    waves = np.sqrt((1 - level) ** -2.0 - 1) / length
+    above = np.conj(np.sqrt(k**2 - waves**2 + 0j))
+    below = np.conj(np.sqrt(permittivity * k**2 - waves**2 + 0j))
+    q = k * np.sqrt(permittivity)
+    loss = 2 * k * rms**2 * (q - (q**2 - k**2) * (1 / (above + below)).mean())
+    return float(loss.real)
+
+
+def print_roughness() -> None:
+    """Print what the roughness of the solved lanes takes from the specular echo, and what laws say."""
+    rows = []
+    for number in SOLVED:
+        run = solved_lane(number).run.load()
+        scene = solved_scene(number)
+        surface = run.attrs["fullwave"]["surface"]
+        frequency = run["frequency"].values
+        smooth = gated(smooth_echo(number), frequency)
+        echo = gated(run["signal"].values[:, 0], frequency)
+        cells = []
+        for low, high in itertools.pairwise(ROUGH_BANDS):
+            band = (frequency >= low) & (frequency < high)
+            some = smooth[..., band]
+            share = np.vdot(np.broadcast_to(some, echo[..., band].shape), echo[..., band])
+            share = share / (len(echo) * np.vdot(some, some).real)
+            k = 2 * np.pi * (low + high) / 2 / SPEED_OF_LIGHT
+            eps = scene.soil.permittivity
+            length = scene.surface.correlation_length
+            rms = surface["rms_height_on_grid"]
+            losses = [
+                2 * (k * scene.surface.rms_height) ** 2,
+                second_order_loss(k, eps, rms, length),
+                2 * (k * rms) ** 2 * np.sqrt(eps),
+            ]
+            told = [20 * np.log10(np.abs(share)), *(-20 * np.log10(np.e) * np.array(losses))]
+            cells.append(" / ".join(f"{value:.1f}" for value in told))
+        names = [
+            f"{number}",
+            f"{scene.soil.permittivity:g}",
+            f"{1000 * scene.surface.rms_height:g}",
+        ]
+        rows.append([*names, f"{1000 * surface['rms_height_on_grid']:.1f}", *cells])
+    bands = [f"{low / 1e9:g}-{high / 1e9:g} GHz" for low, high in itertools.pairwise(ROUGH_BANDS)]
+    print(
+        "\nSpecular echo over that of a smooth surface: solved / law / second order / its limit (dB)\n"
+    )
+    print(markdown(["lane", "ε", "rms (mm)", "on the grid (mm)", *bands], rows))
 
 
 def draw(lanes: list[Lane], path: Path) -> None:
@@ -269,6 +383,8 @@ def main() -> None:
     print_paths(lanes)
     print_images(lanes)
     print_covariances(lanes)
+    print_unit()
+    print_roughness()
     if given.figure is not None:
         draw(lanes, given.figure)
 
