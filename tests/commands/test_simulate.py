@@ -69,3 +69,38 @@ def test_where_the_solvers_are_not_installed_a_signature_names_the_package_that_
     assert failed.exit_code == 2
     assert "package flgpr_ground" in failed.stderr
     assert not (tmp_path / "tm-62p.npz").exists()
+
+
+LOW = """name = "low"
+source = "test"
+polarization = ["HH"]
+height = {height}
+tx = [[-0.4, 0.0, 0.0]]
+rx = [[0.4, 0.0, 0.0]]
+[tones]
+start = 0.6e9
+step = 7e6
+count = 100
+[antenna]
+kind = "{kind}"
+"""
+YARD = 'site = "gravel"\nlength = 8.0\n[surface]\ndensity = 2.0\n[track]\npositions = [0.0]\n'
+
+
+@pytest.mark.parametrize(
+    ("height", "kind", "words"),
+    [
+        (1.0, "dipole", ["the echo of the mean surface", "lower than 3 m"]),
+        (1.0, "horn", ["the echo of the mean surface", "horns' pattern is -20 dB"]),
+        (4.0, "horn", []),
+    ],
+)
+def test_what_is_simulated_below_a_low_array_is_told(tmp_path, height, kind, words):
+    scene = tmp_path / "scene.toml"
+    sensor = tmp_path / "sensor.toml"
+    scene.write_text(YARD)
+    sensor.write_text(LOW.format(height=height, kind=kind))
+    made = simulate_lane(scene, output=tmp_path / "yard.zarr", sensor=str(sensor))
+    told = "\n".join(made.lines)
+    assert all(word in told for word in words)
+    assert bool(told) == bool(words)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from flgpr.model import load_sensor, sensor_presets
+from flgpr.model import Sensor, load_sensor, sensor_presets
 
 
 def test_sri_array_is_the_paper_s():
@@ -39,3 +39,31 @@ def test_a_bad_sensor_file_says_what_is_wrong(tmp_path, text, words):
 def test_an_unknown_sensor_lists_the_presets():
     with pytest.raises(ValueError, match="sri-array"):
         load_sensor("nothing")
+
+
+def low(**parts):
+    data = load_sensor("full-wave").model_dump() | {"footprint": "auto"}
+    return Sensor.model_validate(data | parts)
+
+
+def test_a_footprint_of_its_own_begins_behind_dipoles_and_below_horns():
+    left, right, behind, ahead = low().ground_in_view
+    height = 1.5 - 0.03 * 16 / 18  # mean of all antennas
+    assert (left, right) == pytest.approx((-1.125 - height, 1.125 + height))
+    assert (behind, ahead) == pytest.approx((-height, 5.6 * height))
+    horns = {"antenna": {"kind": "horn"}}
+    assert low(**horns, tilt=0.0).ground_in_view[2] == pytest.approx(0.0)
+    assert low(**horns, tilt=0.3).ground_in_view[2] == pytest.approx(-height * np.tan(0.3))
+    assert low(**horns, tilt=1.5).ground_in_view[2] == pytest.approx(-height)
+
+
+def test_a_footprint_grows_with_the_height_and_is_kept_where_it_is_given():
+    once = np.array(low(height=0.8).ground_in_view)
+    twice = np.array(low(height=1.6).ground_in_view)
+    assert (np.abs(twice) > np.abs(once)).all()
+    given = low(footprint=(-1.0, 1.0, 2.0, 3.0))
+    assert given.ground_in_view == given.footprint == (-1.0, 1.0, 2.0, 3.0)
+    with pytest.raises(ValueError, match="footprint must have x_max > x_min"):
+        low(footprint=(1.0, -1.0, 2.0, 3.0))
+    with pytest.raises(ValueError, match="footprint"):
+        low(footprint="wide")

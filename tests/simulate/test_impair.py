@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -107,3 +109,35 @@ def test_the_self_signature_ends_at_its_path_and_not_before(quiet):
     before = profile[:, (path > 0.8 * end) & (path < end - cell)].mean()
     behind = profile[:, (path > end + cell) & (path < span - cell)].mean()
     assert 10 * np.log10(before / behind) > 20
+
+
+def disturbed(errors, scan):
+    power = np.mean(np.abs(errors.apply(SILENCE, scan)) ** 2, axis=(0, 1)) / errors.noise_power
+    return set(np.flatnonzero(power > 5).tolist())
+
+
+def test_continuous_interference_stands_for_its_scans_and_is_silent_for_others(quiet):
+    parts = {"clutter_to_noise_db": 15.0, "interference_tones": 20}
+    all_of_them = disturbed(Impairments(with_errors(quiet, **parts), 1), 0)
+    comes_and_goes = Impairments(with_errors(quiet, **parts, interference_scans=8), 1)
+    heard = [disturbed(comes_and_goes, scan) for scan in range(64)]
+    assert set.union(*heard) == all_of_them
+    share = np.mean([len(tones) / 20 for tones in heard])
+    # 20 interferers in 8 to 9 periods of an even chance each.
+    assert share == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(160))
+    changes = sum(len(one ^ other) for one, other in itertools.pairwise(heard))
+    assert changes / 63 == pytest.approx(20 / 8 / 2, rel=0.4)
+    longest = max(changes_of(tone, heard) for tone in all_of_them)
+    assert longest <= 9
+
+
+def changes_of(tone, heard):
+    stands = [tone in tones for tones in heard]
+    return sum(one != other for one, other in itertools.pairwise(stands))
+
+
+def test_continuous_interference_fills_its_channel(quiet):
+    parts = {"clutter_to_noise_db": 15.0, "interference_tones": 3}
+    alone = disturbed(Impairments(with_errors(quiet, **parts), 2), 0)
+    wide = disturbed(Impairments(with_errors(quiet, **parts, interference_width=4), 2), 0)
+    assert wide == {tone + k for tone in alone for k in range(4) if tone + k < 256}

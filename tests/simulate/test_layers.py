@@ -168,3 +168,24 @@ def test_a_standing_vehicle_sweeps_like_an_instant_and_motion_is_off_without_err
     np.testing.assert_array_equal(
         moving.scan(1), Simulator(scene, Sensor.model_validate(data), 1).scan(1)
     )
+
+
+def test_the_skeleton_takes_dipoles_with_ground_below_and_behind(dipoles):
+    """Spectra are carried from the chosen tones to all tones, ahead and behind alike."""
+    sensor = dipoles.model_copy(update={"height": 1.2, "footprint": (-3.0, 3.0, -5.0, 5.0)})
+    simulator = Simulator(
+        Scene(site="temperate", track=STILL, surface={"density": 20.0}), sensor, 1, errors=False
+    )
+    view = simulator._view(simulator._array(0), simulator.pose[0])
+    frequency = sensor.tones.axis()
+    skeleton = simulator._skeleton
+    assert np.isfinite(skeleton.functions).all()
+    for layer in simulator._layers[:2]:
+        echoes = layer.echoes(view)
+        want = np.einsum("irc,rcf->icf", echoes.coefficient, echoes.basis)
+        got = skeleton.values(echoes) @ skeleton.functions
+        for part in (echoes.points[:, 1] < 0, echoes.points[:, 1] > 0):
+            assert part.sum() > 200
+            assert apart(got[part], want[part]) < 0.03
+    assert frequency.size == skeleton.functions.shape[1]
+    assert np.isfinite(simulator.scan(0)).all()

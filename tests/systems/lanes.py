@@ -14,6 +14,8 @@ polarization = ["HH", "VV", "HV", "VH"]
 height = 2.5
 tilt = 0.26
 footprint = [-4.0, 4.0, 2.5, 10.0]
+specular_echo = false
+direct_wave = false
 
 [tones]
 start = 0.6e9

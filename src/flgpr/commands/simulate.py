@@ -127,7 +127,7 @@ def simulate_lane(
         )
     if output is None and preview is None:
         raise ValueError("simulate needs --output or --preview, got neither")
-    from flgpr.commands.simulation import write_preview
+    from flgpr.commands.simulation import ground_echo_lines, write_preview
     from flgpr.jobs.simulated_lane import simulate_to_store
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
@@ -152,6 +152,7 @@ def simulate_lane(
         paths.append(Path(output))
     elif output is not None:
         resume = not restart
+        lines += ground_echo_lines(array)
         with _restart_named():
             paths += simulate_to_store(
                 loaded_scene,

@@ -12,6 +12,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from flgpr.door import refuse_links
+from flgpr.model import Sensor
+from flgpr.model.sensor import LOW_ARRAY
 from flgpr.progress import Track, silent
 from flgpr.report.scene_preview import scene_figure
 from flgpr.simulate import Scene
@@ -30,6 +32,28 @@ from flgpr.store.files import naming_output
 from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
 
 PathLike = str | Path
+
+
+def ground_echo_lines(sensor: Sensor) -> list[str]:
+    """Return what is simulated of the waves below and between the antennas, and what is assumed."""
+    waves = []
+    switches = []
+    if sensor.has_specular_echo:
+        waves.append("the echo of the mean surface below the array (specular_echo)")
+        switches.append(sensor.specular_echo)
+    if sensor.has_direct_wave:
+        waves.append("the wave from antenna to antenna (direct_wave)")
+        switches.append(sensor.direct_wave)
+    if not waves:
+        return []
+    line = f"with {' and '.join(waves)}"
+    if "auto" in switches:
+        line += f": the array is lower than {LOW_ARRAY:g} m"
+    lines = [line]
+    if sensor.antenna.kind == "horn":
+        level = f"{sensor.antenna.side_db:g} dB"
+        lines.append(f"assumed: beside and behind, the horns' pattern is {level} (antenna.side_db)")
+    return lines
 
 
 def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
