@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,11 @@ MOST_VALUES = 8_000_000
 """Most values in a file of JSON: each takes up to 100 bytes of memory."""
 MOST_NESTING = 100
 """Deepest nesting of JSON; Python itself gives up at about ten times that."""
+MOST_DIGITS = 300
+"""Digits of a number, of which no number of double precision has more before its point."""
+MANY_DIGITS = re.compile(rf"[0-9](?:_?[0-9]){{{MOST_DIGITS - 1}}}")
+"""So many digits in a row, which TOML parts by underscores."""
+_MANY_DIGITS = (re.compile(rf"[0-9]{{{MOST_DIGITS}}}"), re.compile(rb"[0-9]{%d}" % MOST_DIGITS))
 
 
 def count_values(data: bytes | str) -> int:
@@ -28,8 +34,10 @@ def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) 
     """
     if count_values(data) > MOST_VALUES:
         raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
+    has_long_number = _MANY_DIGITS[isinstance(data, bytes)].search(data)
+    parse_int = _short_number if has_long_number else None
     try:
-        value = json.loads(data, parse_constant=constant)
+        value = json.loads(data, parse_constant=constant, parse_int=parse_int)
     except RecursionError:
         raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
     containers = [value]
@@ -38,6 +46,13 @@ def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) 
         if not containers:
             return value
     raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
+
+
+def _short_number(digits: str) -> int:
+    """Return a whole number; one of so many digits that no other number equals it is refused."""
+    if len(digits) > MOST_DIGITS:
+        raise ValueError(f"its numbers must have at most {MOST_DIGITS} digits, got {len(digits)}")
+    return int(digits)
 
 
 def _inner_containers(values: Sequence[Any]) -> list[Any]:

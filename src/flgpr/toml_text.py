@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
 
-from flgpr.json_text import MOST_NESTING
+from flgpr.json_text import MANY_DIGITS, MOST_DIGITS, MOST_NESTING
 
 MOST_TOML = 16 * 2**20
 """Longest file of TOML that is parsed, characters."""
@@ -45,6 +45,8 @@ def parse_toml(data: bytes | str) -> dict[str, Any]:
     without_text = _TOML_TEXT.sub("", text)
     if any(key.count(".") >= MOST_NESTING for key in _TOML_MARKS.split(without_text)):
         raise ValueError(f"its keys must have at most {MOST_NESTING} parts, got more")
+    if MANY_DIGITS.search(without_text):
+        raise ValueError(f"its numbers must have fewer than {MOST_DIGITS} digits, got more")
     try:
         return tomllib.loads(text)
     except RecursionError:
