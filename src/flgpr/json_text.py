@@ -17,6 +17,7 @@ MOST_DIGITS = 300
 MANY_DIGITS = re.compile(rf"[0-9](?:_?[0-9]){{{MOST_DIGITS - 1}}}")
 """So many digits in a row, which TOML parts by underscores."""
 _MANY_DIGITS = (re.compile(rf"[0-9]{{{MOST_DIGITS}}}"), re.compile(rb"[0-9]{%d}" % MOST_DIGITS))
+_SURROGATE = (re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]"), re.compile(rb"\\u[dD][89a-fA-F]"))
 
 
 def count_values(data: bytes | str) -> int:
@@ -26,26 +27,45 @@ def count_values(data: bytes | str) -> int:
     return sum(data.count(mark) for mark in marks)
 
 
-def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) -> Any:
+def parse_json(
+    data: bytes | str,
+    constant: Callable[[str], Any] | None = None,
+    whole: Callable[[str], Any] | None = None,
+) -> Any:
     """Parse JSON of at most :data:`MOST_VALUES` values, nested :data:`MOST_NESTING` deep.
 
-    Anything else is a ValueError. ``constant`` returns what stands for NaN and infinity, by default
-    these numbers.
+    Anything else is a ValueError, as are whole numbers of more than :data:`MOST_DIGITS` digits and
+    text with half a pair of surrogates, which cannot be written. ``constant`` returns what stands
+    for NaN and infinity, by default these numbers; ``whole`` what stands for a whole number.
     """
     if count_values(data) > MOST_VALUES:
         raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
-    has_long_number = _MANY_DIGITS[isinstance(data, bytes)].search(data)
-    parse_int = _short_number if has_long_number else None
+    # Both are rare: a search for them is much faster than a look at every value.
+    is_bytes = isinstance(data, bytes)
+    if whole is None and _MANY_DIGITS[is_bytes].search(data):
+        whole = _short_number
     try:
-        value = json.loads(data, parse_constant=constant, parse_int=parse_int)
+        value = json.loads(data, parse_constant=constant, parse_int=whole)
     except RecursionError:
         raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
+    if _SURROGATE[is_bytes].search(data):
+        _refuse_surrogates(value)
     containers = [value]
     for _ in range(MOST_NESTING + 1):
         containers = _inner_containers(containers)
         if not containers:
             return value
     raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
+
+
+def _refuse_surrogates(value: Any) -> None:
+    """Refuse text with half a pair of surrogates, which is no character and cannot be written."""
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(
+            f"its text must be of whole characters, got half of one, U+{ord(error.object[error.start]):04X}"
+        ) from None
 
 
 def _short_number(digits: str) -> int:

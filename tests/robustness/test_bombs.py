@@ -1,0 +1,144 @@
+"""A few bytes that would take any amount of memory or time when they are read are refused before.
+
+Every bomb is a real one, or its small sister with a lowered budget. Memory is measured.
+"""
+
+import io
+import json
+import struct
+import time
+import tracemalloc
+from contextlib import contextmanager
+
+import pytest
+
+from flgpr.budget import Budget
+from flgpr.json_text import parse_json
+from flgpr_exchange.bags import cdr, recording
+from flgpr_exchange.bags.cdr import message_decoder
+from flgpr_exchange.bags.container import _starts_in
+from flgpr_exchange.bags.recording import Recording
+
+
+@contextmanager
+def within(megabytes, seconds=20.0):
+    """Check that no more memory and time is taken."""
+    begin = time.monotonic()
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < megabytes * 1e6, f"{peak / 1e6:.0f} MB"
+    assert time.monotonic() - begin < seconds
+
+
+def test_a_budget_counts_what_is_spent():
+    budget = Budget("a thing", 1000)
+    budget.spend_values(9)
+    budget.spend(100)
+    with pytest.raises(ValueError, match=r"a thing would take 0.001001 MB .* and may take 0.001 MB"):
+        budget.spend(1)
+
+
+def mcap(path, encoding, data, definition="", topic="/a"):
+    """Write a recording of one message."""
+    from mcap.writer import CompressionType, Writer
+
+    out = io.BytesIO()
+    writer = Writer(out, compression=CompressionType.ZSTD)
+    writer.start()
+    schema = writer.register_schema("made/A", "ros2msg", definition.encode()) if definition else 0
+    channel = writer.register_channel(topic, encoding, schema)
+    writer.add_message(channel, 1, data, 1)
+    writer.finish()
+    path.write_bytes(out.getvalue())
+    return path
+
+
+def fault_of(path):
+    """Return why the messages of a recording are not read."""
+    opened = Recording(path, 2 * 10**9)
+    return " ".join([*opened.lines, *opened.notes])
+
+
+def nested(levels, leaf):
+    """Return a definition of types that each hold the next one twice."""
+    text = "A1 a\nA1 b\n"
+    for level in range(1, levels):
+        text += f"===\nMSG: made/A{level}\nA{level + 1} a\nA{level + 1} b\n"
+    return text + f"===\nMSG: made/A{levels}\n{leaf}\n"
+
+
+@pytest.mark.parametrize("leaf", ["float64[0] none", "uint8 one", ""])
+def test_a_definition_that_nests_38_types_is_refused(leaf, tmp_path):
+    path = mcap(tmp_path / "a.mcap", "cdr", b"\0\1\0\0" + bytes(100), nested(38, leaf))
+    with within(20):
+        assert "must hold at most 100000 fields" in fault_of(path)
+
+
+def test_fields_of_no_bytes_are_counted():
+    """A type of many fields, none of which takes a byte, may not be much larger than its message."""
+    decode = message_decoder("made/A", nested(14, "float64[0] none"))
+    with within(5), pytest.raises(ValueError, match="a message of 4 bytes would take"):
+        decode(b"\0\1\0\0")
+
+
+def test_millions_of_empty_messages_in_one_are_refused(tmp_path):
+    definition = "Empty[] all\n===\nMSG: made/Empty\n"
+    count = 60_000_000
+    content = b"\0\1\0\0" + struct.pack("<I", count) + bytes(count)
+    path = mcap(tmp_path / "a.mcap", "cdr", content, definition)
+    assert path.stat().st_size < 20_000
+    with within(4 * count / 1e6 + 20):  # the chunk, its record and the message itself
+        assert "would take 6000 MB of memory or more" in fault_of(path)
+
+
+def test_records_without_content_take_little_memory():
+    """Nine bytes of a chunk are a record: millions of them are nothing."""
+    data = (b"\5" + bytes(8)) * 100_000
+    with within(2):
+        starts, fault = _starts_in(data)
+    assert (len(starts), fault) == (100_000, "")
+
+
+@pytest.mark.parametrize("as_list", [False, True])
+def test_paths_of_json_that_take_the_square_are_refused(as_list, tmp_path, monkeypatch):
+    """Every number below a long name has that name in its path."""
+    monkeypatch.setattr(recording, "MOST_MESSAGE", 20 * 10**6)
+    leaves = {str(number): number for number in range(2_000)}
+    content = {"k" * 100_000: [leaves] if as_list else leaves}
+    if as_list:
+        content = [content]
+        content = {"all": content}
+    path = mcap(tmp_path / "a.mcap", "json", json.dumps(content).encode())
+    assert path.stat().st_size < 30_000
+    with within(60):
+        assert "the fields of a message would take" in fault_of(path)
+
+
+def test_the_message_of_the_attack_is_refused_with_its_own_budget(tmp_path):
+    content = {"k" * 1_000_000: {str(number): number for number in range(9_000)}}
+    path = mcap(tmp_path / "a.mcap", "json", json.dumps(content).encode())
+    with within(300):
+        assert "the fields of a message would take" in fault_of(path)
+
+
+def test_json_of_too_many_values_or_levels_in_a_message_is_damage(tmp_path):
+    for data in (b"[" * 200 + b"]" * 200, b'{"a": "\\ud800"}'):
+        path = mcap(tmp_path / "a.mcap", "json", data)
+        assert "1 of 1 messages are damaged" in fault_of(path)
+
+
+def test_half_a_character_and_numbers_without_end_are_no_json():
+    assert parse_json('{"a": "\\ud83d\\ude00"}') == {"a": "\U0001f600"}
+    assert parse_json("[" + "7" * 299 + "]") == [int("7" * 299)]
+    assert parse_json('["' + "7" * 4000 + '"]') == ["7" * 4000]
+    for text in ('["\\ud800"]', '{"\\uDFFF": 1}'):
+        with pytest.raises(ValueError, match=r"must be of whole characters, got half of one, U\+D"):
+            parse_json(text.encode())
+    for digits in (400, 5000):
+        with pytest.raises(ValueError, match=f"at most 300 digits, got {digits}"):
+            parse_json("[" + "7" * digits + "]")
+    assert cdr.MOST_MESSAGE < 10**9
