@@ -21,13 +21,13 @@ class Budget:
     ----------
     what : str
         What is decoded, for errors.
-    most : int
-        Bytes.
+    most : int, optional
+        Bytes; by default :data:`MOST_MEMORY`.
     """
 
-    def __init__(self, what: str, most: int = MOST_MEMORY) -> None:
+    def __init__(self, what: str, most: int | None = None) -> None:
         self.what = what
-        self.most = most
+        self.most = MOST_MEMORY if most is None else most
         self.spent = 0
 
     def spend(self, size: int) -> None:

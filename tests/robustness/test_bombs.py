@@ -3,6 +3,7 @@
 Every bomb is a real one, or its small sister with a lowered budget. Memory is measured.
 """
 
+import gzip
 import io
 import json
 import struct
@@ -10,10 +11,16 @@ import time
 import tracemalloc
 from contextlib import contextmanager
 
+import h5py
+import numpy as np
 import pytest
 
+from flgpr import budget
 from flgpr.budget import Budget
+from flgpr.formats import child
+from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.json_text import parse_json
+from flgpr.live.recording import read_recording
 from flgpr_exchange.bags import cdr, recording
 from flgpr_exchange.bags.cdr import message_decoder
 from flgpr_exchange.bags.container import _starts_in
@@ -142,3 +149,57 @@ def test_half_a_character_and_numbers_without_end_are_no_json():
         with pytest.raises(ValueError, match=f"at most 300 digits, got {digits}"):
             parse_json("[" + "7" * digits + "]")
     assert cdr.MOST_MESSAGE < 10**9
+
+
+def hdf5(path, shape, chunks, **options):
+    """Write an HDF5 array of zeros that may grow."""
+    with h5py.File(path, "w") as file:
+        file.create_dataset(
+            "a", shape, "f8", chunks=chunks, maxshape=(None,), compression="gzip", **options
+        )[:] = 0.0
+    return path
+
+
+@pytest.mark.parametrize("count", [10, 4_000_000])
+def test_a_chunk_of_an_array_that_is_larger_than_it_is_not_unpacked(count, tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "_MOST_CHUNK", 2**20)
+    small = hdf5(tmp_path / "a.h5", (count // 100,), (2 * count,))
+    with within(20), h5py.File(small) as file:
+        if 16 * count < 2**20:  # a chunk of a few bytes may be of any array
+            assert check_dataset("a", file["a"]) is None
+        else:
+            with pytest.raises(ValueError, match="a cannot be read: its .* bytes lie in chunks of"):
+                check_dataset("a", file["a"])
+    with h5py.File(hdf5(tmp_path / "b.h5", (2 * count,), (2 * count,))) as file:
+        assert check_dataset("a", file["a"]) is None
+
+
+def test_an_hdf5_file_with_such_a_chunk_says_so_and_reads_the_rest(tmp_path):
+    path = hdf5(tmp_path / "a.h5", (10,), (10,))
+    with h5py.File(path, "a") as file:
+        # Nothing of it is written: it takes a kilobyte.
+        file.create_dataset("bomb", (10,), "f8", chunks=(490_000_000,), maxshape=(None,))
+    opened = open_arrays(path)
+    assert list(opened.arrays) == ["a"]
+    [line] = opened.about
+    assert line.startswith("bomb: not read: its 80 bytes lie in chunks of 3920000000")
+
+
+def test_one_text_that_many_places_name_does_not_get_their_room(tmp_path, monkeypatch):
+    """HDF5 shares texts, NumPy gives each the room of the longest."""
+    monkeypatch.setattr(budget, "MOST_MEMORY", 10**6)
+    texts = np.array(["x" * 1000] + ["y"] * 999, dtype=object)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["texts"] = texts
+        file["few"] = texts[1:]
+    opened = open_arrays(tmp_path / "a.h5")
+    assert opened.read("few").shape == (999,)
+    with within(3), pytest.raises(ValueError, match="the texts texts would take 4 MB"):
+        opened.read("texts")
+
+
+def test_a_recording_of_events_unpacks_to_what_it_states(tmp_path):
+    parts = gzip.compress(b" " * 10**7) + gzip.compress(b"{}\n")
+    (tmp_path / "a.gz").write_bytes(parts)
+    with within(2), pytest.raises(ValueError, match="must unpack to the 3 bytes that it states"):
+        read_recording(tmp_path / "a.gz")
