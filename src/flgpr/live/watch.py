@@ -7,9 +7,16 @@ import time
 from pathlib import Path
 
 from flgpr.door import DoorError, Folder
-from flgpr.live.source import LARGEST_FRAME, Arrival, Inbox, Source
+from flgpr.live.source import Arrival, Inbox, Source
 from flgpr.store import ScanFileError, read_description
-from flgpr.store.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.store.scan_file import (
+    END_FILE,
+    LARGEST_FRAME,
+    SCAN_SUFFIX,
+    TruncatedFrameError,
+    frame_size,
+    head_size,
+)
 
 # s between checks of a folder, while a scan is processed and while the next one is awaited
 _CHECK_BUSY = 0.004
