@@ -13,9 +13,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 
+from flgpr.commands.messages import say
 from flgpr.commands.options import (
     OVERWRITE_HELP,
     AnchorOption,
@@ -74,7 +74,7 @@ def _page(call: Arguments) -> Iterator[None]:
         previous_handler = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
             yield
-            typer.echo("the page stays open until interrupted", err=True)
+            say("the page stays open until interrupted", err=True)
             with contextlib.suppress(KeyboardInterrupt):
                 page.wait()
         finally:
