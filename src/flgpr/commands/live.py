@@ -35,6 +35,10 @@ Tcp = Annotated[
     str | None,
     Option(help="TCP port of this machine that scans arrive on, or ADDRESS:PORT."),
 ]
+SecretFile = Annotated[
+    PathLike | None,
+    Option(help="With --tcp: file of a secret that sender and receiver share."),
+]
 VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
 NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
@@ -111,7 +115,7 @@ def _print_event(line: str) -> None:
     shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
     python_values=lambda call: {} if call.quiet else {"emit": _print_event},
     panels={
-        "Where scans come from": ("socket", "tcp", "rate"),
+        "Where scans come from": ("socket", "tcp", "secret_file", "rate"),
         "Recipe and lane": ("recipe", "model", "lane", "anchor"),
         "Detection": ("looks", "warm_up", "span", "worth"),
         "Vehicle": ("speed", "reaction", "deceleration", "front"),
@@ -133,6 +137,7 @@ def live(
     ] = "live-result",
     socket: Socket = None,
     tcp: Tcp = None,
+    secret_file: SecretFile = None,
     lane: Lane = None,
     anchor: AnchorOption = None,
     speed: Annotated[
@@ -218,6 +223,7 @@ def live(
         fresh=fresh,
         worth=worth,
         tcp=tcp,
+        secret_file=secret_file,
         played=played,
         rate=math.inf if rate == 0 else rate,
     )
@@ -238,6 +244,7 @@ def feed(
     rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
     socket: Socket = None,
     tcp: Tcp = None,
+    secret_file: SecretFile = None,
     first: Annotated[int, Option(help="First scan.")] = 0,
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[
@@ -272,4 +279,5 @@ def feed(
         lead,
         faults=fault or (),
         tcp=tcp,
+        secret_file=secret_file,
     )
