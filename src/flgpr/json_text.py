@@ -41,14 +41,13 @@ def parse_json(
     if count_values(data) > MOST_VALUES:
         raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
     # Both are rare: a search for them is much faster than a look at every value.
-    is_bytes = isinstance(data, bytes)
-    if whole is None and _MANY_DIGITS[is_bytes].search(data):
+    if whole is None and _has(data, _MANY_DIGITS):
         whole = _short_number
     try:
         value = json.loads(data, parse_constant=constant, parse_int=whole)
     except RecursionError:
         raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
-    if _SURROGATE[is_bytes].search(data):
+    if _has(data, _SURROGATE):
         _refuse_surrogates(value)
     containers = [value]
     for _ in range(MOST_NESTING + 1):
@@ -73,6 +72,13 @@ def _short_number(digits: str) -> int:
     if len(digits) > MOST_DIGITS:
         raise ValueError(f"its numbers must have at most {MOST_DIGITS} digits, got {len(digits)}")
     return int(digits)
+
+
+def _has(data: bytes | str, patterns: tuple[re.Pattern[str], re.Pattern[bytes]]) -> bool:
+    """Return whether text, by the first pattern, or bytes, by the second, hold something."""
+    of_text, of_bytes = patterns
+    found = of_text.search(data) if isinstance(data, str) else of_bytes.search(data)
+    return found is not None
 
 
 def _inner_containers(values: Sequence[Any]) -> list[Any]:

@@ -134,7 +134,7 @@ def _check_evidence(evidence: Any, where: str) -> None:
 def _must_be(value: Any, kind: type, name: str) -> Any:
     """Return a value of JSON if it is of a kind."""
     if not isinstance(value, kind):
-        kinds = {dict: "an object", list: "a list", str: "text"}
+        kinds: dict[type, str] = {dict: "an object", list: "a list", str: "text"}
         raise ValueError(f"{name} must be {kinds[kind]}, got {_shown(value)}")
     return value
 

@@ -52,7 +52,7 @@ class _Struct(NamedTuple):
 
     fields: list[_Field]
     least: int  # bytes that a message of this type takes at least
-    count: int  # of all fields in it, those of nested types too
+    size: int  # number of all fields in it, those of nested types too
 
 
 class _Field(NamedTuple):
@@ -157,7 +157,7 @@ def _count_fields(field: _Field) -> int:
     if not isinstance(field.kind, _Struct):
         return 1
     repeats = 1 if field.size in (None, _VARIABLE) else field.size or 0
-    return 1 + repeats * field.kind.count
+    return 1 + repeats * field.kind.size
 
 
 def _count_in(brackets: str | None) -> int | None:
