@@ -289,8 +289,11 @@ class BareGround:
         Returns
         -------
         dict
-            ``far`` and ``far_phase`` (per m²) without and with the phase, and ``area`` (m²).
+            ``far`` and ``far_phase`` (per m²) without and with the phase, and ``area`` (m²). A mine
+            that no image shows is found at no number of false alarms.
         """
+        if not len(ahead):
+            return {"far": math.inf, "far_phase": math.inf, "area": self.area}
         filters = []
         normalized = []
         for y, look, look_echo in zip(ahead, chip, echo, strict=True):
@@ -491,9 +494,9 @@ def places_in_sight(
         Their x and y, m.
     """
     places = lane_to_scan(points, np.asarray(pose))[:, :2]
-    x_min, x_max, y_min, _ = setup.near.extent()
+    x_min, x_max, y_min, y_end = setup.near.extent()
     edge = 2 * STEP
-    y_max = setup.recipe.run_view.y_max
+    y_max = min(setup.recipe.run_view.y_max, y_end - edge)
     inside_x = (places[:, 0] > x_min + edge) & (places[:, 0] < x_max - edge)
     inside_y = (places[:, 1] > y_min + edge) & (places[:, 1] <= y_max)
     numbers = np.flatnonzero(inside_x & inside_y)

@@ -38,7 +38,7 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
 @command(
     lines=_lines,
     panels={
-        "Scene and sensor": ("sensor", "seed", "errors", "truth", "preview"),
+        "Scene and sensor": ("sensor", "seed", "worlds", "errors", "truth", "preview"),
         "Full-wave solver": ("engine", "cells", "max_cells"),
         "Work": ("restart", "force", "workers"),
     },
@@ -58,6 +58,13 @@ def simulate_lane(
         str, Option(help="Sensor preset, TOML file, or run store whose array it is.")
     ] = "sri-array",
     seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    worlds: Annotated[
+        PathLike | None,
+        Option(
+            help="What of scene and sensor the seed draws anew, for training: any-road, or a TOML "
+            "file."
+        ),
+    ] = None,
     errors: Annotated[
         bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
     ] = True,
@@ -124,14 +131,18 @@ def simulate_lane(
     from flgpr.jobs.simulated_lane import simulate_to_store
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
+    from flgpr.simulate.scene.randomised import draw_into, load_worlds
 
     loaded_scene = load_scene(scene)
     array = _array(sensor)
+    lines: list[str] = []
+    if worlds is not None:
+        loaded_scene, array, drawn = draw_into(load_worlds(worlds), loaded_scene, array, seed)
+        lines.append(f"drawn by seed {seed}: {', '.join(drawn)}")
     is_simulated = output is not None and engine == _OWN_ENGINE
     check_effort(loaded_scene, array if is_simulated else None, force)
 
     paths = []
-    lines: list[str] = []
     if preview is not None:
         paths.append(write_preview(loaded_scene, seed, preview, force))
     if output is not None and engine != _OWN_ENGINE:

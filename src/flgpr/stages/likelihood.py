@@ -42,7 +42,7 @@ _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
 _DARK = 0.05  # of the background's power: a darker chip counts no more
 _LIKELY = 0.1  # of the chips of a scan, those most like a mine, are no clutter of the lane
 # Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression,
-# docs/evidence/fused.md.
+# docs/reference/likelihood.md.
 _RIVAL = (0.32, -0.87)
 
 

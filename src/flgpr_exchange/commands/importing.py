@@ -215,7 +215,7 @@ def import_gprmax_decks(
             manifest["polarization"],
             manifest["tx_position"],
             manifest["rx_position"],
-            _attributes_of_decks(manifest, keep_direct),
+            attributes_of_decks(manifest, keep_direct),
             inputs={"results": results.digest(), "flgpr": __version__},
         )
     except RunExistsError as error:
@@ -236,7 +236,7 @@ def import_gprmax_decks(
     return [store, *tables]
 
 
-def _attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[str, Any]:
+def attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[str, Any]:
     """Return the attributes of a run that is made of decks."""
     described = ("seed", "sensor", "grid", "soil", "surface", "omissions")
     return {

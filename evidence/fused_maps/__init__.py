@@ -1,1 +1,0 @@
-"""Lanes, looks, maps and experiments of `fused_variants.py`."""
