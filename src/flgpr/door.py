@@ -480,6 +480,27 @@ def refuse_links(*paths: Path) -> None:
             )
 
 
+def refuse_linked_companion(path: Path) -> None:
+    """Refuse a file that is read because it lies beside one that the user named, if it is a link.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    DoorError
+        If it is a symbolic link, wherever it leads.
+    """
+    if _is_link(os.lstat(path)):
+        raise DoorError(
+            f"{path} must not be a symbolic link, got one to {os.readlink(path)}: files that are "
+            "read beside a recording lie beside it; put a copy there, or name the recording where "
+            "they lie"
+        )
+
+
 def _is_link(state: os.stat_result) -> bool:
     """Return whether a name leads elsewhere: a symbolic link, or a junction of Windows."""
     is_junction = getattr(state, "st_reparse_tag", 0) in _LEADS_ELSEWHERE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,12 @@ MOST_VALUES = 8_000_000
 """Most values in a file of JSON: each takes up to 100 bytes of memory."""
 MOST_NESTING = 100
 """Deepest nesting of JSON; Python itself gives up at about ten times that."""
+MOST_DIGITS = 300
+"""Digits of a number, of which no number of double precision has more before its point."""
+MANY_DIGITS = re.compile(rf"[0-9](?:_?[0-9]){{{MOST_DIGITS - 1}}}")
+"""So many digits in a row, which TOML parts by underscores."""
+_MANY_DIGITS = (re.compile(rf"[0-9]{{{MOST_DIGITS}}}"), re.compile(rb"[0-9]{%d}" % MOST_DIGITS))
+_SURROGATE = (re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]"), re.compile(rb"\\u[dD][89a-fA-F]"))
 
 
 def count_values(data: bytes | str) -> int:
@@ -20,24 +27,58 @@ def count_values(data: bytes | str) -> int:
     return sum(data.count(mark) for mark in marks)
 
 
-def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) -> Any:
+def parse_json(
+    data: bytes | str,
+    constant: Callable[[str], Any] | None = None,
+    whole: Callable[[str], Any] | None = None,
+) -> Any:
     """Parse JSON of at most :data:`MOST_VALUES` values, nested :data:`MOST_NESTING` deep.
 
-    Anything else is a ValueError. ``constant`` returns what stands for NaN and infinity, by default
-    these numbers.
+    Anything else is a ValueError, as are whole numbers of more than :data:`MOST_DIGITS` digits and
+    text with half a pair of surrogates, which cannot be written. ``constant`` returns what stands
+    for NaN and infinity, by default these numbers; ``whole`` what stands for a whole number.
     """
     if count_values(data) > MOST_VALUES:
         raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
+    # Both are rare: a search for them is much faster than a look at every value.
+    if whole is None and _has(data, _MANY_DIGITS):
+        whole = _short_number
     try:
-        value = json.loads(data, parse_constant=constant)
+        value = json.loads(data, parse_constant=constant, parse_int=whole)
     except RecursionError:
         raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
+    if _has(data, _SURROGATE):
+        _refuse_surrogates(value)
     containers = [value]
     for _ in range(MOST_NESTING + 1):
         containers = _inner_containers(containers)
         if not containers:
             return value
     raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
+
+
+def _refuse_surrogates(value: Any) -> None:
+    """Refuse text with half a pair of surrogates, which is no character and cannot be written."""
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(
+            f"its text must be of whole characters, got half of one, U+{ord(error.object[error.start]):04X}"
+        ) from None
+
+
+def _short_number(digits: str) -> int:
+    """Return a whole number; one of so many digits that no other number equals it is refused."""
+    if len(digits) > MOST_DIGITS:
+        raise ValueError(f"its numbers must have at most {MOST_DIGITS} digits, got {len(digits)}")
+    return int(digits)
+
+
+def _has(data: bytes | str, patterns: tuple[re.Pattern[str], re.Pattern[bytes]]) -> bool:
+    """Return whether text, by the first pattern, or bytes, by the second, hold something."""
+    of_text, of_bytes = patterns
+    found = of_text.search(data) if isinstance(data, str) else of_bytes.search(data)
+    return found is not None
 
 
 def _inner_containers(values: Sequence[Any]) -> list[Any]:

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
 
-from flgpr.json_text import MOST_NESTING
+from flgpr.json_text import MANY_DIGITS, MOST_DIGITS, MOST_NESTING
 
 MOST_TOML = 16 * 2**20
 """Longest file of TOML that is parsed, characters."""
+_MOST_ENTRIES = 100_000  # and tables: each is looked up, and a fault in it is told
 _TOML_TEXT = re.compile(
     r"""
     "{3}(?:[^"\\]|\\.|"(?!""))*+(?:"{3})?  # where the end is missing it takes all that is left,
@@ -36,8 +37,9 @@ class InlineTable(dict[str, Any]):
 def parse_toml(data: bytes | str) -> dict[str, Any]:
     """Parse TOML in UTF-8 of at most :data:`MOST_TOML` characters; anything else is a ValueError.
 
-    So are keys of more than :data:`MOST_NESTING` parts, for which the parser takes time that grows
-    with their square, and values nested so deep that it gives up.
+    So are more than 100,000 entries and tables, numbers of 300 digits, values nested so deep that
+    the parser gives up, and keys of more than :data:`MOST_NESTING` parts, for which it takes time
+    that grows with their square.
     """
     text = data if isinstance(data, str) else data.decode("utf-8")
     if len(text) > MOST_TOML:
@@ -45,6 +47,11 @@ def parse_toml(data: bytes | str) -> dict[str, Any]:
     without_text = _TOML_TEXT.sub("", text)
     if any(key.count(".") >= MOST_NESTING for key in _TOML_MARKS.split(without_text)):
         raise ValueError(f"its keys must have at most {MOST_NESTING} parts, got more")
+    entries = without_text.count("=") + without_text.count("\n[")
+    if entries > _MOST_ENTRIES:
+        raise ValueError(f"it must have at most {_MOST_ENTRIES} entries and tables, got {entries}")
+    if MANY_DIGITS.search(without_text):
+        raise ValueError(f"its numbers must have fewer than {MOST_DIGITS} digits, got more")
     try:
         return tomllib.loads(text)
     except RecursionError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import warnings
+import io
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.door import read_named
 from flgpr.formats.array_file import ArrayFile, from_memory
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.axes import attitude_of, axes_matrix
 from flgpr.formats.explain import array_lines
 from flgpr.formats.mapping import factor
 from flgpr.formats.reader import Explanation, Reader
+from flgpr.store.store_layout import MAX_MEMORY
 
 FloatArray = NDArray[np.float64]
 _UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in", "feet": "ft"}
@@ -51,9 +53,10 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     ValueError
         If the header names no columns, or there are no frames or no positions.
     """
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        head = list(csv.reader(islice(file, _HEAD)))
-
+    text = read_named(path, MAX_MEMORY).decode("utf-8-sig", errors="replace")
+    head = _head_of(text)
+    if not head:
+        raise ValueError("a take must have a header, got an empty file")
     first = head[0]  # names and values in turn
     properties = dict(zip(first[::2], first[1::2], strict=False))
     start = _column_row(head)
@@ -75,7 +78,7 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
         rotation_type.lower(),
     )
 
-    values = _read_values(path, start + 1, len(head[start]))
+    values = _read_values(text, start + 1, len(head[start]))
     arrays: dict[str, NDArray[Any]] = {"frame": values[:, 0], "time": values[:, 1]}
     units = {"time": "s"}
     for name, order in columns.items():
@@ -92,20 +95,35 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     return arrays, units, [about]
 
 
-def _read_values(path: Path, head_lines: int, columns: int) -> NDArray[np.float64]:
+def _head_of(text: str) -> list[list[str]]:
+    """Return the cells of the first lines of a take."""
+    from flgpr.store.tables import MOST_COLUMNS
+
+    lines = list(islice(io.StringIO(text, newline=""), _HEAD))
+    most = max((line.count(",") for line in lines), default=0) + 1
+    if most > MOST_COLUMNS:
+        raise ValueError(f"a take must have at most {MOST_COLUMNS} columns, got {most}")
+    try:
+        return list(csv.reader(lines))
+    except csv.Error as error:
+        raise ValueError(f"a take must begin with lines of cells: {error}") from None
+
+
+def _read_values(text: str, head_lines: int, columns: int) -> NDArray[np.float64]:
     """Read the numbers (frame, column) below the head of a take."""
     from flgpr.store.tables import parse_csv
 
-    with path.open("rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
-        table = parse_csv(
-            file,
-            header=None,
-            skiprows=head_lines,
-            names=list(map(str, range(columns))),
-            index_col=False,
-            dtype=np.float64,
-        )
+    below = io.StringIO(text, newline="")
+    for _ in range(head_lines):
+        next(below)
+    table = parse_csv(
+        below.read(),
+        width=columns,
+        first=head_lines + 1,
+        header=None,
+        names=list(map(str, range(columns))),
+        dtype=np.float64,
+    )
     if table.empty:
         raise ValueError("a take must hold frames, got none")
     return table.to_numpy()

@@ -31,6 +31,7 @@ MOST_MIB = 1e9
 """Largest declared memory, MiB: about a pebibyte."""
 LARGEST_PARAMETER = 1e20
 """Largest magnitude of a declared parameter: a seed of 64 bits fits."""
+_MOST_DESCRIBED = 1000  # faults that are looked at: each takes a look at all names of entries
 _MOST_FAULTS = 50
 _SHOWN_DIGITS = 12  # of a digest in a message
 _LONGEST_FAULT = 300  # characters
@@ -151,14 +152,15 @@ def parse_card(data: bytes) -> tuple[Card | None, list[str]]:
         return Card.model_validate(entries), []
     except ValidationError as error:
         lines = []
-        for fault in error.errors():
+        faults = error.errors()
+        for fault in faults[:_MOST_DESCRIBED]:
             line = printable(describe_fault(fault, Card, ""))
             if len(line) > _LONGEST_FAULT:
                 line = line[:_LONGEST_FAULT] + " ..."
             lines.append(line)
     lines = list(dict.fromkeys(lines))
     if len(lines) > _MOST_FAULTS:
-        more = len(lines) - _MOST_FAULTS
+        more = len(lines) - _MOST_FAULTS + max(len(faults) - _MOST_DESCRIBED, 0)
         lines = [*lines[:_MOST_FAULTS], f"and {more} more entries that break a rule"]
     return None, lines
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +88,7 @@ def packaged_fingerprints(ground: Ground) -> pd.DataFrame:
         By the name of the lane: ``sha256`` and the rms of the echoes of every polarization. There
         are no rows for a ground of somebody else.
     """
-    table = parse_csv(io.StringIO(packaged_text("fingerprints.csv")))
+    table = parse_csv(packaged_text("fingerprints.csv"))
     title_and_lane = table["lane"].str.split(" ", n=1, expand=True)
     rows = table.assign(lane=title_and_lane[1])[title_and_lane[0] == ground.title]
     return rows.set_index("lane")

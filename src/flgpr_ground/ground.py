@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 from flgpr.door import read_named
 from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
-from flgpr.model.faults import describe_fault, faults_of
+from flgpr.model.faults import describe_fault, faults_of, listed_faults
 from flgpr.simulate import Scene, draw_world
 from flgpr.stages import Positive, Table
 from flgpr.store import (
@@ -449,7 +449,7 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
     try:
         return Ground(Description.model_validate(data), quick, text)
     except ValidationError as error:
-        faults = [describe_fault(fault, Description, "ground") for fault in error.errors()]
+        faults = listed_faults(error, lambda fault: describe_fault(fault, Description, "ground"))
         raise ValueError("; ".join(faults)) from None
 
 

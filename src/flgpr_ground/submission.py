@@ -222,9 +222,14 @@ class _Check:
         return pd.concat(faultless, ignore_index=True)
 
     def _note_outside(self, split: str, count: int) -> None:
-        """Note how many of the alarms of a split lie outside their lanes."""
+        """Note how many of the alarms of a split lie outside their lanes; all may not."""
         outside = self.outside.get(split, 0)
-        if outside:
+        if outside and outside == count:
+            self.faults.append(
+                f"{split}: alarms must lie in their lanes, all {count} lie outside: are x and y "
+                "swapped, or the lanes others?"
+            )
+        elif outside:
             self.notes.append(
                 f"{split}: {outside} of {count} alarms lie outside their lanes: they find targets "
                 "near a border, and are no false alarms"

@@ -19,6 +19,7 @@ import pandas as pd
 from flgpr.append_log import AppendLog, read_log
 from flgpr.door import MOST_CHECKED, read_named
 from flgpr.json_text import parse_json
+from flgpr.model.printable import text_bytes
 
 OPENED = "truth opened"
 """Event of a register: a truth was looked at. What is registered after it is too late."""
@@ -51,7 +52,7 @@ def content_hash(content: bytes | str | Path | Mapping[str, Any]) -> str:
     elif isinstance(content, bytes):
         data = content
     elif isinstance(content, str):
-        data = content.encode()
+        data = text_bytes(content)
     else:
         data = json.dumps(content, sort_keys=True).encode()
     return hashlib.sha256(data).hexdigest()

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.reach import table_doubts
+from flgpr.commands.reach import refuse_elsewhere, table_doubts
 from flgpr.model import Lane
 
 LANE = Lane(-1.5, 1.5, 0.0, 20.0)
@@ -47,6 +47,27 @@ def test_swapped_axes_are_told_and_a_list_elsewhere_too():
     assert table_doubts(GOOD.assign(lane="b"), "alarms", {"a": LANE, "b": LANE}) == []
 
 
+def test_outsiders_are_counted():
+    assert table_doubts(GOOD.assign(x=[0.5, -0.5, 1.6]), "alarms", LANE) == [
+        "1 of 3 alarms lie outside the lane"
+    ]
+    assert refuse_elsewhere(GOOD, LANE, "a.csv") == {}
+    assert refuse_elsewhere(GOOD.assign(x=[0.5, -0.5, 1.6]), LANE, "a.csv") == {"alarms_outside": 1}
+
+
+@pytest.mark.parametrize("x", [1.51, -1.6, 3.0, 500.0])
+def test_a_list_of_outsiders_alone_is_refused_however_near_they_are(x):
+    with pytest.raises(ValueError, match=r"alarms must lie in the lane .*all 3 of a\.csv lie outs"):
+        refuse_elsewhere(GOOD.assign(x=x), LANE, "a.csv")
+
+
+def test_great_depths_are_told():
+    truth = GOOD.assign(depth=[0.05, 5.0, float("nan")])
+    [doubt] = table_doubts(truth, "truth", LANE)
+    assert doubt.startswith("1 of 3 targets have a depth of more than 1 m, such as 5 m")
+    assert table_doubts(truth.assign(depth=float("nan")), "truth", LANE) == []
+
+
 @pytest.fixture
 def files(tmp_path):
     (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = 20.0\n")
@@ -54,7 +75,7 @@ def files(tmp_path):
         "Nr;Rechts;längs;Art;Tiefe\n1;0,5;3;metal;0,05\n2;-0,5;9;metal;0,1\n"
     )
     (tmp_path / "alarms.csv").write_text("# ours\nq,l,Score\n0.5,3.1,7\n0.5,3.1,7\n-0.5,9,9\n")
-    (tmp_path / "swapped.csv").write_text("x,y,confidence\n3,0.5,7\n9,-0.5,9\n")
+    (tmp_path / "swapped.csv").write_text("x,y,confidence\n3,0.5,7\n9,-0.5,9\n1,1,5\n")
     return tmp_path
 
 
@@ -99,6 +120,15 @@ def test_swapped_axes_are_told_on_the_command_line_unless_it_shall_be_quiet(file
     again = score(files, "swapped.csv", "--quiet", "--overwrite")
     assert again.exit_code == 0
     assert again.output == ""
+
+
+def test_a_list_of_another_lane_is_refused_on_the_command_line(files):
+    (files / "beside.csv").write_text("x,y,confidence\n1.6,3,7\n-1.7,9,9\n")
+    refused = score(files, "beside.csv")
+    assert refused.exit_code == 2
+    assert "alarms must lie in the lane" in refused.stderr
+    assert "all 2 of beside.csv lie outside" in refused.stderr
+    assert not (files / "score").exists()
 
 
 def test_a_table_is_written_as_flgpr_reads_it(files):

@@ -102,6 +102,14 @@ def test_alarms_just_outside_the_lane_are_counted_and_kept(tmp_path, ground):
     assert (found.alarms["standard"]["lane"] == "smooth-sand-test-1").sum() == 3
 
 
+def test_alarms_that_all_lie_outside_are_a_fault_however_near_they_are(tmp_path, ground):
+    folder = write_submission(tmp_path / "mine", ground[1])
+    for path in folder.rglob("alarms.csv"):
+        path.write_text("x,y,confidence\n3.4,5,1\n0,-1.9,1\n")
+    faults = checked(folder, ground).faults
+    assert any("alarms must lie in their lanes, all " in fault for fault in faults)
+
+
 def test_all_faults_are_found_at_once(tmp_path, ground):
     card = CARD.replace("2026-11-20", '"never"').replace('"hann"', '"\\u0007"')
     folder = write_submission(tmp_path / "mine", ground[1], card=card)

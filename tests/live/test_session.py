@@ -486,3 +486,25 @@ def test_the_command_line_ends_on_a_signal_and_keeps_what_it_has(home, tmp_path)
     )
     assert (tmp_path / "out" / "alarms.csv").is_file()
     assert (tmp_path / "out" / "snapshot.bundle").is_file()
+
+
+def test_a_source_that_fails_ends_the_run_with_its_files(home, tmp_path, monkeypatch):
+    """What was found is written before the error is told."""
+    check = FolderWatch._check
+
+    def check_until(self):
+        came = check(self)
+        if came:
+            raise OSError(5, "Input/output error")
+        return came
+
+    monkeypatch.setattr(FolderWatch, "_check", check_until)
+    run = LiveRun(LiveOptions(home / "recipe.toml", tmp_path / "out", home / "incoming"))
+    with pytest.raises(ValueError, match="Input/output error"):
+        run.run()
+    report = json.loads((tmp_path / "out" / "live.json").read_text())
+    assert report["counts"]["received"] > 0
+    assert (tmp_path / "out" / "alarms.csv").is_file()
+    assert (
+        (tmp_path / "out" / "live.jsonl").read_text().splitlines()[-1].startswith('{"event":"end"')
+    )

@@ -3,10 +3,9 @@ import struct
 import numpy as np
 import pytest
 
-from flgpr.live.source import LARGEST_FRAME
 from flgpr.live.stream import FrameStream, largest_frame
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
-from flgpr.store.scan_file import MAGIC
+from flgpr.store.scan_file import LARGEST_FRAME, MAGIC
 from live_lane import make_lane_run
 
 """Frames are cut out of the bytes of a socket: bounded, and on after a bad one."""

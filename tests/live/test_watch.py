@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from damage import CASES, MACHINE
+from flgpr.door import Folder
 from flgpr.live import watch
 from flgpr.live.source import Arrival, ArrivalQueue, Inbox
 from flgpr.live.watch import FolderWatch
@@ -191,3 +192,34 @@ def test_the_queue_is_full_with_so_many_arrivals_or_so_many_bytes():
         waiting.put_nowait(Arrival("frame", "b", 0.0))
     assert [len(waiting.get_nowait().data) for _ in range(5)] == [600, 0, 0, 0, 0]
     assert waiting.empty()
+
+
+def test_a_file_that_cannot_be_read_is_told_once_and_the_rest_goes_on(tmp_path, monkeypatch):
+    """It may be read after a moment: a radar may give the right to it after it has written it."""
+    (tmp_path / "run.json").write_text(json.dumps(TINY.as_json()))
+    for number in range(3):
+        frame = encode_scan(number, np.full(TINY.shape, 0.5), np.zeros(6))
+        (tmp_path / scan_name(number)).write_bytes(frame)
+    refused = {scan_name(0), scan_name(1)}
+    open_file = Folder.open
+
+    def open_allowed(self, name, most):
+        if name in refused:
+            raise PermissionError(13, "Permission denied", name)
+        return open_file(self, name, most)
+
+    monkeypatch.setattr(Folder, "open", open_allowed)
+    monkeypatch.setattr(watch, "_PATIENCE", 0.2)
+    inbox = Inbox()
+    source = FolderWatch(tmp_path, inbox)
+    assert source._check()  # the third
+    refused.remove(scan_name(1))
+    source._check()
+    time.sleep(0.25)
+    source._check()
+    source._check()
+    arrivals = [inbox.arrivals.get_nowait() for _ in range(4)]
+    assert inbox.arrivals.empty()
+    assert [one.name for one in arrivals[1:]] == [scan_name(2), scan_name(1), scan_name(0)]
+    assert [bool(one.data) for one in arrivals[1:]] == [True, True, False]
+    assert str(arrivals[-1].value) == "file must be readable, got Permission denied"

@@ -17,9 +17,11 @@ def test_an_empty_alarm_table_is_valid():
     ("change", "words"),
     [
         (lambda t: t.drop(columns="depth"), ["truth", "depth"]),
-        (lambda t: t.assign(x=[np.nan, 1]), ["truth.x", "row 0"]),
+        (lambda t: t.assign(x=[np.nan, 1]), ["truth.x", "row 1 below"]),
         (lambda t: t.assign(target_id="a"), ["target_id", "'a'"]),
-        (lambda t: t.assign(y=["two", "3"]), ["truth.y", "numbers"]),
+        (lambda t: t.assign(y=["3", "two"]), ["truth.y", "numbers (m), got 'two' in row 2 below"]),
+        (lambda t: t.assign(y=[1, int("7" * 4000)]), ["truth.y", "of 4000 digits' in row 2"]),
+        (lambda t: t.assign(y=[1, "7" * 4000 + "x"]), ["truth.y", "of 4001 in row 2"]),
     ],
 )
 def test_bad_truth_is_refused(change, words):

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.commands.app import app
+from flgpr.formats import read_gpr
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file
 from flgpr.geo import map_backdrop, read_anchor
@@ -20,6 +21,8 @@ from flgpr.geo.geodesy import lonlat_of, transform_lonlat
 from flgpr.store import json_with_digest, parse_with_digest, sample_lane, save_run
 from flgpr_exchange.gprmax.explain import explain_merged
 from flgpr_exchange.gprmax.output import read_gprmax
+from io_gpr import write_dt1, write_dzt, write_mala
+from io_recordings import COUNTS
 
 SECRET = np.arange(64.0) + 1000
 
@@ -287,3 +290,42 @@ def test_a_result_can_name_no_other_run_than_that_it_was_made_of(own_result, tmp
     assert ran.exit_code == 2, (ran.output, ran.exception)
     assert "run must be the one the result was made of" in ran.stderr
     assert str(other) in ran.stderr
+
+
+def linked(path, target):
+    """Put a file elsewhere, and a link to it in its place."""
+    path.rename(target)
+    path.symlink_to(target)
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "companion"),
+    [
+        (write_dt1, "a.dt1", "a.hd"),
+        (write_dt1, "a.dt1", "a.gps"),
+        (write_dzt, "a.dzt", "a.dzx"),
+        (write_dzt, "a.dzt", "a.dzg"),
+        (write_mala, "a.rd3", "a.rad"),
+        (write_mala, "a.rd3", "a.cor"),
+    ],
+)
+def test_what_lies_beside_a_recording_is_no_link(write, name, companion, tmp_path):
+    folder = tmp_path / "line"
+    folder.mkdir()
+    write(folder / name, COUNTS[:, None] if write is write_dzt else COUNTS)
+    [beside] = [path for path in folder.iterdir() if path.name.lower() == companion] or [
+        folder / companion
+    ]
+    if not beside.exists():
+        beside.write_text("1,2,3\n")
+    read_gpr(folder / name)
+    linked(beside, tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match=r"must not be a symbolic link, got one to .*elsewhere"):
+        read_gpr(folder / name)
+
+
+def test_a_recording_that_is_a_link_is_read(tmp_path):
+    """The user named it; what lies beside the name is looked for, not what lies beside its file."""
+    write_dt1(tmp_path / "a.dt1", COUNTS)
+    linked(tmp_path / "a.dt1", tmp_path / "far.dt1")
+    assert len(read_gpr(tmp_path / "a.dt1").traces) == len(COUNTS)

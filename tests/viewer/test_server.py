@@ -9,6 +9,7 @@ import sys
 import time
 import urllib.request
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.door import Listed
+from flgpr.json_text import json_with_digest, parse_with_digest
 from flgpr.store import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import SECURITY_HEADERS, is_loopback
@@ -359,3 +361,89 @@ def test_the_command_names_what_is_wrong(arguments, words):
     done = CliRunner().invoke(app, ["view", *arguments])
     assert done.exit_code == 2
     assert words in done.output
+
+
+def forged(folder, change):
+    """Change the index of a view, and make the digests right again."""
+    path = folder / "view" / "index.json"
+    index = json.loads(path.read_text())
+    change(index)
+    path.write_text(json.dumps(index))
+    manifest = parse_with_digest((folder / "manifest.json").read_bytes())
+    entries = {name: value for name, value in manifest.items() if name != "sha256"}
+    entries["files"]["view/index.json"] = sha256(path.read_bytes())
+    entries.get("sizes", {})["view/index.json"] = path.stat().st_size
+    (folder / "manifest.json").write_bytes(json_with_digest(entries))
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        (lambda index: index.update(layers=5), "layers must be a list, got 5"),
+        (lambda index: index.update(layers=[3]), r"layers\[0\] must be an object, got 3"),
+        (
+            lambda index: index.update(tile_rows=16.5),
+            r"tile_rows must be a whole number .* got 16\.5",
+        ),
+        (
+            lambda index: index.update(tile_rows=0),
+            "tile_rows must be a whole number from 1 on, got 0",
+        ),
+        (lambda index: index.update(tile_rows=True), "tile_rows must be .* got True"),
+        (lambda index: index.update(detections=None), "detections must be a list, got null"),
+        (lambda index: index.update(grid=None), "grid must be an object, got null"),
+        (lambda index: index["grid"].update(nx="9"), r"grid\.nx must be a whole number .* got '9'"),
+        (
+            lambda index: index["grid"].update(nx=10**40),
+            r"grid\.nx must be a whole number .* got 1000",
+        ),
+        (lambda index: index.update(title=None), "title must be text, got null"),
+        (lambda index: index.update(lane={"x_min": 0}), r"lane\.x_max must be a number, got null"),
+        (lambda index: index["lane"].update(x_min=True), r"lane\.x_min must be a number, got True"),
+        (lambda index: index["layers"][0].pop("levels"), r"layers\[0\]\.levels must be a list"),
+        (
+            lambda index: index["layers"][0]["levels"][0].update(rows=-1),
+            "levels.rows must be a whole",
+        ),
+        (
+            lambda index: index["layers"][0]["levels"][0].update(file=7),
+            "levels.file must be text, got 7",
+        ),
+        (
+            lambda index: index["detections"][0]["evidence"].update(start=[0, 9, 3]),
+            r"evidence\.start must be a whole number from 9 on, got 3",
+        ),
+        (
+            lambda index: index.update(georeference=[1]),
+            "georeference must be an object, got a list",
+        ),
+    ],
+)
+def test_a_forged_index_is_refused_with_a_sentence(change, rule, demo, tmp_path):
+    copy = tmp_path / "result"
+    shutil.copytree(demo[0].folder, copy)
+    Viewer([copy])._socket.close()
+    forged(copy, change)
+    with pytest.raises(ViewError, match=rf"view/index\.json cannot be shown: .*{rule}"):
+        Viewer([copy])
+
+
+@pytest.mark.parametrize("digits", [40, 5000])
+@pytest.mark.parametrize(
+    "path",
+    ["data/{}/index.json", "data/0/tile/{}/0/0", "data/0/tile/0/0/{}", "data/0/evidence/0/{}",
+     "data/0/raw/bscan?pair={}", "data/live?after={}"],
+)  # fmt: skip
+def test_a_number_of_very_many_digits_is_refused_with_a_sentence(shown, path, digits):
+    answer = ask(shown, path.format("7" * digits))
+    assert answer.status == 400
+    assert b"numbers of an address have fewer than 30 digits" in answer.body
+
+
+def test_what_no_check_foresaw_is_no_error_of_the_server(shown, monkeypatch):
+    """A file of another form is answered with a sentence, and leaves no traceback."""
+    for error in (TypeError("a"), KeyError("b"), OverflowError("c"), AttributeError("d")):
+        monkeypatch.setattr(ResultFiles, "tile", mock.Mock(side_effect=error))
+        answer = ask(shown, "data/0/tile/0/0/0")
+        assert answer.status == 422
+        assert "must have the form of its kind" in json.loads(answer.body)["error"]

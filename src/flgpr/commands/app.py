@@ -26,6 +26,7 @@ from flgpr.commands.detect import detect
 from flgpr.commands.export import export
 from flgpr.commands.image import image
 from flgpr.commands.info import info
+from flgpr.commands.messages import say
 from flgpr.commands.pairs import PairCommand
 from flgpr.commands.prepare import prepare
 from flgpr.commands.replay import replay
@@ -151,7 +152,7 @@ _fill(app)
 def _version(is_asked: bool) -> None:
     """Print the version and end, where that is asked for."""
     if is_asked:
-        typer.echo(f"flgpr {flgpr.__version__}")
+        say(f"flgpr {flgpr.__version__}")
         raise typer.Exit
 
 
@@ -163,4 +164,4 @@ def _main(
 ) -> None:
     """Parse the options before a command, and tell what of other packages is left out."""
     for line in LEFT_OUT:
-        typer.echo(f"note: {line}", err=True)
+        say(f"note: {line}", err=True)

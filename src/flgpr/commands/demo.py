@@ -14,6 +14,7 @@ from typer import Option
 
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
 from flgpr.commands.exports import map_bytes
+from flgpr.commands.messages import say
 from flgpr.commands.options import Output, Overwrite, PathLike, Progress
 from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
@@ -73,7 +74,7 @@ def _page(call: Arguments) -> Iterator[None]:
     if call.view:
         from flgpr import viewer
 
-        viewer.serve(Path(call.output), open_browser=opens, announce=typer.echo, make_map=map_bytes)
+        viewer.serve(Path(call.output), open_browser=opens, announce=say, make_map=map_bytes)
     elif opens:
         open_page(Path(call.output) / "report.html")
 
@@ -84,10 +85,8 @@ def _show_drive(opens: bool) -> None:
     from flgpr.store import read_table, sample_drive
 
     mines = len(read_table(sample_drive() / "truth.csv", "truth"))
-    typer.echo(
-        f"A drive at 15 km/h on a simulated road with {mines} mines, as flgpr live recorded it."
-    )
-    typer.echo("It begins anew when it is over; Ctrl-C ends it.")
+    say(f"A drive at 15 km/h on a simulated road with {mines} mines, as flgpr live recorded it.")
+    say("It begins anew when it is over; Ctrl-C ends it.")
     stop = threading.Event()
     with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
         player = threading.Thread(
@@ -95,7 +94,7 @@ def _show_drive(opens: bool) -> None:
         )
         player.start()
         try:
-            viewer.serve([], open_browser=opens, live=folder, announce=typer.echo)
+            viewer.serve([], open_browser=opens, live=folder, announce=say)
         finally:
             stop.set()
             player.join()

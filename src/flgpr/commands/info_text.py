@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from flgpr.model.printable import printable
+
 # Height above the ground, m, above which the coverage ahead of a vehicle is not of interest.
 _AIRBORNE = 100.0
 _MAP_LINES = 24
@@ -38,7 +40,8 @@ def info_lines(report: dict[str, Any]) -> list[str]:
 def _title(report: dict[str, Any]) -> str:
     """Return the title of a run, and its source if that is known."""
     source = report["source"]
-    return f"{report['title']} ({source})" if source else str(report["title"])
+    title = printable(str(report["title"]))
+    return f"{title} ({printable(str(source))})" if source else title
 
 
 def _scan_line(report: dict[str, Any]) -> str:

@@ -13,9 +13,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 
+from flgpr.commands.messages import say
 from flgpr.commands.options import (
     OVERWRITE_HELP,
     AnchorOption,
@@ -34,6 +34,10 @@ Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive o
 Tcp = Annotated[
     str | None,
     Option(help="TCP port of this machine that scans arrive on, or ADDRESS:PORT."),
+]
+SecretFile = Annotated[
+    PathLike | None,
+    Option(help="With --tcp: file of a secret that sender and receiver share."),
 ]
 VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
 NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
@@ -74,7 +78,7 @@ def _page(call: Arguments) -> Iterator[None]:
         previous_handler = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
             yield
-            typer.echo("the page stays open until interrupted", err=True)
+            say("the page stays open until interrupted", err=True)
             with contextlib.suppress(KeyboardInterrupt):
                 page.wait()
         finally:
@@ -111,7 +115,7 @@ def _print_event(line: str) -> None:
     shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
     python_values=lambda call: {} if call.quiet else {"emit": _print_event},
     panels={
-        "Where scans come from": ("socket", "tcp", "rate"),
+        "Where scans come from": ("socket", "tcp", "secret_file", "rate"),
         "Recipe and lane": ("recipe", "model", "lane", "anchor"),
         "Detection": ("looks", "warm_up", "span", "worth"),
         "Vehicle": ("speed", "reaction", "deceleration", "front"),
@@ -133,6 +137,7 @@ def live(
     ] = "live-result",
     socket: Socket = None,
     tcp: Tcp = None,
+    secret_file: SecretFile = None,
     lane: Lane = None,
     anchor: AnchorOption = None,
     speed: Annotated[
@@ -218,6 +223,7 @@ def live(
         fresh=fresh,
         worth=worth,
         tcp=tcp,
+        secret_file=secret_file,
         played=played,
         rate=math.inf if rate == 0 else rate,
     )
@@ -238,6 +244,7 @@ def feed(
     rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
     socket: Socket = None,
     tcp: Tcp = None,
+    secret_file: SecretFile = None,
     first: Annotated[int, Option(help="First scan.")] = 0,
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[
@@ -272,4 +279,5 @@ def feed(
         lead,
         faults=fault or (),
         tcp=tcp,
+        secret_file=secret_file,
     )

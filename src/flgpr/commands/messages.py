@@ -17,6 +17,8 @@ from typing import Any
 
 import typer
 
+from flgpr.model.printable import for_terminal
+
 USER_ERRORS = (ValueError, OSError, ModuleNotFoundError, RecursionError, MemoryError)
 """Errors for which a command ends with exit status 2.
 
@@ -79,7 +81,7 @@ def plain_errors(
             warnings.showwarning = _show_warning
             yield
     except (KeyboardInterrupt, typer.Abort):  # the second at a prompt, whose input may end, too
-        typer.echo(stopped, err=True)
+        say(stopped, err=True)
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:  # the program that read the output has ended
         raise
@@ -87,13 +89,31 @@ def plain_errors(
         message = plain_message(error)
         for name, typed in (typed_names or {}).items():
             message = re.sub(rf"(?<![\w.-]){name}(?![\w-])", typed, message)
-        typer.echo(f"error: {message}", err=True)
+        say(f"error: {message}", err=True)
         raise typer.Exit(2) from None
 
 
 def is_unchanged(output: Path) -> bool:
     """Return whether the running command left an output as it was."""
     return str(output) in _unchanged_outputs
+
+
+def say(text: Any, err: bool = False, nl: bool = True) -> None:
+    """Print text of any origin, see :func:`flgpr.model.printable.for_terminal`.
+
+    All that a command prints goes through here, or through ``Drawn`` (``shell.py``) where it is
+    drawn.
+
+    Parameters
+    ----------
+    text : object
+        The text.
+    err : bool
+        Whether it goes to the error stream.
+    nl : bool
+        Whether a line end follows.
+    """
+    typer.echo(for_terminal(str(text)), err=err, nl=nl)
 
 
 class _Printer(logging.Handler):
@@ -106,7 +126,7 @@ class _Printer(logging.Handler):
     def tell(self, text: str) -> None:
         """Print a line."""
         if not self._quiet:
-            typer.echo(text, err=True)
+            say(text, err=True)
 
 
 class _ReadingNotes(_Printer):
@@ -149,7 +169,7 @@ def _attached(name: str, handler: logging.Handler) -> Iterator[None]:
 
 def _show_warning(message: Warning | str, *position: Any, **source: Any) -> None:  # noqa: ARG001
     """Print a warning without its position in the source."""
-    typer.echo(f"warning: {message}", err=True)
+    say(f"warning: {message}", err=True)
 
 
 def plain_message(error: BaseException) -> str:
@@ -162,7 +182,17 @@ def plain_message(error: BaseException) -> str:
         rule = _RULES.get(error.errno, "the system must allow what is asked for")
         file = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
         return f"{rule}, got {file}{error.strerror}"
-    text = str(error)
+    text = _plain_text(error)
     for pattern, replacement in _REPLACEMENTS:
         text = pattern.sub(replacement, text)
     return text
+
+
+def _plain_text(error: BaseException) -> str:
+    """Return the text of an error; one of Python about characters in our words."""
+    if isinstance(error, UnicodeEncodeError):
+        letter = ord(error.object[error.start])
+        return f"text must be of whole characters, got half of one, U+{letter:04X}"
+    if isinstance(error, UnicodeDecodeError):
+        return f"text must be {error.encoding.upper()}, got other bytes at byte {error.start}"
+    return str(error)

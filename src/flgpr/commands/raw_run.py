@@ -47,15 +47,18 @@ _LARGEST_LENGTH = 1e6  # m, of what a store may state of its simulation
 _LARGEST_HALF = 6e4  # somewhat less than the largest 16-bit float
 
 
+_LARGEST = 2**53  # number of a scan or a pair, up to which every reader of JSON holds them exactly
+
+
 class _Query(BaseModel):
     """What a page may ask for; numbers come as text."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     polarization: str
-    pair: int = Field(ge=0)
+    pair: int = Field(ge=0, le=_LARGEST)
     scale: Literal["db", "signed"] = "db"
     to_ns: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    scan: int = Field(default=0, ge=0)
+    scan: int = Field(default=0, ge=0, le=_LARGEST)
     whole: bool = False
     permittivity: float | None = Field(default=None, ge=1, le=100)
     steps: str = Field(default="[]", max_length=4000)

@@ -18,6 +18,7 @@ from flgpr.store.notes import log_note
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
 _MOST_OUTSIDE = 0.5  # of the targets, above which the truth is of another lane
+_DEEPEST = 1.0  # m, below which no mine is laid: a greater depth is likely in another unit
 
 
 def targets_in_reach(
@@ -124,15 +125,15 @@ def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
     best = max(counts, key=lambda trial: counts[trial])
     if 2 * counts[best] > len(targets):
         return f"in reach would be {tried}: {best}?"
-    return f"in reach would be {tried}: is it the truth of another lane?"
+    return f"in reach would be {tried}: is it of another lane?"
 
 
 def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
     """Return what is doubtful about a table.
 
-    That is a table without rows; rows at one place, in one lane, of one confidence or kind; and
-    more than half of the rows outside their lane while with x and y swapped more of them would lie
-    inside.
+    That is a table without rows; rows at one place, in one lane, of one confidence or kind; rows
+    outside their lane, with a question if more of them would lie inside with x and y swapped; and
+    depths of more than a metre.
 
     Parameters
     ----------
@@ -172,7 +173,64 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
         )
     elif outside == count:
         doubts.append(f"all {outside} {row_name} lie outside the lane")
-    return doubts
+    elif outside:
+        doubts.append(f"{outside} of {count} {row_name} lie outside the lane")
+    return doubts + _depth_doubts(table, row_name)
+
+
+def _depth_doubts(table: pd.DataFrame, row_name: str) -> list[str]:
+    """Return what is doubtful about the depths of a table, if it has any."""
+    if "depth" not in table.columns:
+        return []
+    depth = table["depth"].to_numpy(np.float64)
+    deep = int((np.abs(depth) > _DEEPEST).sum())
+    if not deep:
+        return []
+    worst = float(depth[np.nanargmax(np.abs(depth))])
+    return [
+        f"{deep} of {len(table)} {row_name} have a depth of more than {_DEEPEST:g} m, "
+        f"such as {worst:g} m: depths are metres to the top of the target; are these centimetres?"
+    ]
+
+
+def refuse_elsewhere(alarms: pd.DataFrame, lanes: LaneLike, name: str) -> dict[str, Any]:
+    """Refuse a list of which every alarm lies outside the lane; return how many others do.
+
+    Such a list belongs to another lane, or its columns are not what they seem: a score of it would
+    say that nothing was found.
+
+    Parameters
+    ----------
+    alarms : pandas.DataFrame
+        Alarms with ``x`` and ``y``, m.
+    lanes : Lane, or mapping of Lane by name
+        The lane, or lanes by name.
+    name : str
+        File of the alarms, for messages.
+
+    Returns
+    -------
+    dict
+        For the report: ``alarms_outside`` of the lane, if there are any.
+
+    Raises
+    ------
+    ValueError
+        If all alarms lie outside.
+    """
+    inside = are_near(alarms, lanes)
+    outside = len(alarms) - int(inside.sum())
+    if not outside:
+        return {}
+    if outside == len(alarms):
+        x = alarms["x"]
+        y = alarms["y"]
+        raise ValueError(
+            f"alarms must lie in the lane ({_borders(lanes)}): all {outside} of {name} lie "
+            f"outside, x {x.min():g} to {x.max():g}, y {y.min():g} to {y.max():g}; "
+            f"{_other_axes(alarms, lanes, 0.0)}"
+        )
+    return {"alarms_outside": outside}
 
 
 def tell_doubts(table: pd.DataFrame, kind: str, name: str, lanes: LaneLike) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from flgpr.door import read_named, refuse_links
+from flgpr.model.printable import text_bytes
 from flgpr.store import write_whole
 from flgpr.store.outputs import OVERWRITE, locked_folder, log_finished, output_exists_error
 
@@ -78,7 +79,7 @@ def must_write(folder: Path, files: Files, overwrite: bool, last_file: str = "")
         if not os.path.lexists(path):
             is_missing = True
             continue
-        expected = content.encode() if isinstance(content, str) else content
+        expected = text_bytes(content) if isinstance(content, str) else content
         if read_named(path) != expected:
             raise output_exists_error(path, f"{OVERWRITE}, or choose another output")
     if not is_missing:

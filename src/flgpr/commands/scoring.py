@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 
 from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
-from flgpr.commands.reach import targets_in_reach, tell_doubts
+from flgpr.commands.reach import refuse_elsewhere, targets_in_reach, tell_doubts
 from flgpr.commands.score_options import refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.score_request import ScoreRequest
@@ -56,6 +56,8 @@ class Lists:
     lanes: LaneLike
     rules: Rules
     result: Result | None = None  #: that is scored by the rules of its recipe
+    #: for the report of each list: how many of its alarms lie outside the lanes
+    outside: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -286,9 +288,11 @@ def compare_lists(request: ScoreRequest) -> SideBySide:
 def _read_lists(entrants: list[Entrant], lanes: LaneLike, rules: Rules) -> Lists:
     """Read alarm lists, all of them before a truth is opened, and tell what is doubtful."""
     tables = [entrant.table() for entrant in entrants]
+    outside = []
     for entrant, table in zip(entrants, tables, strict=True):
+        outside.append(refuse_elsewhere(table, lanes, entrant.path.name))
         tell_doubts(table, "alarms", entrant.path.name, lanes)
-    return Lists(entrants, tables, lanes, rules)
+    return Lists(entrants, tables, lanes, rules, outside=outside)
 
 
 def open_truth(request: ScoreRequest, lists: Lists) -> OpenedTruth:
@@ -327,6 +331,7 @@ def open_truth(request: ScoreRequest, lists: Lists) -> OpenedTruth:
         if lists.result is None:
             of_list |= _reading_notes(lists.tables[number], targets)
             of_list |= ranking_notes(lists.tables[number])
+            of_list |= lists.outside[number]
         if request.card is not None:
             of_list |= request.card.notes(number, lists.entrants[number])
     return OpenedTruth(targets, notes)

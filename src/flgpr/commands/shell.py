@@ -23,7 +23,7 @@ import typer
 from typer import Option
 from typer.models import ArgumentInfo, OptionInfo
 
-from flgpr.commands.messages import GOES_ON, STOPPED, is_unchanged, plain_errors
+from flgpr.commands.messages import GOES_ON, STOPPED, is_unchanged, plain_errors, say
 from flgpr.commands.signatures import (
     Parameter,
     help_of,
@@ -193,7 +193,7 @@ def _run(described: Command, values: dict[str, Any]) -> None:
             values = {**values, **described.python_values(call)}
         returned = _call(described, values, silent)
         if as_json and described.as_json is not None:
-            typer.echo(json.dumps(described.as_json(returned, call)))
+            say(json.dumps(described.as_json(returned, call)))
         elif described.always_printed or not quiet:
             print_lines(described.lines(returned, call))
     if described.status is not None and (status := described.status(returned)):
@@ -250,13 +250,10 @@ def print_lines(lines: Iterable[Any]) -> None:
     for line in lines:
         if isinstance(line, Path):
             if not is_unchanged(line):
-                typer.echo(f"wrote {line}")
+                say(f"wrote {line}")
         elif isinstance(line, str):
-            typer.echo(
-                line, err=isinstance(line, ErrorStreamText), nl=not isinstance(line, RawText)
-            )
+            say(line, err=isinstance(line, ErrorStreamText), nl=not isinstance(line, RawText))
         else:
-            from rich.console import Console
+            from flgpr.commands.console import PlainConsole
 
-            # Names from files are no markup.
-            Console(markup=False, emoji=False).print(line)
+            PlainConsole().print(line)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from flgpr.commands.exports import map_bytes
+from flgpr.commands.messages import say
 from flgpr.commands.options import AnchorOption, PathLike, Paths
 from flgpr.commands.shell import command
 
@@ -72,7 +72,7 @@ def view(
         live,
         None,
         anchor,
-        typer.echo,
+        say,
         raw=_raw_run,
         backdrop=backdrop,
         verdicts=verdicts,

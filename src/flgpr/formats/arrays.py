@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.archive import Archive, array_bytes, npy_header
+from flgpr.budget import Budget
 from flgpr.door import check_expansion, open_named
 from flgpr.formats.array_file import (
     LIMIT,
@@ -32,6 +33,7 @@ from flgpr.formats.array_file import (
     faults_of_parser,
     from_memory,
 )
+from flgpr.formats.child import LARGEST_PROBED, oversized_chunks
 from flgpr.formats.reader import Reader, reader_of, readers
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
@@ -217,11 +219,41 @@ def _read_hdf5(name: str, item: Any) -> Any:
     # Such an array would have HDF5 open any file of the user's that this one names.
     if item.is_virtual or item.external is not None:
         raise ValueError(f"{name} must hold its numbers itself, they lie in other files")
-    check_expansion(name, item.nbytes, item.id.get_storage_size())
+    check_dataset(name, item)
+    is_text = h5py.check_string_dtype(item.dtype)
+    if is_text and item.size >= LARGEST_PROBED:
+        raise ValueError(f"{name} must hold fewer than {LARGEST_PROBED} texts, got {item.size}")
     values = item[()]
-    if h5py.check_string_dtype(item.dtype):
-        values = np.asarray(item.asstr(errors="replace")[()], dtype=np.str_)
+    if is_text:
+        texts = item.asstr(errors="replace")[()]
+        # All get the room of the longest, four bytes for each character.
+        longest = max((len(text) for text in np.ravel(texts)), default=0)
+        Budget(f"the texts {name}").spend(4 * longest * item.size)
+        values = np.asarray(texts, dtype=np.str_)
     return np.asarray(values).T if _MATLAB in item.attrs else values
+
+
+def check_dataset(name: str, item: Any) -> None:
+    """Refuse an array of HDF5 that would take far more memory than its file, before it is read.
+
+    A chunk is unpacked as a whole, however few of its values the array has.
+
+    Parameters
+    ----------
+    name : str
+        The array, for errors.
+    item : h5py.Dataset
+        The array.
+
+    Raises
+    ------
+    ValueError
+        If its numbers or one of its chunks would expand too far.
+    """
+    check_expansion(name, item.nbytes, item.id.get_storage_size())
+    reason = oversized_chunks(item)
+    if reason:
+        raise ValueError(f"{name} cannot be read: {reason}")
 
 
 def _unit_of(item: Any) -> str:

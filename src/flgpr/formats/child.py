@@ -7,6 +7,7 @@ quickly.
 
 from __future__ import annotations
 
+import math
 import sys
 import warnings
 from collections.abc import Iterator
@@ -15,7 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_LARGEST_PROBED = 10_000_000  # values of an array that is read to see whether it can be
+LARGEST_PROBED = 10_000_000
+"""Values of an array, from which on it is not read to see whether it can be."""
+_MOST_CHUNK = 64 * 2**20  # bytes of a chunk of HDF5 that is unpacked whatever its array holds
 _MOST_PROBED_BYTES = 2**31  # addresses of a process that probes; its libraries take a fifth
 _MOST_ADDRESSES = 2**62  # bytes, where the system sets no limit
 
@@ -53,6 +56,32 @@ def parts_elsewhere(file: Any) -> dict[str, str]:
     return reasons
 
 
+def oversized_chunks(item: Any) -> str:
+    """Return why the chunks of an HDF5 array are too large to be read; empty if they are not.
+
+    A chunk is unpacked as a whole, however few of its values the array has.
+
+    Parameters
+    ----------
+    item : h5py.Dataset
+        The array.
+
+    Returns
+    -------
+    str
+        The reason.
+    """
+    if item.chunks is None:
+        return ""
+    size = math.prod(item.chunks) * item.dtype.itemsize
+    if size <= max(_MOST_CHUNK, item.nbytes):
+        return ""
+    return (
+        f"its {item.nbytes} bytes lie in chunks of {size}, which must take at most {_MOST_CHUNK}, "
+        "or as many as the array"
+    )
+
+
 def probe_hdf5(path: str) -> None:
     """Read all attributes and all but the largest arrays of an HDF5 file.
 
@@ -78,7 +107,12 @@ def probe_hdf5(path: str) -> None:
         read_attributes(item)
         if name in elsewhere or not isinstance(item, h5py.Dataset):
             return
-        if item.size is not None and item.size < _LARGEST_PROBED:
+        if item.size is None:
+            return
+        reason = oversized_chunks(item)
+        if reason:
+            lines.append(f"{name!r}\t{reason}")
+        elif item.size < LARGEST_PROBED:
             try:
                 item[()]
             except Exception as error:

@@ -68,7 +68,7 @@ class MappingDraft:
         paths = [path for group in roles.groups for path in group.paths]
         if len(paths) == 1:
             head = [f"# Draft for {printable(paths[0].name)}. {_CHECK}"]
-            title = paths[0].stem
+            title = printable(paths[0].stem)
         else:
             head = [f"# Draft for {len(paths)} files together.", f"# {_CHECK}"]
             title = roles.data.paths[0].parent.resolve().name or "own array"

@@ -27,6 +27,7 @@ from flgpr.model import (
     empty_table,
     make_run,
 )
+from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 
@@ -81,7 +82,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
 
-    attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
+    attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": printable(path.stem)}
     truth = parse_json(str(arrays["truth"])) if "truth" in arrays else None
     if truth is not None and "soil_eps" in truth:
         attrs["soil"] = {

@@ -37,6 +37,7 @@ from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
 from flgpr.live.vehicle import Vehicle
 from flgpr.method.look_samples import decibels
 from flgpr.model.plausible import MotionStep
+from flgpr.model.printable import text_bytes
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -81,7 +82,7 @@ class EventFile:
     def _write(self, events: Iterable[Event]) -> None:
         """Append events to the file in one piece."""
         text = "".join(as_line(event) for event in events)
-        write_all(self._file, text.encode())
+        write_all(self._file, text_bytes(text))
 
     def beat(self) -> None:
         """Set a new time stamp on the file: it shows that detection runs though nothing comes."""

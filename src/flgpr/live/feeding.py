@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import Folder
+from flgpr.live.secret import answer_challenge, live_secret
 from flgpr.live.sockets import connected_tcp, connected_unix, parse_tcp
 from flgpr.store import (
     RunDescription,
@@ -93,6 +94,7 @@ def feed(
     wait: Callable[[float], None] = time.sleep,
     faults: Sequence[str] = (),
     tcp: str | None = None,
+    secret_file: PathLike | None = None,
 ) -> int:
     """Play a stored run into a folder or to a socket, and return the number of frames played.
 
@@ -120,6 +122,9 @@ def feed(
     tcp : str, optional
         TCP address that is listened on: port, or address and port, see
         ``parse_tcp``.
+    secret_file : path, optional
+        File of the secret that is asked for there; by default that of the environment, if there is
+        one, see :mod:`flgpr.live.secret`.
 
     Returns
     -------
@@ -137,7 +142,10 @@ def feed(
     targets = [target for target in (folder, socket_path, tcp) if target is not None]
     if len(targets) != 1:
         raise ValueError("feed needs one of a folder, a socket and a TCP address")
+    if secret_file is not None and tcp is None:
+        raise ValueError(f"secret-file goes with a TCP address, got {secret_file}")
     address = None if tcp is None else parse_tcp(tcp)
+    secret = None if tcp is None else live_secret(secret_file)
     dataset = open_run(run)
     description = describe_for_live(dataset)
     total = dataset.sizes["scan"]
@@ -150,7 +158,7 @@ def feed(
     if folder is not None:
         sink = _FolderSink(Path(folder))
     elif address is not None:
-        sink = _SocketSink(connected_tcp(address))
+        sink = _SocketSink(connected_tcp(address), secret)
     else:
         sink = _SocketSink(connected_unix(Path(str(socket_path))))
     with sink:
@@ -247,20 +255,36 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
 class _SocketSink(AbstractContextManager["_SocketSink"]):
     """Sends frames over a connected socket."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, secret: bytes | None = None) -> None:
         self._socket = connection
+        if secret is not None:
+            try:
+                answer_challenge(connection, secret)
+            except ValueError:
+                connection.close()
+                raise
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()
 
     def begin(self, description: RunDescription) -> None:
         """Hand over the description of the run."""
-        self._socket.sendall(encode_frame("run", description.as_json()))
+        self._send(encode_frame("run", description.as_json()))
 
     def scan(self, number: int, frame: bytes, is_repeat: bool) -> None:  # noqa: ARG002
         """Hand over a frame."""
-        self._socket.sendall(frame)
+        self._send(frame)
 
     def end(self, scans: int) -> None:
         """Announce the end of the run."""
-        self._socket.sendall(encode_frame("end", {"scans": scans}))
+        self._send(encode_frame("end", {"scans": scans}))
+
+    def _send(self, data: bytes) -> None:
+        """Send bytes; a connection that the receiver closed is a ValueError."""
+        try:
+            self._socket.sendall(data)
+        except (BrokenPipeError, ConnectionResetError):
+            raise ValueError(
+                "flgpr live must listen to the end, got a connection that it closed: the run ended "
+                "there, it has senders enough, or it asks for a secret that is not this one"
+            ) from None

@@ -44,6 +44,9 @@ class LiveOptions:
     worth: float = 0.1
     #: TCP address to listen on: port, or address and port, see ``live.sockets.parse_tcp``
     tcp: str | None = None
+    #: file of the secret that TCP senders must know, see ``live.secret``; None is that of the
+    #: environment, if there is one
+    secret_file: PathLike | None = None
     played: xr.Dataset | None = None  #: run that is played, see ``live.playing``
     rate: float | None = None  #: scans per second of that run; None plays it as it was recorded
 
@@ -54,6 +57,8 @@ class LiveOptions:
                 "live needs a folder, a socket, a TCP address or a recording to take scans from, "
                 "got none"
             )
+        if self.secret_file is not None and self.tcp is None:
+            raise ValueError(f"secret-file goes with a TCP address, got {self.secret_file}")
         if self.socket is not None:
             check_unix_sockets(Path(self.socket))
         if self.rate is not None and self.played is None:

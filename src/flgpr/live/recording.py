@@ -7,14 +7,16 @@ recording; only the clock is that of today.
 from __future__ import annotations
 
 import gzip
+import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from flgpr.budget import Budget
 from flgpr.door import check_expansion, read_named
-from flgpr.json_text import parse_json
+from flgpr.json_text import count_values, parse_json
 from flgpr.live.event_types import Event
 from flgpr.live.events import EVENT_FILE, EventFile
 
@@ -48,9 +50,16 @@ def read_recording(path: str | Path) -> tuple[list[Event], list[RecordedScan], l
         If the file would expand too far or holds no scans.
     """
     packed = read_named(path)
-    # The last four bytes of a gzip file are the size of what it holds.
-    check_expansion(str(path), int.from_bytes(packed[-4:], "little"), len(packed))
-    lines = gzip.decompress(packed).decode("utf-8").splitlines()
+    # The last four bytes of a gzip file are the size of what it holds, or of the last part of it.
+    most = int.from_bytes(packed[-4:], "little")
+    check_expansion(str(path), most, len(packed))
+    with gzip.GzipFile(fileobj=io.BytesIO(packed)) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"{path} must unpack to the {most} bytes that it states, got more")
+    budget = Budget(str(path))
+    budget.spend_values(count_values(data) + data.count(b"\n"))
+    lines = data.decode("utf-8").splitlines()
     before: list[Event] = []
     scans: list[RecordedScan] = []
     after: list[Event] = []

@@ -9,6 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from flgpr.live.secret import ANSWER_BYTES, challenge, is_answer
 from flgpr.live.sockets import TcpAddress, listening_tcp, listening_unix
 from flgpr.live.source import Inbox, Source
 from flgpr.live.stream import FrameStream
@@ -16,7 +17,8 @@ from flgpr.store.scan_file import MAGIC
 
 SENDERS = {
     "refused": "as many as may be are connected",
-    "ended": "they sent nothing of use for too long, or began with something else than a frame",
+    "ended": "they sent nothing of use for too long, began with something else than a frame, or "
+    "did not know the secret",
 }
 """Why senders are refused or ended."""
 _CHECK = 0.2  # s between checks whether the run has ended
@@ -28,7 +30,7 @@ _CHUNK = 2**20  # bytes that are taken from a sender at once
 class SenderLimits:
     """How many senders may be connected, and how long one of them may send nothing of use, s."""
 
-    senders: int = 8
+    senders: int = 16
     pause: float = 1.0  #: within a frame
     frame: float = 10.0  #: from the beginning of a frame to its end
     silence: float = 10.0  #: of a sender that sent something, but no good frame yet
@@ -38,9 +40,15 @@ class _Sender(threading.Thread):
     """Takes frames from a sender, until it leaves or is closed."""
 
     def __init__(
-        self, connection: socket.socket, inbox: Inbox, limits: SenderLimits, greets: bool
+        self,
+        connection: socket.socket,
+        inbox: Inbox,
+        limits: SenderLimits,
+        greets: bool,
+        secret: bytes | None = None,
     ) -> None:
         super().__init__(name="sender", daemon=True)
+        self._secret = secret
         # Bytes that the first ones must be, as far as they have not come yet. A web page in a
         # browser can send to a TCP port of its own machine, but only behind the head of a request.
         self._greeting = MAGIC if greets else b""
@@ -48,43 +56,68 @@ class _Sender(threading.Thread):
         self._inbox = inbox
         self._limits = limits
         self._stream = FrameStream()
-        self._has_sent = False
+        #: whether it sent anything, and the answer to a challenge before
+        self.has_sent = False
         self.has_sent_good = False
         self.useful = time.monotonic()  #: when a good frame came, or else when it connected
         self.held_back = False  #: whether one of its frames waits to be taken
 
     def run(self) -> None:
-        """Take frames until the sender leaves, is closed or sends nothing of use for too long."""
+        """Ask for the secret, if there is one, and take frames."""
         self._connection.settimeout(_CHECK)
+        with self._connection:
+            if self._secret is not None and not self._knows_secret(self._secret):
+                self._inbox.count_sender("ended")
+                return
+            self._take_frames()
+
+    def _take_frames(self) -> None:
+        """Take frames until the sender leaves, is closed or sends nothing of use for too long."""
         heard = time.monotonic()
         begun = heard
         is_open = True
-        with self._connection:
-            while is_open and not self._inbox.stop.is_set():
-                data = self._receive()
-                is_open = data != b""
-                now = time.monotonic()
-                if data:
-                    heard = now
-                    self._has_sent = True
-                    if not self._begins_as_frame(data):
-                        self._inbox.count_sender("ended")
-                        return
-                paused = now - heard > self._limits.pause
-                taken = self._hand_over(data or b"", paused or not is_open)
-                if taken:
-                    # The time for which the frames were held back does not count.
-                    heard = time.monotonic()
-                    begun = heard
-                elif not self._stream.waiting:
-                    begun = now
-                elif now - begun > self._limits.frame:
-                    self._hand_over(b"", over=True)
-                    begun = time.monotonic()
-                useless = self._has_sent and not self.has_sent_good
-                if is_open and useless and now - heard > self._limits.silence:
+        while is_open and not self._inbox.stop.is_set():
+            data = self._receive()
+            is_open = data != b""
+            now = time.monotonic()
+            if data:
+                heard = now
+                self.has_sent = True
+                if not self._begins_as_frame(data):
                     self._inbox.count_sender("ended")
                     return
+            paused = now - heard > self._limits.pause
+            taken = self._hand_over(data or b"", paused or not is_open)
+            if taken:
+                # The time for which the frames were held back does not count.
+                heard = time.monotonic()
+                begun = heard
+            elif not self._stream.waiting:
+                begun = now
+            elif now - begun > self._limits.frame:
+                self._hand_over(b"", over=True)
+                begun = time.monotonic()
+            useless = self.has_sent and not self.has_sent_good
+            if is_open and useless and now - heard > self._limits.silence:
+                self._inbox.count_sender("ended")
+                return
+
+    def _knows_secret(self, secret: bytes) -> bool:
+        """Send a challenge, and return whether the right answer comes in time."""
+        asked = challenge()
+        given = b""
+        last = time.monotonic() + self._limits.silence
+        try:
+            self._connection.sendall(asked)
+        except OSError:
+            return False
+        while len(given) < ANSWER_BYTES and time.monotonic() < last:
+            data = self._receive(ANSWER_BYTES - len(given))
+            if data == b"" or self._inbox.stop.is_set():
+                return False
+            given += data or b""
+        self.has_sent = is_answer(secret, asked, given)
+        return self.has_sent
 
     def close(self) -> None:
         """Let the thread end, as if the sender had left."""
@@ -98,10 +131,10 @@ class _Sender(threading.Thread):
         self._greeting = self._greeting[length:]
         return begins
 
-    def _receive(self) -> bytes | None:
+    def _receive(self, most: int = _CHUNK) -> bytes | None:
         """Return what came; None if nothing did for a moment, no bytes if nothing more comes."""
         try:
-            return self._connection.recv(_CHUNK)
+            return self._connection.recv(most)
         except TimeoutError:
             return None
         except OSError:
@@ -139,9 +172,11 @@ class _SenderWatch(Source):
         limits: SenderLimits | None,
         greets: bool,
         path: Path | None = None,
+        secret: bytes | None = None,
     ) -> None:
         super().__init__(name, inbox)
         self._path = path
+        self._secret = secret
         self._limits = limits or SenderLimits()
         self._greets = greets
         self._senders: list[_Sender] = []
@@ -176,7 +211,7 @@ class _SenderWatch(Source):
             self.inbox.count_sender("refused")
             connection.close()
             return
-        sender = _Sender(connection, self.inbox, self._limits, self._greets)
+        sender = _Sender(connection, self.inbox, self._limits, self._greets, self._secret)
         try:
             sender.start()
         except RuntimeError:  # the system starts no more threads
@@ -189,24 +224,28 @@ class _SenderWatch(Source):
         """End the sender that is the least use.
 
         Return False where every sender may still be of use. Senders that never sent a good frame
-        are ended first, then those whose last good frame is the longest ago. A radar that stands
+        are ended first, however short they have been there, because connections that come one
+        after another must not keep a radar out: those that sent nothing, then the oldest. Where all
+        have sent good frames, the one whose last is the longest ago is ended. A radar that stands
         still is silent, too: it is ended only where all others have sent good frames.
         """
         candidates = [sender for sender in self._senders if not sender.has_sent_good]
         if not candidates:
-            candidates = self._senders
-        limit = time.monotonic() - self._limits.pause
-        idle = []
-        for sender in candidates:
-            if not sender.held_back and sender.useful < limit:
-                idle.append(sender)
-        if not idle:
+            limit = time.monotonic() - self._limits.pause
+            candidates = [sender for sender in self._senders if sender.useful < limit]
+        candidates = [sender for sender in candidates if not sender.held_back]
+        if not candidates:
             return False
-        least_useful = min(idle, key=lambda sender: sender.useful)
+        least_useful = min(candidates, key=_usefulness)
         least_useful.close()
         self.inbox.count_sender("ended")
         self._senders.remove(least_useful)
         return True
+
+
+def _usefulness(sender: _Sender) -> tuple[bool, float]:
+    """Return by what senders are compared: the least is ended first."""
+    return sender.has_sent, sender.useful
 
 
 class SocketWatch(_SenderWatch):
@@ -230,8 +269,9 @@ class TcpWatch(_SenderWatch):
     """Listens for frames on a TCP address.
 
     Several senders may connect, under the limits of a Unix socket. Whoever reaches the address may
-    send: by default these are the programs of this machine, whichever user started them. A
-    connection whose first bytes are not those of a frame, such as a web page's, is ended.
+    send: by default these are the programs of this machine, whichever user started them. With a
+    ``secret`` only those may that know it (:mod:`flgpr.live.secret`). A connection whose first
+    bytes are not those of a frame, such as a web page's, is ended.
 
     Attributes
     ----------
@@ -245,8 +285,12 @@ class TcpWatch(_SenderWatch):
     """
 
     def __init__(
-        self, address: TcpAddress, inbox: Inbox, limits: SenderLimits | None = None
+        self,
+        address: TcpAddress,
+        inbox: Inbox,
+        limits: SenderLimits | None = None,
+        secret: bytes | None = None,
     ) -> None:
         listener = listening_tcp(address, _BACKLOG)
         self.address = TcpAddress(address.host, listener.getsockname()[1])
-        super().__init__(str(self.address), listener, inbox, limits, greets=True)
+        super().__init__(str(self.address), listener, inbox, limits, greets=True, secret=secret)

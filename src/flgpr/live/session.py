@@ -52,6 +52,7 @@ from flgpr.live.intake import Intake
 from flgpr.live.options import LiveOptions
 from flgpr.live.outcome import LiveReport, latency_percentiles
 from flgpr.live.playing import RunPlayer
+from flgpr.live.secret import live_secret
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
 from flgpr.live.sockets import TcpAddress, parse_tcp
 from flgpr.live.source import SOCKET, Arrival, Inbox, Source
@@ -117,6 +118,7 @@ class LiveRun:
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
         self.options = options
         self._tcp = None if options.tcp is None else parse_tcp(options.tcp)
+        self._secret = None if options.tcp is None else live_secret(options.secret_file)
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
         self._alarms = AlarmReporter(options, tell)
@@ -225,25 +227,33 @@ class LiveRun:
             for source in sources:
                 source.start()
             try:
-                self._loop(events, writer)
+                failed = self._loop(events, writer)
             finally:
                 self.inbox.stop.set()
                 for source in sources:
                     source.join(2.0)
-            return self._finish(events, writer)
+            report = self._finish(events, writer)
+        if failed is not None:
+            raise ValueError(f"{failed.name}: {failed.value}") from failed.value
+        return report
 
     def _listen_on_tcp(self, address: TcpAddress) -> TcpWatch:
         """Return the source that listens on a TCP address, and note where that is."""
-        watch = TcpWatch(address, self.inbox)
+        watch = TcpWatch(address, self.inbox, secret=self._secret)
         self.listens_on = watch.address
         note = f"listens on {watch.address}"
-        if not watch.address.is_loopback:
-            note += ": whoever reaches this address may send scans, and nothing is encrypted"
+        if self._secret is not None:
+            note += ": senders must know the secret; nothing is encrypted"
+        elif not watch.address.is_loopback:
+            note += (
+                ": whoever reaches this address may send scans and end the run, and nothing is "
+                "encrypted; a secret keeps others out (--secret-file)"
+            )
         log_note(note)
         return watch
 
-    def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
-        """Process arrivals one by one until the run ends."""
+    def _loop(self, events: EventFile, writer: SnapshotWriter) -> Arrival | None:
+        """Process arrivals one by one until the run ends; return what failed, if a source did."""
         last = time.monotonic()
         scans_since_snapshot = 0
         while not self.inbox.stop.is_set():
@@ -254,13 +264,13 @@ class LiveRun:
             except queue.Empty:
                 idle = time.monotonic() - last
                 if self.options.idle is not None and idle > self.options.idle:
-                    return
+                    return None
                 continue
             last = time.monotonic()
             if arrival.kind == "failed":
-                raise ValueError(f"{arrival.name}: {arrival.value}") from arrival.value
+                return arrival
             if arrival.kind == "end":
-                return
+                return None
             if arrival.kind == "run":
                 self._take_description(arrival, events)
             elif self._take_frame(arrival, events):
@@ -268,6 +278,7 @@ class LiveRun:
                 if self.options.snapshot and scans_since_snapshot >= self.options.snapshot:
                     scans_since_snapshot = 0
                     writer.offer(self._snapshot())
+        return None
 
     def _next(self) -> Arrival:
         """Return what arrives within a tick, else raise queue.Empty."""

@@ -13,8 +13,6 @@ from typing import Any, Literal
 
 _MOST_WAITING = 32
 _MOST_BYTES_WAITING = 2**28
-LARGEST_FRAME = 2**28
-"""Most bytes that a frame of any run may have."""
 SOCKET = "socket"
 """Name of arrivals over the socket."""
 

@@ -7,9 +7,10 @@ import math
 import time
 from collections.abc import Iterator
 
-from flgpr.live.source import LARGEST_FRAME, SOCKET, Arrival
+from flgpr.live.source import SOCKET, Arrival
 from flgpr.store import RunDescription, ScanFileError, canonical_json, decode_frame
 from flgpr.store.scan_file import (
+    LARGEST_FRAME,
     MAGIC,
     TruncatedFrameError,
     frame_size,

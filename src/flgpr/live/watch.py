@@ -7,15 +7,23 @@ import time
 from pathlib import Path
 
 from flgpr.door import DoorError, Folder
-from flgpr.live.source import LARGEST_FRAME, Arrival, Inbox, Source
+from flgpr.live.source import Arrival, Inbox, Source
 from flgpr.store import ScanFileError, read_description
-from flgpr.store.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.store.scan_file import (
+    END_FILE,
+    LARGEST_FRAME,
+    SCAN_SUFFIX,
+    TruncatedFrameError,
+    frame_size,
+    head_size,
+)
 
 # s between checks of a folder, while a scan is processed and while the next one is awaited
 _CHECK_BUSY = 0.004
 _CHECK_AWAITED = 0.001
 _SETTLED = 0.05  # s after which a folder's time stamp shows every change
 _PATIENCE = 1.0  # s that a file may stay shorter than its header states
+_UNREADABLE = -2  # in place of the size of a file that cannot be read
 _MOST_FILE = 2**63  # of a file larger than a frame only the head is read
 
 
@@ -95,11 +103,30 @@ class FolderWatch(Source):
         except DoorError:
             self._known.add(name)  # links, folders and pipes are no scans
             return False
+        except OSError as error:
+            return self._cannot_read(name, error)
         if self._grows(name, data, status.st_size):
             return False
         self._known.add(name)
         when = max(status.st_ctime, self._began)
         return self.inbox.put(Arrival("frame", name, when, data))
+
+    def _cannot_read(self, name: str, error: OSError) -> bool:
+        """Hand a file over as bad that cannot be read; return False while that may change.
+
+        The radar may give the right to read it after it has written it.
+        """
+        now = time.time()
+        size, since = self._growing.get(name, (_UNREADABLE, now))
+        if size != _UNREADABLE:
+            since = now
+        if now - since < _PATIENCE:
+            self._growing[name] = (_UNREADABLE, since)
+            return False
+        self._growing.pop(name, None)
+        self._known.add(name)
+        fault = ScanFileError(f"file must be readable, got {error.strerror or error}")
+        return self.inbox.put(Arrival("frame", name, now, value=fault))
 
     def _grows(self, name: str, data: bytes, size: int) -> bool:
         """Return whether a file is shorter than its header states and may still be completed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib.resources.abc import Traversable
@@ -17,6 +17,10 @@ from flgpr.toml_text import parse_toml
 
 # Names that pydantic inserts into a location where an entry may be of several types.
 _TYPE_NAMES = ("float", "str", "Variable")
+MOST_FAULTS = 20
+"""Faults of a file that are told, at most."""
+_LONGEST_SHOWN = 100  # characters of a name or a text that a message shows
+_LONGEST_MESSAGE = 4000  # characters of a message, which may hold the faults of a table within
 SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
 
@@ -62,13 +66,36 @@ def faults_of(path: str | Path) -> Iterator[None]:
         raise ValueError(f"{path}: its entries are nested too deeply to be read") from None
 
 
+def listed_faults(error: ValidationError, describe: Callable[[Any], str]) -> list[str]:
+    """Return the faults of a validation in words: the first ones, and how many more there are.
+
+    A file may hold any number of faults, and to describe one takes a look at the whole file.
+
+    Parameters
+    ----------
+    error : ValidationError
+        The validation.
+    describe : callable
+        Returns a fault in words, see :func:`describe_fault`.
+
+    Returns
+    -------
+    list of str
+        At most :data:`MOST_FAULTS` faults, and a last text that counts the others.
+    """
+    faults = error.errors()
+    lines = [describe(fault) for fault in faults[:MOST_FAULTS]]
+    more = len(faults) - len(lines)
+    return [*lines, f"and {more} more faults"] if more else lines
+
+
 def describe_fault(fault: Any, schema: type[BaseModel], file_name: str) -> str:
     """Return a fault in a line, ``targets.0.dept: no such entry; did you mean depth?``.
 
     A fault of no entry is one of the whole file, called ``file_name``.
     """
     path = tuple(step for step in fault["loc"] if step not in _TYPE_NAMES)
-    where = ".".join(map(str, path)) or file_name
+    where = ".".join(_shortened(str(step)) for step in path) or file_name
     rule = _rule(fault, schema, path)
     return f"{where}: {rule}" if where else rule
 
@@ -96,9 +123,14 @@ def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> s
         return "no such entry" + (f"; there are {', '.join(known)}" if known else "")
     if isinstance(fault["input"], str | int | float) and "got " not in message:
         value = fault["input"]
-        shown = repr(value) if isinstance(value, str) else shown_number(value)
+        shown = repr(_shortened(value)) if isinstance(value, str) else shown_number(value)
         return f"{message[0].lower()}{message[1:]}, got {shown}"
-    return message
+    return _shortened(message, _LONGEST_MESSAGE)
+
+
+def _shortened(text: str, most: int = _LONGEST_SHOWN) -> str:
+    """Return the beginning of a text that may come from anybody."""
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[type[BaseModel]]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from flgpr.model.printable import for_terminal
+
 _TICK_LABEL = "$\\mathdefault{"
 """How Matplotlib's own labels of logarithmic axes begin, which are formulas."""
 
 
 def show_dollar_signs(figure: Any) -> None:
-    """Let a Matplotlib figure show the dollar signs of its texts as they are.
+    """Let a Matplotlib figure show the dollar signs of its texts as they are, and no control signs.
 
     Matplotlib takes two of them for the ends of a formula, and cannot draw a name such as
     ``$x^{$``. Call this when the figure is complete, before it is drawn.
@@ -21,6 +23,8 @@ def show_dollar_signs(figure: Any) -> None:
     """
     for artist in figure.findobj(_has_formulas):
         label = artist.get_text()
+        if for_terminal(label) != label:  # a font has no sign for it, and UTF-8 none for halves
+            artist.set_text(for_terminal(label))
         if "$" in label and _TICK_LABEL not in label:
             artist.set_parse_math(False)
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date, time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from flgpr.model.bounds import shown_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,4 +72,19 @@ def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) ->
     missing = [name for name in names if name not in row]
     if missing:
         raise ValueError(f"lane must hold {', '.join(names)}; missing: {', '.join(missing)}")
-    return Lane(*(float(row[name]) for name in names))
+    return Lane(*(_border(row[name], name) for name in names))
+
+
+def _border(value: Any, name: str) -> float:
+    """Return a border of a lane, m; what is no number is a ValueError."""
+    try:
+        if not isinstance(value, bool | np.bool_):
+            return float(value)
+    except (ValueError, TypeError, OverflowError):
+        pass
+    shown = (
+        str(value)
+        if isinstance(value, str | date | time | bool | np.bool_)
+        else shown_number(value)
+    )
+    raise ValueError(f"lane.{name} must be a number (m), got {shown[:40]}")

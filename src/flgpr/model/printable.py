@@ -1,6 +1,13 @@
-"""Text of files and paths, made safe for one line of a comment, a message or a terminal."""
+"""Text of files and paths, made safe for a terminal, one line of a comment or message, or a file."""
 
 from __future__ import annotations
+
+import re
+
+_UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufffe\uffff\ud800-\udfff]"
+)
+"""Characters that steer a terminal, turn the direction of text or are none; not tab and line end."""
 
 
 def printable(text: str) -> str:
@@ -9,3 +16,40 @@ def printable(text: str) -> str:
     for letter in text:
         letters.append(letter if letter.isprintable() else repr(letter)[1:-1])
     return "".join(letters)
+
+
+def for_terminal(text: str) -> str:
+    r"""Return lines of text in which what steers a terminal is written as an escape.
+
+    A title or a name of a file that somebody else made could otherwise clear the screen, write over
+    what stands there, or type on behalf of the user.
+
+    Parameters
+    ----------
+    text : str
+        Any text; ends of lines and tabs stay.
+
+    Returns
+    -------
+    str
+        The text, with escapes such as ``\x1b``.
+    """
+    return _UNSEEN.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def text_bytes(text: str) -> bytes:
+    r"""Return text as UTF-8; half of a pair of surrogates, which is no character, as an escape.
+
+    Names of files that are not UTF-8 hold such halves.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    bytes
+        The text, with escapes such as ``\udcff``.
+    """
+    return text.encode("utf-8", "backslashreplace")

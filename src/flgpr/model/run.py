@@ -16,6 +16,8 @@ from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
 _LOWEST_FREQUENCY = 1e6
 # Poses and times of runs of one vehicle agree to so much, m and rad, and s.
 _POSE_TOLERANCE = 1e-6
+_MOST_LABELS = 8  # of polarizations that an error shows
+_LONGEST_LABEL = 40  # characters
 _TIME_TOLERANCE = 1e-3
 
 
@@ -241,13 +243,35 @@ def check_poses(value: ArrayLike, scans: int) -> NDArray[np.float64]:
 def _polarization_labels(value: ArrayLike, count: int) -> list[str]:
     """Return checked labels of so many polarizations, all known and different."""
     labels = [str(label) for label in np.atleast_1d(np.asarray(value))]
+    check_polarization(labels, count)
+    return labels
+
+
+def check_polarization(labels: list[str], count: int | None = None) -> None:
+    """Refuse labels of polarizations that are unknown, repeated, or of another number.
+
+    Parameters
+    ----------
+    labels : list of str
+        The labels.
+    count : int, optional
+        How many there must be; by default any number.
+
+    Raises
+    ------
+    ValueError
+        If one is unknown or repeated, or there are more or fewer.
+    """
     unknown = [label for label in labels if label not in POLARIZATIONS]
     if unknown:
-        listed = ", ".join(map(repr, unknown))
+        listed = ", ".join(repr(label[:_LONGEST_LABEL]) for label in unknown[:_MOST_LABELS])
         raise ValueError(f"polarization must be among {', '.join(POLARIZATIONS)}, got {listed}")
-    if len(labels) != count or len(set(labels)) != count:
-        raise ValueError(f"polarization must name {count} different polarizations, got {labels}")
-    return labels
+    expected = len(labels) if count is None else count
+    if len(labels) != expected or len(set(labels)) != expected:
+        raise ValueError(
+            f"polarization must name {expected} different polarizations, "
+            f"got {labels[:_MOST_LABELS]}"
+        )
 
 
 def _times(value: ArrayLike | None, scans: int) -> NDArray[np.float64]:

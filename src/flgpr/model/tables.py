@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+
+from flgpr.model.bounds import shown_number
+
+_LONGEST_SHOWN = 60  # characters of a cell in an error
 
 
 @dataclass(frozen=True)
@@ -138,16 +142,49 @@ def _check_numbers(table: pd.DataFrame, column: Column, name: str) -> None:
     # Float64 stays as it is: to take a column out and put it back costs more than all the rest of a
     # small table.
     if not (isinstance(values, pd.Series) and values.dtype == np.float64):
-        try:
-            values = pd.to_numeric(values).astype(np.float64)
-        except (ValueError, TypeError) as error:
-            raise ValueError(
-                f"{name}.{column.name} must be numbers ({column.unit}): {error}"
-            ) from None
+        values = to_numbers(values, f"{name}.{column.name}", column.unit)
         table[column.name] = values
     bad = ~np.isfinite(values.to_numpy())
     if not column.missing and bad.any():
         raise ValueError(
             f"{name}.{column.name} must be finite in every row, got {values[bad].iloc[0]} in row "
-            f"{int(np.flatnonzero(bad)[0])} ({int(bad.sum())} such rows)"
+            f"{int(np.flatnonzero(bad)[0]) + 1} below the header ({int(bad.sum())} such rows)"
         )
+
+
+def to_numbers(values: pd.Series[Any], name: str, unit: str) -> pd.Series[Any]:
+    """Return a column as float64; anything else is a ValueError that names the row.
+
+    Parameters
+    ----------
+    values : Series
+        The column; empty cells are missing.
+    name : str
+        What it is called in errors.
+    unit : str
+        Unit of its numbers, for errors.
+
+    Returns
+    -------
+    Series
+        The numbers.
+
+    Raises
+    ------
+    ValueError
+        If a cell holds no number, or one of more digits than a number of double precision has.
+    """
+    try:
+        return pd.to_numeric(values).astype(np.float64)
+    except (ValueError, TypeError, OverflowError):
+        pass
+    for row, value in enumerate(values, 1):
+        try:
+            float(pd.to_numeric(value))
+        except (ValueError, TypeError, OverflowError):
+            text = str(value) if isinstance(value, str) else shown_number(value)
+            shown = repr(text) if len(text) < _LONGEST_SHOWN else f"{text[:20]!r}... of {len(text)}"
+            raise ValueError(
+                f"{name} must be numbers ({unit}), got {shown} in row {row} below the header"
+            ) from None
+    raise ValueError(f"{name} must be numbers ({unit}), got {values.dtype}")

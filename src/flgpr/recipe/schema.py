@@ -15,7 +15,7 @@ from pydantic import ValidationError, model_validator
 
 from flgpr.door import read_named
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
-from flgpr.model.faults import describe_fault, no_preset
+from flgpr.model.faults import describe_fault, listed_faults, no_preset
 from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.recipe.tables import (
@@ -441,7 +441,7 @@ def parse_recipe(text: str, source: str = "recipe") -> Recipe:
     try:
         return Recipe.model_validate(tables)
     except ValidationError as error:
-        faults = [_fault(text, fault) for fault in error.errors()]
+        faults = listed_faults(error, lambda fault: _fault(text, fault))
         raise ValueError(f"recipe {source}: " + "; ".join(faults)) from None
 
 

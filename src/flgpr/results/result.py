@@ -21,6 +21,7 @@ from flgpr.door import Folder, Version, added_versions, listed_files
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.model import Lane
+from flgpr.model.printable import text_bytes
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.detection_files import parse_detection, read_detection_files, write_detection
 from flgpr.results.manifest import (
@@ -205,7 +206,7 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     read_result_manifest(folder)
     data = {}
     for name, body in files.items():
-        data[name] = body.encode() if isinstance(body, str) else body
+        data[name] = text_bytes(body) if isinstance(body, str) else body
     with locked_folder(folder, wait=True):
         _add_files(folder, data)
 

@@ -20,7 +20,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsA
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
-from flgpr.model.faults import describe_fault
+from flgpr.model.faults import describe_fault, listed_faults
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -421,15 +421,17 @@ def _reader_of(kind: str) -> Callable[[Any], Any]:
         if isinstance(table, Named):
             return table
         if not isinstance(table, dict) or not isinstance(table.get("stage"), str):
-            raise ValueError(f'must be a table with the entry stage = "...", got {table!r}')
+            raise ValueError(
+                f'must be a table with the entry stage = "...", got {repr(table)[:80]}'
+            )
         stage_class = find_stage(kind, table["stage"])
         entries = {name: value for name, value in table.items() if name != "stage"}
         try:
             settings = stage_class.Settings.model_validate(entries)
         except ValidationError as error:
-            faults = []
-            for fault in error.errors():
-                faults.append(describe_fault(fault, stage_class.Settings, table["stage"]))
+            faults = listed_faults(
+                error, lambda fault: describe_fault(fault, stage_class.Settings, table["stage"])
+            )
             raise ValueError("; ".join(faults)) from None
         return Named(stage=table["stage"], settings=settings, stage_class=stage_class)
 

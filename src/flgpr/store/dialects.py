@@ -8,9 +8,10 @@ anchor takes places on the Earth to the lane. The notes list every such change.
 from __future__ import annotations
 
 import csv
+import io
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -18,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.model.tables import to_numbers
 from flgpr.model.units import UNITS
 
 FloatArray = NDArray[np.float64]
@@ -160,24 +162,24 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
         What was left out.
     """
     lines = text.splitlines()
-    if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
-        lines = lines[1:]
     first = 0
+    if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
+        first = 1
     while first < len(lines) and (not lines[first].strip() or _is_comment(lines[first])):
         first += 1
     if first == len(lines):
         return "", []
-    comments = [line for line in lines[:first] if line.strip()]
-    body = lines[first:]
+    # Lines stay where they are, and what is left out is empty: errors name lines of the file.
+    commented = [number for number in range(first) if _is_comment(lines[number])]
+    rows = [""] * first + lines[first:]
     notes: list[str] = []
-    if comments and _is_numbers(body[0]):
-        header = comments[-1].lstrip("# \t")
-        if _count_cells(header) == _count_cells(body[0]):
-            comments = comments[:-1]
-            body = [header, *body]
+    if commented and _is_numbers(lines[first]):
+        header = lines[commented[-1]].lstrip("# \t")
+        if _count_cells(header) == _count_cells(lines[first]):
+            first = commented.pop()
+            rows[first] = header
             notes.append(f"the header is commented out by a #: {header[:80]}")
-    rows = _rows_without_comments(body, kind)
-    dropped = len(comments) + len(body) - len(rows)
+    dropped = len(commented) + _leave_out_comments(rows, first, kind)
     if dropped:
         notes.append(f"{dropped} lines that begin with # left out")
     return "\n".join(rows) + "\n", notes
@@ -188,18 +190,22 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith("#")
 
 
-def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
-    """Return the header and the rows after it that are no comments."""
-    header = body[0]
+def _leave_out_comments(rows: list[str], first: int, kind: str) -> int:
+    """Empty the comments behind the header, which is row ``first``, and count them."""
+    header = rows[first]
     width = _count_cells(header)
     names_of_rows = {_folded(name) for name in _synonyms_of_id(_IDS[kind])}
     begins_with_names = _folded(cells_of(header)[0]) in names_of_rows
-    rows = [header]
-    for line in body[1:]:
+    dropped = 0
+    for number in range(first + 1, len(rows)):
+        line = rows[number]
+        if not _is_comment(line):
+            continue
         is_row = begins_with_names and _count_cells(line) == width
-        if is_row or not _is_comment(line):
-            rows.append(line)
-    return rows
+        if not is_row:
+            rows[number] = ""
+            dropped += 1
+    return dropped
 
 
 def _is_numbers(line: str) -> bool:
@@ -213,9 +219,70 @@ def separator_of(head: str) -> str:
     return next((mark for mark in _MARKS if mark in head), ",")
 
 
+def first_line(text: str) -> str:
+    """Return the first line of a table that is not empty; "" if there is none."""
+    for line in io.StringIO(text, newline=None):
+        if line.strip():
+            return line.removesuffix("\n")
+    return ""
+
+
 def cells_of(line: str) -> list[str]:
     """Return the cells of a line."""
-    return next(csv.reader([line], delimiter=separator_of(line)), [""])
+    try:
+        return next(csv.reader([line], delimiter=separator_of(line)), [""])
+    except csv.Error as error:
+        raise ValueError(f"a line must hold cells of text: {error}") from None
+
+
+def check_widths(text: str, mark: str, width: int | None = None, first: int = 1) -> None:
+    """Refuse a table with a row of more or fewer cells than its header; empty lines are no rows.
+
+    Parameters
+    ----------
+    text : str
+        The table.
+    mark : str
+        What separates its cells.
+    width : int, optional
+        Cells of every row; by default as many as the first row has.
+    first : int
+        Number of its first line in the file, for errors.
+
+    Raises
+    ------
+    ValueError
+        If there is such a row; the error names its line.
+    """
+    for number, count in _cell_counts(text, mark, first):
+        if width is None:
+            width = count
+        if count != width:
+            hint = (
+                "decimal commas need semicolons or tabs between the columns" if mark == "," else ""
+            )
+            ending = f"; {hint}" if hint else ""
+            raise ValueError(
+                f"line {number} must have {width} cells like the header, got {count}{ending}"
+            )
+
+
+def _cell_counts(text: str, mark: str, first: int) -> Iterator[tuple[int, int]]:
+    """Yield the number of every line that is not empty, and how many cells it has."""
+    if '"' not in text:  # much faster than to parse the cells
+        for number, line in enumerate(io.StringIO(text, newline=None), first):
+            if line.strip(" \n"):
+                yield number, line.count(mark) + 1
+        return
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark)
+    begin = first
+    try:
+        for cells in reader:
+            number, begin = begin, first + reader.line_num
+            if len(cells) > 1 or (cells and cells[0].strip(" ")):
+                yield number, len(cells)
+    except csv.Error as error:
+        raise ValueError(f"line {begin} must hold cells of text: {error}") from None
 
 
 def _count_cells(line: str) -> int:
@@ -348,7 +415,7 @@ def named_columns(
         _, unit = _split_unit(name)
         factor = _unit_factor(target, unit, name)
         if factor != 1.0:
-            renamed[target] = pd.to_numeric(renamed[target]) * factor
+            renamed[target] = to_numbers(renamed[target], repr(name), unit) * factor
             notes.append(f"{target} taken from {unit} to m")
     return _in_lane_frame(renamed, anchor, notes), notes
 
@@ -377,7 +444,7 @@ def _in_lane_frame(
         raise ValueError(
             f"{pair[0]} and {pair[1]} need an anchor, which tells where the lane lies on the Earth"
         )
-    sides = [pd.to_numeric(table[name]).to_numpy(np.float64) for name in pair]
+    sides = [to_numbers(table[name], name, "degrees or m").to_numpy() for name in pair]
     points = np.stack(sides, axis=-1)
     if not np.isfinite(points).all():
         raise ValueError(f"{pair[0]} and {pair[1]} must be finite in every row")

@@ -18,6 +18,7 @@ from flgpr import system
 from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own, refuse_links
 from flgpr.json_text import parse_with_digest
+from flgpr.model.printable import text_bytes
 
 PARTIAL = ".partial"
 """Ending of the name of a file that is being written."""
@@ -139,7 +140,7 @@ def write_whole(path: Path, data: bytes | str) -> None:
         If the file cannot be written; the error names it.
     """
     refuse_links(path)
-    content = data.encode() if isinstance(data, str) else data
+    content = text_bytes(data) if isinstance(data, str) else data
     if not system.OPENS_FOLDERS:
         _write_under_own_name(path, content)
         return

@@ -17,6 +17,7 @@ from pathlib import Path
 from flgpr import system
 from flgpr.append_log import sync_directory
 from flgpr.door import refuse_links
+from flgpr.model.printable import text_bytes
 from flgpr.store.files import (
     PARTIAL_PREFIX,
     partial_folder,
@@ -206,7 +207,7 @@ def write_new(path: Path, data: bytes | str) -> None:
     FileExistsError
         If a file with other bytes is there.
     """
-    content = data.encode() if isinstance(data, str) else data
+    content = text_bytes(data) if isinstance(data, str) else data
     with atomic_output(path) as temporary:
         temporary.write_bytes(content)
 

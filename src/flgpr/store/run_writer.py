@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from flgpr.door import DoorError, Folder, refuse_links
-from flgpr.json_text import canonical_json, sha256
+from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
 from flgpr.model.run import check_poses
 from flgpr.store.files import (
@@ -133,7 +133,7 @@ class RunWriter:
         self._tx = np.asarray(tx_position, dtype=np.float64)
         self._rx = np.asarray(rx_position, dtype=np.float64)
         try:
-            self._attrs = json.loads(canonical_json(attrs or {}))
+            self._attrs = parse_json(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
         self._shape = (len(self._polarization), len(self._tx), self._frequency.size)

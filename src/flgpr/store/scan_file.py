@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
+from flgpr.model.run import check_polarization
 from flgpr.store.files import write_whole
 
 MAGIC = b"FLGPRSC1"
@@ -38,7 +39,10 @@ END_FILE = "end.json"
 SCAN_SUFFIX = ".scan"
 _HEAD = struct.Struct("<8sIQ")
 _LONGEST_HEADER = 2**22
+LARGEST_FRAME = 2**28
+"""Most bytes that a frame of any run may have."""
 _LARGEST_PAYLOAD = 2**32
+_MOST_PAIRS = 2**16  # of transmitter and receiver, a hundred times as many as any array has
 _LARGEST_SCAN = 2**53  # up to here every reader of JSON holds integers exactly
 _FARTHEST = 1e3  # distance of an antenna from the vehicle, m
 _HIGHEST = 1e12  # frequency of a tone, Hz
@@ -206,6 +210,13 @@ def _description_of(value: dict[str, Any]) -> RunDescription:
     _check_bound("tx_m", tx, _FARTHEST)
     _check_bound("rx_m", rx, _FARTHEST)
     _check_bound("frequency_hz", tones, _HIGHEST)
+    counts = (len(value["polarization"]), len(tx), tones.size)
+    size = 8 * math.prod(counts)
+    if size > LARGEST_FRAME or len(tx) > _MOST_PAIRS:
+        raise ScanFileError(
+            f"it must describe scans of at most {_MOST_PAIRS} pairs and {LARGEST_FRAME} bytes, got "
+            f"{counts[0]} polarizations of {counts[1]} pairs and {counts[2]} tones, {size} bytes"
+        )
     attrs = dict(value.get("attrs") or {})
     labels = [str(label) for label in value["polarization"]]
     return RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
@@ -223,6 +234,7 @@ def _check_bound(name: str, numbers: NDArray[np.float64], most: float) -> None:
 def _check_description(description: RunDescription) -> None:
     """Check a description by the rules of a run, with one scan of one tone."""
     check_frequency(description.frequency)
+    check_polarization(description.polarization)
     probe = np.zeros((1, *description.shape[:2], 1), np.complex64)
     make_run(
         probe,

@@ -21,7 +21,9 @@ from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 from flgpr.store.dialects import (
     TableReading,
     cells_of,
+    check_widths,
     column_targets,
+    first_line,
     named_columns,
     separator_of,
     without_comments,
@@ -157,7 +159,7 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     notes += notes_on_comments
     if not body.strip():
         raise ValueError(f"{kind} must have a header, got an empty file")
-    head = body.splitlines()[0]
+    head = first_line(body)
     if separator_of(head) == "\t":
         notes.append("columns are separated by tabs")
 
@@ -196,9 +198,10 @@ def _require_confidences(table: pd.DataFrame) -> None:
         raise ValueError(f"alarms must have the columns confidence; got {names}; {unranked_hint}")
     missing = _missing_confidences(table)
     if missing:
+        first = int(table["confidence"].isna().to_numpy().argmax()) + 1
         raise ValueError(
             f"alarms.confidence must be a number in every row, got {missing} of {len(table)} rows "
-            f"without one; {unranked_hint}"
+            f"without one, the first in row {first} below the header; {unranked_hint}"
         )
 
 
@@ -261,8 +264,7 @@ def _is_own_dialect(data: bytes, kind: str) -> bool:
 
 def _first_line(data: bytes) -> str:
     """Return the first line of a table as text, at most 100 kB of it."""
-    lines = data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()
-    return lines[0] if lines else ""
+    return first_line(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace"))
 
 
 def _header_of(head: str) -> list[str]:
@@ -315,34 +317,43 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     ------
     ValueError
         If the table could be read in two ways: the header has both semicolons and commas, or some
-        columns of numbers have decimal points and others decimal commas. Also if it has more than 2
-        million rows, 4096 columns or 10 million cells, which are counted before anything is parsed.
+        columns of numbers have decimal points and others decimal commas. If a row has more or fewer
+        cells than the header. Also if it has more than 2 million rows, 4096 columns or 10 million
+        cells, which are counted before anything is parsed.
     """
     as_text = dict.fromkeys(texts, str)
-    head = _first_line(data)
-    mark = separator_of(head)
     _check_table_size(data)
-    if mark == ",":
-        return unquoted(parse_csv(io.BytesIO(data), dtype=as_text))
+    text = data.decode("utf-8-sig")
+    head = first_line(text)
+    mark = separator_of(head)
     if mark == ";" and "," in head:
         raise ValueError(
             "columns must be separated by commas or by semicolons, "
             f"got both in {head.strip()[:80]!r}"
         )
-    text = data.decode("utf-8-sig")
-    decimal = _decimal_mark(text, mark, texts)
-    return unquoted(parse_csv(io.StringIO(text), sep=mark, decimal=decimal, dtype=as_text))
+    decimal = "." if mark == "," else _decimal_mark(text, mark, texts)
+    return unquoted(parse_csv(text, mark, decimal=decimal, dtype=as_text))
 
 
-def parse_csv(source: Any, **options: Any) -> pd.DataFrame:
+def parse_csv(
+    text: str, mark: str = ",", *, width: int | None = None, first: int = 1, **options: Any
+) -> pd.DataFrame:
     """Parse a table by pandas, every number as the nearest one of double precision.
 
-    Tables that are written and read again hold the same numbers then, to the last bit.
+    Tables that are written and read again hold the same numbers then, to the last bit. Every row
+    must have as many cells as the header: pandas itself would take a cell too many for the name of
+    the row, and move all columns by one.
 
     Parameters
     ----------
-    source : file
-        What is parsed.
+    text : str
+        The table.
+    mark : str
+        What separates its cells.
+    width : int, optional
+        Cells of every row; by default as many as the first row has.
+    first : int
+        Number of its first line in the file, for errors.
     **options
         Options of ``pandas.read_csv``.
 
@@ -350,14 +361,20 @@ def parse_csv(source: Any, **options: Any) -> pd.DataFrame:
     -------
     DataFrame
         The table.
+
+    Raises
+    ------
+    ValueError
+        If a row has more or fewer cells; the error names its line.
     """
-    return pd.read_csv(source, **_NEAREST_NUMBERS, **options)
+    check_widths(text, mark, width, first)
+    return pd.read_csv(io.StringIO(text), sep=mark, index_col=False, **_NEAREST_NUMBERS, **options)
 
 
 def _decimal_mark(text: str, mark: str, text_columns: Sequence[str]) -> str:
     """Return the decimal mark of a table whose columns are separated by semicolons or tabs."""
     # All cells as text: a comma is decimal only where the whole column is of numbers.
-    cells = pd.read_csv(io.StringIO(text), sep=mark, dtype=str, keep_default_na=False)
+    cells = parse_csv(text, mark, dtype=str, keep_default_na=False)
     has_commas = False
     has_points = False
     for name in cells.columns:
@@ -380,9 +397,9 @@ def _check_table_size(data: bytes) -> None:
     Line ends and separators within quotes count, too, so that nothing needs to be parsed.
     """
     head = _first_line(data)
-    mark = separator_of(head)
-    columns = head.count(mark) + 1
-    marks = data.count(mark.encode())
+    columns = head.count(separator_of(head)) + 1
+    # The header may lie behind comments, and its mark be another than that of the first line.
+    marks = max(data.count(mark) for mark in (b",", b";", b"\t"))
     rows = max(data.count(b"\n"), data.count(b"\r"))  # lines end with \n, \r\n or \r alone
     counts = {
         "rows": (rows, _MOST_ROWS),

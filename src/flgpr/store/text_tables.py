@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.budget import Budget
 from flgpr.door import read_named
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.tables import plain_text
@@ -101,6 +102,11 @@ def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
     if "\x00" in text:
         raise ValueError("it holds zero bytes and is no text")
+    # Every line and every mark between cells becomes a text of its own.
+    budget = Budget("the table")
+    blanks = text.count(" ")
+    marks = [*(text.count(mark) for mark in _MARKS), min(blanks, len(text) - blanks)]
+    budget.spend_values(text.count("\n") + text.count("\r") + max(marks))
     outside: list[_Line] = []
     blocks: dict[str, list[_Line]] = {}
     current = outside

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 import secrets
 import socket
 from collections.abc import Collection
@@ -40,6 +41,11 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+_MOST_DIGITS = 30
+_LONG_NUMBER = re.compile(rf"\d{{{_MOST_DIGITS}}}")
+"""A number that no page asks for, and that no type of numbers holds."""
 
 
 class Guard:
@@ -106,6 +112,11 @@ class Guard:
             await refusal(scope, receive, send)
             return
         allowed = ["GET", "HEAD", "PUT"] if inner in self._puts else ["GET", "HEAD"]
+        asked = inner + "?" + scope.get("query_string", b"").decode("latin-1")
+        if _LONG_NUMBER.search(asked):
+            reason = f"400 numbers of an address have fewer than {_MOST_DIGITS} digits\n"
+            await PlainTextResponse(reason, 400, self._headers)(scope, receive, send)
+            return
         if scope["method"] not in allowed:
             methods = ", ".join(allowed)
             headers = self._headers | {"allow": methods}

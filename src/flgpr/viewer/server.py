@@ -78,6 +78,9 @@ MakeMap = Callable[[Path, Path | None, Path | None], bytes]
 
 _RAW_DATA = ("bscan", "spectrum", "image", "health")
 _MAP_MARGIN = 20.0  # m of map around what is shown, at least
+_FORGED = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
+"""What is raised on values of another kind than a file of this format has."""
+_LONGEST_REASON = 120  # characters of such an error
 _TOKEN_BYTES = 24  # random ones of the address, which nobody guesses
 
 
@@ -395,7 +398,11 @@ def _warn_of_remote_access(host: str, allow_remote: bool) -> None:
 
 
 def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
-    """Return an endpoint that reads in a thread; 500 and the reason if a file cannot be read."""
+    """Return an endpoint that reads in a thread.
+
+    500 and the reason if a file cannot be read or was altered, 422 if what it holds is not of the
+    form that the page and this server know.
+    """
 
     async def answer(request: Request) -> Response:
         try:
@@ -404,6 +411,12 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
             return _refusal(str(error), 500)
         except OSError as error:
             return _refusal(f"what is shown must be readable, got: {error.strerror or error}", 500)
+        except _FORGED as error:
+            return _refusal(
+                "what is shown must have the form of its kind, got another: "
+                f"{type(error).__name__} {str(error)[:_LONGEST_REASON]}",
+                422,
+            )
 
     return answer
 

@@ -28,7 +28,13 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.files import read_with_digest
-from flgpr.store.view_format import VIEW_FORMAT, VIEW_SCORE, VIEW_VERSION, view_score_body
+from flgpr.store.view_format import (
+    VIEW_FORMAT,
+    VIEW_SCORE,
+    VIEW_VERSION,
+    check_view_index,
+    view_score_body,
+)
 from flgpr.viewer.scores import NO_IMAGES, IndexOnly, ScoreFiles, score_file
 
 LIVE_FILE = "live.jsonl"
@@ -61,9 +67,11 @@ class ResultFiles:
         self.folder = Path(folder).resolve()
         self.identity, self._files = _listed_by_manifest(self.folder)
         with _as_view_error():
-            self.index: dict[str, Any] = self._files.json("view/index.json")
-        if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:
-            raise ViewError(f"{folder}: view must be {VIEW_FORMAT} version {VIEW_VERSION}")
+            index = self._files.json("view/index.json")
+        try:
+            self.index = check_view_index(index)
+        except ValueError as error:
+            raise ViewError(f"{folder}: view/index.json cannot be shown: {error}") from None
         score_folder = None if score is None else Path(score).resolve()
         # None means the result itself.
         self._other_score = None if score_folder == self.folder else score_folder

@@ -14,6 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.budget import VALUE, Budget
+from flgpr.model.bounds import shown_number
+
 Decoder = Callable[[bytes], dict[str, Any]]
 _NUMBERS = {
     "bool": "u1",
@@ -37,6 +40,11 @@ _LENGTH_BYTES = 4  # of the count before a text or a sequence
 _HEAD_BYTES = 4  # of a message: byte order and options; alignment counts from behind them
 _FIELD = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:(?:<=)?\d+)?\])?\s+(\w+)(?:\s+[^=\s].*)?$")
 _DEEPEST = 40
+_MOST_FIELDS = 100_000  # of a type, those of all types in it counted: no sensor has a tenth of it
+_MOST_DIGITS = 9  # of the length of an array
+MOST_MESSAGE = 256 * 10**6
+"""Memory that a message may take when it is decoded, bytes."""
+_FREE_VALUES = 1000  # that a message may hold beside two for each of its bytes
 
 
 class _Struct(NamedTuple):
@@ -44,6 +52,7 @@ class _Struct(NamedTuple):
 
     fields: list[_Field]
     least: int  # bytes that a message of this type takes at least
+    size: int  # number of all fields in it, those of nested types too
 
 
 class _Field(NamedTuple):
@@ -133,8 +142,22 @@ def _struct(
             kind = _struct(_short(type_name, package), definitions, known, depth + 1)
         fields.append(_Field(label, kind, _count_in(brackets)))
     least = sum(_least_bytes(field) for field in fields)
-    known[name] = _Struct(fields, max(least, 1))
+    count = sum(_count_fields(field) for field in fields)
+    if count > _MOST_FIELDS:
+        raise ValueError(
+            f"the definition of {name} must hold at most {_MOST_FIELDS} fields, those of all "
+            f"types in it counted, got {shown_number(count)}"
+        )
+    known[name] = _Struct(fields, max(least, 1), count)
     return known[name]
+
+
+def _count_fields(field: _Field) -> int:
+    """Return how many fields a field stands for, those of the types in it counted."""
+    if not isinstance(field.kind, _Struct):
+        return 1
+    repeats = 1 if field.size in (None, _VARIABLE) else field.size or 0
+    return 1 + repeats * field.kind.size
 
 
 def _count_in(brackets: str | None) -> int | None:
@@ -142,7 +165,11 @@ def _count_in(brackets: str | None) -> int | None:
     if brackets is None:
         return None
     number = brackets[1:-1]
-    return int(number) if number.isdigit() else _VARIABLE
+    if not number.isdigit():
+        return _VARIABLE
+    if len(number) > _MOST_DIGITS:
+        raise ValueError(f"an array must have at most 10^{_MOST_DIGITS} values, got {number[:20]}")
+    return int(number)
 
 
 def _least_bytes(field: _Field) -> int:
@@ -168,6 +195,9 @@ class _Reader:
         self.data = data
         self.position = _HEAD_BYTES
         self.order = "<" if data[1] else ">"
+        # Every value but an empty array takes a byte, and so does the message that it lies in.
+        own = VALUE * (_FREE_VALUES + 2 * len(data))
+        self.budget = Budget(f"a message of {len(data)} bytes", min(own, MOST_MESSAGE))
 
     def numbers(self, kind: str, count: int) -> NDArray[Any]:
         """Return so many numbers of a NumPy type, from the next position that is aligned to it."""
@@ -205,6 +235,7 @@ class _Reader:
         if not kind.fields:
             self.numbers("u1", 1)  # an empty message has a byte
         values = {}
+        self.budget.spend_values(1 + len(kind.fields))
         for field in kind.fields:
             values[field.name] = self.field(field.kind, field.size)
         return values
@@ -217,11 +248,13 @@ class _Reader:
             if count is None:
                 return self.struct(kind)
             self.check(count * kind.least)
+            self.budget.spend_values(count)
             return [self.struct(kind) for _ in range(count)]
         if kind == _TEXT:
             if count is None:
                 return self.text()
             self.check(count * _LENGTH_BYTES)
+            self.budget.spend_values(count)
             return [self.text() for _ in range(count)]
         if count is None:
             return self.numbers(kind, 1)[0]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from array import array
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -97,8 +98,9 @@ class McapContainer:
                 if kind == _MESSAGE_INDEX and damaged is not None and size <= self.limit:
                     self._count_lost(file.read(size), damaged)
                 elif kind == _CHUNK:
-                    data, spans, damaged = self._chunk(self._content(file, size))
-                    for span in spans:
+                    data, starts, damaged = self._chunk(self._content(file, size))
+                    for start in starts:
+                        span = _span_at(data, start)
                         yield span.kind, data[span.begin : span.stop]
                 elif kind in (SCHEMA, CHANNEL, MESSAGE):
                     yield kind, self._content(file, size)
@@ -135,31 +137,32 @@ class McapContainer:
             )
         return file.read(size)
 
-    def _chunk(self, content: bytes) -> tuple[bytes, list[_Span], _DamagedChunk | None]:
-        """Return what a chunk holds, where its records lie, and what is to be counted if damaged.
+    def _chunk(self, content: bytes) -> tuple[bytes, array[int], _DamagedChunk | None]:
+        """Return what a chunk holds, where its records start, and what is to be counted if damaged.
 
         A chunk that is not damaged has nothing to be counted: None.
         """
         self.damage.chunks += 1
         data = b""
-        spans: list[_Span] = []
+        starts = array("Q")
         try:
             data = self._unpacked(content)
-            spans, fault = _spans_in(data)
+            starts, fault = _starts_in(data)
         except (MissingExtraError, TooLargeError):
             raise
         except Exception as error:  # whatever a library raises on what is damaged
             fault = " ".join(str(error).split())[:160] or type(error).__name__
         if not fault:
-            return data, spans, None
+            return data, starts, None
         self._note_reason(fault)
         self.damage.damaged_chunks += 1
         self.damage.uncounted_chunks += 1  # until an index states them
         read: Counter[int] = Counter()
-        for kind, begin, stop in spans:
+        for start in starts:
+            kind, begin, stop = _span_at(data, start)
             if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
                 read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
-        return data, spans, _DamagedChunk(read)
+        return data, starts, _DamagedChunk(read)
 
     def _count_lost(self, index: bytes, chunk: _DamagedChunk) -> None:
         """Count the messages of a damaged chunk that an index states, less those that were read."""
@@ -214,23 +217,29 @@ def _decompressed(chunk: Any, size: int) -> bytes:
     )
 
 
-def _spans_in(data: bytes) -> tuple[list[_Span], str]:
-    """Return where the records of a chunk lie, and what is wrong with the first that does not fit.
+def _starts_in(data: bytes) -> tuple[array[int], str]:
+    """Return where the records of a chunk start, and what is wrong with the first that does not fit.
 
-    Records behind one that goes beyond the end of the chunk are not looked for.
+    Records behind one that goes beyond the end of the chunk are not looked for. A record may have
+    no content: of their starts, millions take little memory.
     """
-    spans: list[_Span] = []
+    starts = array("Q")
     position = 0
     while position < len(data):
-        kind = data[position]
-        begin = position + _RECORD_HEAD
-        stop = begin + int.from_bytes(data[position + 1 : begin], "little")
-        if stop > len(data):
-            return spans, "a record goes beyond the end of its chunk"
-        if kind in (SCHEMA, CHANNEL, MESSAGE):
-            spans.append(_Span(kind, begin, stop))
-        position = stop
-    return spans, ""
+        span = _span_at(data, position)
+        if span.stop > len(data):
+            return starts, "a record goes beyond the end of its chunk"
+        if span.kind in (SCHEMA, CHANNEL, MESSAGE):
+            starts.append(position)
+        position = span.stop
+    return starts, ""
+
+
+def _span_at(data: bytes, position: int) -> _Span:
+    """Return the record of a chunk that starts at a position."""
+    begin = position + _RECORD_HEAD
+    stop = begin + int.from_bytes(data[position + 1 : begin], "little")
+    return _Span(data[position], begin, stop)
 
 
 def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:

@@ -7,9 +7,9 @@ the messages in it (:mod:`flgpr_exchange.bags.container`).
 
 from __future__ import annotations
 
-import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.budget import VALUE, Budget
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.draft_mapping import draft_of_file
 from flgpr.formats.reader import Explanation, Reader
+from flgpr.json_text import parse_json
 from flgpr.store.extras import optional
-from flgpr_exchange.bags.cdr import Decoder, message_decoder
+from flgpr_exchange.bags.cdr import MOST_MESSAGE, Decoder, message_decoder
 from flgpr_exchange.bags.container import MESSAGE, SCHEMA, McapContainer
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time in ns
@@ -65,7 +67,7 @@ class _Message(NamedTuple):
     """A message, or one transform of it."""
 
     series: str
-    content: Any  # _DAMAGED, or None where it is not needed
+    content: Any  # its fields by path; _DAMAGED, or None where it is not needed
     log_time: int  # ns
     publish_time: int  # ns
 
@@ -155,7 +157,7 @@ class Recording:
         for message in self._messages({name}):
             if message.series != name or message.content is _DAMAGED:
                 continue
-            values = _flat(message.content)
+            values = message.content
             values[_LOG_TIME] = np.float64(message.log_time / 1e9)
             values[_PUBLISH_TIME] = np.float64(message.publish_time / 1e9)
             for label in list(columns):
@@ -218,7 +220,7 @@ class Recording:
                 series.last = message.log_time
             can_be_read = message.content is not None and message.content is not _DAMAGED
             if can_be_read and not series.known:
-                for label, value in _flat(message.content).items():
+                for label, value in message.content.items():
                     if not isinstance(value, str):
                         series.fields[label] = value
                 series.known = True
@@ -283,22 +285,28 @@ class Recording:
         is_wanted = not series.known if decoded is None else topic in decoded
         content = None
         if is_wanted and decode is not None:
-            content = _decoded(decode, data, series)
+            content = _decoded(lambda data: _flat(decode(data)), data, series)
         yield _Message(topic, content, log_time, publish_time)
 
     def _transforms_of(self, topic: str, decode: Decoder, data: bytes) -> Iterator[tuple[str, Any]]:
-        """Yield series and content of each transform of a message; a damaged one is counted."""
+        """Yield series and fields of each transform of a message; a damaged one is counted."""
+
+        def transforms_in(data: bytes) -> list[tuple[str, dict[str, Any]]]:
+            found = []
+            for transform in decode(data).get("transforms", ()):
+                parent = str(transform["header"]["frame_id"])
+                child = str(transform["child_frame_id"])
+                found.append((f"{topic}/{parent}>{child}", _flat(transform)))
+            return found
+
         carrier = self._transforms.setdefault(topic, _Series(topic, "transforms", "cdr"))
-        content = _decoded(decode, data, carrier)
+        content = _decoded(transforms_in, data, carrier)
         carrier.count += 1
         if content is _DAMAGED:
             return
-        for transform in content.get("transforms", ()):
-            parent = str(transform["header"]["frame_id"])
-            child = str(transform["child_frame_id"])
-            name = f"{topic}/{parent}>{child}"
+        for name, fields in content:
             self._series.setdefault(name, _Series(name, "transforms", "cdr"))
-            yield name, transform
+            yield name, fields
 
     def _channel(self, number: int) -> Any:
         """Return a channel as it was declared, or None.
@@ -413,7 +421,7 @@ def _line_of(series: _Series) -> str:
     return f"{series.name}: {series.count} {kind}{span}; {content or 'no numbers'}"
 
 
-def _decoded(decode: Decoder, data: bytes, series: _Series) -> Any:
+def _decoded(decode: Callable[[bytes], Any], data: bytes, series: _Series) -> Any:
     """Return what a message holds; ``_DAMAGED`` for a damaged one, which its series counts."""
     try:
         return decode(data)
@@ -440,29 +448,36 @@ def _from_json(data: bytes) -> Any:
     if len(data) > _LARGEST_JSON:
         raise ValueError(f"a JSON message must have at most {_LARGEST_JSON} bytes, got {len(data)}")
     # A whole number may be larger than any type of NumPy holds.
-    return json.loads(data, parse_int=float)
+    return parse_json(data, whole=float)
 
 
-def _flat(content: Any, path: str = "") -> dict[str, Any]:
+def _flat(content: Any) -> dict[str, Any]:
     """Return the numbers and texts of a message by their path.
 
-    Lists of like messages become arrays of their fields.
+    Lists of like messages become arrays of their fields. Paths that take more memory than a message
+    may are a ValueError: each repeats all names above it.
     """
+    fields: dict[str, Any] = {}
+    _add_flat(fields, content, "", Budget("the fields of a message", MOST_MESSAGE))
+    return fields
+
+
+def _add_flat(fields: dict[str, Any], content: Any, path: str, budget: Budget) -> None:
+    """Add the numbers and texts of a part of a message to those of the message."""
     if isinstance(content, dict):
-        return _flat_table(content, path)
-    if isinstance(content, np.ndarray):
-        return {path: content}
-    if isinstance(content, (list, tuple)):
-        return _flat_list(content, path)
-    if isinstance(content, str):
-        return {path: content}
-    if content is None:
-        return {path: np.float64(np.nan)}
-    return {path: np.float64(content) if isinstance(content, (int, float)) else content}
+        _add_table(fields, content, path, budget)
+    elif isinstance(content, (list, tuple)):
+        _add_list(fields, content, path, budget)
+    elif isinstance(content, (np.ndarray, str)):
+        fields[path] = content
+    elif content is None:
+        fields[path] = np.float64(np.nan)
+    else:
+        fields[path] = np.float64(content) if isinstance(content, (int, float)) else content
 
 
-def _flat_table(content: dict[str, Any], path: str) -> dict[str, Any]:
-    """Return the fields of a message by their path.
+def _add_table(fields: dict[str, Any], content: dict[str, Any], path: str, budget: Budget) -> None:
+    """Add the fields of a message by their path.
 
     A stamp is a number of seconds; fields that all are numbers are a vector besides.
     """
@@ -471,31 +486,35 @@ def _flat_table(content: dict[str, Any], path: str) -> dict[str, Any]:
         stamp = dict(content)
         seconds = float(stamp.pop("sec"))
         (nanoseconds,) = stamp.values()  # "nanosec" of ROS 2, "nsec" of ROS 1
-        return {path: np.float64(seconds + 1e-9 * float(nanoseconds))}
-    fields: dict[str, Any] = {}
+        fields[path] = np.float64(seconds + 1e-9 * float(nanoseconds))
+        return
+    budget.spend(sum(VALUE + len(path) + len(name) for name in content))
     for name, value in content.items():
-        fields |= _flat(value, f"{path}.{name}" if path else str(name))
+        _add_flat(fields, value, f"{path}.{name}" if path else str(name), budget)
     components = [fields.get(f"{path}.{name}") for name in content]
     all_numbers = all(isinstance(value, (np.number, np.bool_)) for value in components)
     if path and len(components) > 1 and all_numbers:
         fields[path] = np.array(components)
-    return fields
 
 
-def _flat_list(content: list[Any] | tuple[Any, ...], path: str) -> dict[str, Any]:
-    """Return a list of numbers as an array, one of like messages as arrays of their fields."""
+def _add_list(
+    fields: dict[str, Any], content: list[Any] | tuple[Any, ...], path: str, budget: Budget
+) -> None:
+    """Add a list of numbers as an array, one of like messages as arrays of their fields."""
     if content and all(isinstance(item, dict) for item in content):
-        rows = [_flat(item) for item in content]
-        arrays = {}
+        rows = []
+        for item in content:
+            row: dict[str, Any] = {}
+            _add_flat(row, item, "", budget)
+            rows.append(row)
         for name, first in rows[0].items():
             values: list[Any] = [row.get(name) for row in rows]
             if all(_fits(value, np.shape(first)) for value in values):
-                arrays[f"{path}.{name}"] = np.stack(values)
-        return arrays
-    try:
-        return {path: np.array(content, dtype=np.float64)}
-    except (ValueError, TypeError):
-        return {}
+                budget.spend(VALUE + len(path) + len(name))
+                fields[f"{path}.{name}"] = np.stack(values)
+        return
+    with suppress(ValueError, TypeError):
+        fields[path] = np.array(content, dtype=np.float64)
 
 
 class McapReader(Reader):

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from flgpr.budget import Budget
 from flgpr_exchange.gpr.parts import (
     FloatArray,
     length_unit,
@@ -18,6 +19,7 @@ from flgpr_exchange.gpr.parts import (
 )
 
 _MOST_WAYPOINTS = 1_000_000
+_MOST_MEMORY = 300 * 10**6  # bytes that all elements may take: 3 million of them
 _AGREE = 0.05  # share by which two spacings of one file may differ
 
 
@@ -62,6 +64,7 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
         text = read_companion(path, notes)
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise ValueError("it declares entities")
+        Budget("its XML", _MOST_MEMORY).spend_values(text.count("<") - text.count("</"))
         content = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
         root = ElementTree.fromstring(content)  # noqa: S314  # entities are refused
     except (ValueError, ElementTree.ParseError) as error:

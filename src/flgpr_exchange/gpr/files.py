@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.formats.section import GprSection
+from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr_exchange.gpr.dt1 import read_dt1
@@ -86,7 +87,7 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     except Exception as error:
         message = " ".join(str(error).split())[:240] or type(error).__name__
         raise ValueError(f"{path}: cannot be read as {format_name}: {message}") from None
-    defaults: dict[str, Any] = {"title": path.stem, "max_memory": max_memory}
+    defaults: dict[str, Any] = {"title": printable(path.stem), "max_memory": max_memory}
     return GprSection(path, format_name, **(defaults | entries))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import open_named, read_named
+from flgpr.door import Folder, open_named, refuse_linked_companion
 from flgpr.store.text import decode_text
 
 FloatArray = NDArray[np.float64]
@@ -155,10 +155,16 @@ def find_companion(path: Path, suffix: str) -> Path | None:
     -------
     Path or None
         The file; None if there is none.
+
+    Raises
+    ------
+    ValueError
+        If it is a symbolic link: the user named the recording, and nobody where this leads.
     """
     companion_name = (path.stem + suffix).lower()
     for other in sorted(path.parent.iterdir()):
         if other.name.lower() == companion_name and other.is_file():
+            refuse_linked_companion(other)
             return other
     return None
 
@@ -220,11 +226,10 @@ def read_companion(path: Path, notes: list[str]) -> str:
     ValueError
         If it is too large, or no text.
     """
-    if path.stat().st_size > LARGEST_TEXT:
-        raise ValueError(
-            f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {path.stat().st_size}"
-        )
-    return decode_text(read_named(path), path.name, notes)
+    size = path.lstat().st_size
+    if size > LARGEST_TEXT:
+        raise ValueError(f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {size}")
+    return decode_text(Folder(path.parent).read(path.name), path.name, notes)
 
 
 def length_unit(text: str) -> float | None:

@@ -18,9 +18,8 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.door import check_expansion
 from flgpr.formats.array_file import LIMIT
-from flgpr.formats.arrays import open_arrays
+from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.formats.child import parts_elsewhere
 
 FloatArray = NDArray[np.float64]
@@ -242,7 +241,7 @@ def _numbers(item: Any, limit: int) -> FloatArray:
             f"{item.name} must hold at most {limit / 1e9:g} GB, "
             f"got shape {item.shape} of {item.dtype}"
         )
-    check_expansion(item.name, item.nbytes, item.id.get_storage_size())
+    check_dataset(item.name, item)
     return np.asarray(item[()], dtype=np.float64)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import typer
 
+from flgpr.commands.messages import say
 from flgpr_trials.blind import BlindScore
 from flgpr_trials.commands.registering import open_registered_truth as open_truth
 from flgpr_trials.commands.seal import ask_new_passphrase, seal
@@ -25,7 +26,7 @@ _BEFORE_OPENING = (
 
 def ask_passphrase() -> str:
     """Ask for the passphrase of a sealed truth on the terminal, after its rules."""
-    typer.echo(_BEFORE_OPENING, err=True)
+    say(_BEFORE_OPENING, err=True)
     return str(typer.prompt("passphrase", hide_input=True, err=True))
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from flgpr.commands.messages import say
 from flgpr.commands.options import Output, PathLike, ShellType, lane_option
 from flgpr.commands.score_options import Show, given, require_witnessed
 from flgpr.commands.score_request import Trial
@@ -19,8 +20,8 @@ def ask_new_passphrase() -> str:
     """Ask for a passphrase twice, after its rules; a weak one is refused before it is repeated."""
     from flgpr_trials.passphrase import PASSPHRASE_RULE, check_passphrase
 
-    typer.echo(f"The passphrase must have {PASSPHRASE_RULE}.", err=True)
-    typer.echo("It is asked for twice. Nothing is shown while you type.", err=True)
+    say(f"The passphrase must have {PASSPHRASE_RULE}.", err=True)
+    say("It is asked for twice. Nothing is shown while you type.", err=True)
     phrase = str(typer.prompt("passphrase", hide_input=True, err=True))
     check_passphrase(phrase)
     if phrase != typer.prompt("Repeat for confirmation", hide_input=True, err=True):
