@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
@@ -11,7 +12,7 @@ from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.proving_ground import load_ground
 from flgpr.simulate import Scene, Simulator
 from flgpr.store import open_run, read_table, sample_lane
-from full_wave_2 import declared, scene_of
+from full_wave_lanes import declared, scene_of
 from validate_fullwave import lane_scene
 
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
@@ -94,7 +95,7 @@ def solved_scene(number: int, targets: bool = True) -> Scene:
 
     The ground scatters as its heights do: without larger tilts and without a texture of its own.
     """
-    common = declared()
+    common = declared(Path(__file__).parents[1] / "full_wave_2.toml")
     scene = scene_of(common, common["lanes"][number - 1])
     surface = scene.surface.model_copy(update={"slope": 0.0, "texture_shape": None})
     changes = {"surface": surface}
