@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
-from flgpr import budget
+from flgpr import budget, toml_text
 from flgpr.budget import Budget
 from flgpr.formats import child
 from flgpr.formats.arrays import check_dataset, open_arrays
@@ -30,6 +30,7 @@ from flgpr_exchange.bags import cdr, recording
 from flgpr_exchange.bags.cdr import message_decoder
 from flgpr_exchange.bags.container import _starts_in
 from flgpr_exchange.bags.recording import Recording
+from flgpr_exchange.gpr import dzx
 from flgpr_exchange.gpr.dzx import read_dzx
 
 
@@ -112,10 +113,10 @@ def test_millions_of_empty_messages_in_one_are_refused(tmp_path):
 
 def test_records_without_content_take_little_memory():
     """Nine bytes of a chunk are a record: millions of them are nothing."""
-    data = (b"\5" + bytes(8)) * 100_000
-    with within(2):
+    data = (b"\5" + bytes(8)) * 20_000
+    with within(1):
         starts, fault = _starts_in(data)
-    assert (len(starts), fault) == (100_000, "")
+    assert (len(starts), fault) == (20_000, "")
 
 
 @pytest.mark.parametrize("as_list", [False, True])
@@ -170,11 +171,11 @@ def hdf5(path, shape, chunks, **options):
     return path
 
 
-@pytest.mark.parametrize("count", [10, 4_000_000])
+@pytest.mark.parametrize("count", [10, 400_000])
 def test_a_chunk_of_an_array_that_is_larger_than_it_is_not_unpacked(count, tmp_path, monkeypatch):
-    monkeypatch.setattr(child, "_MOST_CHUNK", 2**20)
+    monkeypatch.setattr(child, "_MOST_CHUNK", 2**17)
     small = hdf5(tmp_path / "a.h5", (max(count // 100, 1),), (2 * count,))
-    is_refused = 16 * count > 2**20  # a small chunk may be of any array
+    is_refused = 16 * count > 2**17  # a small chunk may be of any array
     expected = pytest.raises(ValueError, match=r"a cannot be read: its .* bytes lie in chunks of")
     with within(20), h5py.File(small) as file, expected if is_refused else nullcontext():
         check_dataset("a", file["a"])
@@ -214,16 +215,17 @@ def test_a_recording_of_events_unpacks_to_what_it_states(tmp_path):
 
 
 def test_an_xml_of_millions_of_elements_is_not_parsed(tmp_path, monkeypatch):
+    monkeypatch.setattr(dzx, "_MOST_MEMORY", 10**6)
     few = tmp_path / "few.dzx"
     few.write_text("<DZX><unitsPerScan>0.02</unitsPerScan>" + "<a/>" * 900 + "</DZX>")
     notes: list[str] = []
     assert read_dzx(few, 10, notes).spacing == 0.02
     many = tmp_path / "many.dzx"
-    many.write_text("<DZX><unitsPerScan>0.02</unitsPerScan>" + "<a/>" * 3_100_000 + "</DZX>")
-    with within(60):
+    many.write_text("<DZX><unitsPerScan>0.02</unitsPerScan>" + "<a/>" * 31_000 + "</DZX>")
+    with within(2):
         assert read_dzx(many, 10, notes).spacing is None
     [note] = notes
-    assert "many.dzx was found and not understood: its XML would take 310" in note
+    assert "many.dzx was found and not understood: its XML would take 3.1" in note
 
 
 def description(polarizations=1, pairs=1, tones=1):
@@ -265,11 +267,11 @@ def test_a_scan_is_at_most_a_frame():
 
 
 def test_thousands_of_faults_are_counted_and_the_first_are_told():
-    text = "".join(f"[unknown-table-{number}]\na = 1\n" for number in range(2000))
-    with within(100, seconds=20), pytest.raises(ValueError, match="and 1988 more faults") as error:
+    text = "".join(f"[unknown-table-{number}]\na = 1\n" for number in range(500))
+    with within(100, seconds=20), pytest.raises(ValueError, match="and 488 more faults") as error:
         parse_recipe(text)
     assert len(str(error.value)) < 8000
-    text = "".join(f"a{number} = 1\n" for number in range(2000))
+    text = "".join(f"a{number} = 1\n" for number in range(500))
     with within(100, seconds=20), pytest.raises(ValueError, match=r"and .* more faults") as error:
         parse_recipe(f'[[clutter]]\nstage = "masks"\n{text}')
     assert len(str(error.value)) < 12_000
@@ -284,9 +286,11 @@ def test_long_names_and_values_are_shown_in_part():
     assert len(str(error.value)) < 2000
 
 
-def test_a_file_of_too_many_entries_is_no_toml():
-    with within(100), pytest.raises(ValueError, match="at most 100000 entries and tables, got 1"):
-        parse_toml("".join(f"a{number}=1\n" for number in range(100_001)))
-    with within(100), pytest.raises(ValueError, match="at most 100000 entries and tables"):
-        parse_toml("[[a]]\n" * 100_003)
-    assert len(parse_toml("a = [" + "1," * 200_000 + "]")["a"]) == 200_000
+def test_a_file_of_too_many_entries_is_no_toml(monkeypatch):
+    assert toml_text._MOST_ENTRIES == 100_000
+    monkeypatch.setattr(toml_text, "_MOST_ENTRIES", 1000)
+    with within(1), pytest.raises(ValueError, match="at most 1000 entries and tables, got 1001"):
+        parse_toml("".join(f"a{number}=1\n" for number in range(1001)))
+    with within(1), pytest.raises(ValueError, match="at most 1000 entries and tables"):
+        parse_toml("[[a]]\n" * 1003)
+    assert len(parse_toml("a = [" + "1," * 2000 + "]")["a"]) == 2000
