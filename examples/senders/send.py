@@ -6,12 +6,15 @@
 ``run.json`` describes the radar. ``scans.npy`` holds complex64 (scan, polarization, pair,
 frequency). ``poses.csv`` has a line per scan, ``time,x,y,z,heading,pitch,roll`` in s, m and rad,
 after a line of names; an empty time or pose is unknown. The last argument is the number of scans
-per second; without it they are sent as fast as they are taken. The formats stand in
-docs/reference/live-format.md. flgpr itself is not needed here.
+per second; without it they are sent as fast as they are taken. Where ``flgpr live`` asks for a
+secret, the variable FLGPR_LIVE_SECRET holds it. The formats stand in docs/reference/live-format.md.
+flgpr itself is not needed here.
 """
 
 import csv
+import hmac
 import math
+import os
 import socket
 import struct
 import sys
@@ -50,6 +53,17 @@ def scan_header(scan, line):
     return f'{{"kind":"scan","scan":{scan},"time":{moment},"pose":{pose}}}'
 
 
+def answer_challenge(connection, secret):
+    """Show that we know the secret: 40 bytes come, and as many go back."""
+    challenge = b""
+    while len(challenge) < 40:
+        data = connection.recv(40 - len(challenge))
+        if not data:
+            raise SystemExit("flgpr live asks for no secret")
+        challenge += data
+    connection.sendall(b"FLGPRAU1" + hmac.digest(secret, challenge, "sha256"))
+
+
 def main(run_file, scans_file, poses_file, address, rate="0"):
     """Send all scans, each when it is due."""
     description = Path(run_file).read_text(encoding="utf-8")
@@ -64,6 +78,9 @@ def main(run_file, scans_file, poses_file, address, rate="0"):
     host, _, port = address.rpartition(":")
     seconds_per_scan = 1 / float(rate) if float(rate) > 0 else 0.0
     with socket.create_connection((host.strip("[]"), int(port)), timeout=10) as connection:
+        secret = os.environ.get("FLGPR_LIVE_SECRET", "").strip().encode()
+        if secret:
+            answer_challenge(connection, secret)
         connection.settimeout(None)
         # Otherwise the last bytes of a scan may wait for the next scan.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

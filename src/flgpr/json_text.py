@@ -14,10 +14,14 @@ MOST_NESTING = 100
 """Deepest nesting of JSON; Python itself gives up at about ten times that."""
 MOST_DIGITS = 300
 """Digits of a number, of which no number of double precision has more before its point."""
-MANY_DIGITS = re.compile(rf"[0-9](?:_?[0-9]){{{MOST_DIGITS - 1}}}")
+MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{MOST_DIGITS - 1}}}")
 """So many digits in a row, which TOML parts by underscores."""
-_MANY_DIGITS = (re.compile(rf"[0-9]{{{MOST_DIGITS}}}"), re.compile(rb"[0-9]{%d}" % MOST_DIGITS))
-_SURROGATE = (re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]"), re.compile(rb"\\u[dD][89a-fA-F]"))
+_SURROGATE = (
+    re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]"),
+    # As an escape, as bytes, and text that may be in another encoding than UTF-8.
+    re.compile(rb"\\u[dD][89a-fA-F]|\xed[\xa0-\xbf]|\A(?:.?\x00|\xff\xfe|\xfe\xff)", re.DOTALL),
+)
+"""What half a pair of surrogates may come of, in text and in bytes."""
 
 
 def count_values(data: bytes | str) -> int:
@@ -41,13 +45,15 @@ def parse_json(
     if count_values(data) > MOST_VALUES:
         raise ValueError(f"it must hold at most {MOST_VALUES} values, got more")
     # Both are rare: a search for them is much faster than a look at every value.
-    if whole is None and _has(data, _MANY_DIGITS):
+    if whole is None and _may_have_many_digits(data):
         whole = _short_number
     try:
         value = json.loads(data, parse_constant=constant, parse_int=whole)
     except RecursionError:
         raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more") from None
-    if _has(data, _SURROGATE):
+    of_text, of_bytes = _SURROGATE
+    found = of_text.search(data) if isinstance(data, str) else of_bytes.search(data)
+    if found is not None:
         _refuse_surrogates(value)
     containers = [value]
     for _ in range(MOST_NESTING + 1):
@@ -62,8 +68,9 @@ def _refuse_surrogates(value: Any) -> None:
     try:
         json.dumps(value, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
+        half = ord(error.object[error.start])
         raise ValueError(
-            f"its text must be of whole characters, got half of one, U+{ord(error.object[error.start]):04X}"
+            f"its text must be of whole characters, got half of one, U+{half:04X}"
         ) from None
 
 
@@ -74,11 +81,10 @@ def _short_number(digits: str) -> int:
     return int(digits)
 
 
-def _has(data: bytes | str, patterns: tuple[re.Pattern[str], re.Pattern[bytes]]) -> bool:
-    """Return whether text, by the first pattern, or bytes, by the second, hold something."""
-    of_text, of_bytes = patterns
-    found = of_text.search(data) if isinstance(data, str) else of_bytes.search(data)
-    return found is not None
+def _may_have_many_digits(data: bytes | str) -> bool:
+    """Return whether there may be a number of so many digits: then a whole block is of digits."""
+    block = MOST_DIGITS // 2
+    return any(data[start : start + block].isdigit() for start in range(0, len(data), block))
 
 
 def _inner_containers(values: Sequence[Any]) -> list[Any]:

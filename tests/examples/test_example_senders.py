@@ -168,3 +168,19 @@ def test_what_cannot_be_sent_is_said(files, programs, language, tmp_path):
     usage = subprocess.run(programs[language], capture_output=True, text=True, check=False)
     assert usage.returncode != 0
     assert "usage:" in usage.stderr
+
+
+def test_the_sender_in_python_knows_a_secret(files, programs, tmp_path, monkeypatch):
+    (tmp_path / "recipe.toml").write_text(small_recipe())
+    monkeypatch.setenv("FLGPR_LIVE_SECRET", "forty two sheep of the moon")
+    run = LiveRun(LiveOptions(tmp_path / "recipe.toml", tmp_path / "out", tcp="0"))
+    reports = []
+    thread = threading.Thread(target=lambda: reports.append(run.run()))
+    thread.start()
+    while run.listens_on is None:
+        time.sleep(0.01)
+    ran = send(programs["python"], files, str(run.listens_on))
+    assert ran.returncode == 0, ran.stderr
+    thread.join(60)
+    assert reports[0].counts["received"] == SCANS
+    assert reports[0].counts["senders_ended"] == 0

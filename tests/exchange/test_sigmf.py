@@ -197,7 +197,7 @@ def test_times_places_and_entries_of_extensions_are_arrays(tmp_path):
         ({"core:sha512": "ab"}, [], "core:sha512 must be 128 hexadecimal digits"),
         ({"core:metadata_only": True}, [], "metadata alone"),
         ({}, [{"core:sample_start": -1}], "core:sample_start must be a whole number"),
-        ({}, [{"core:sample_start": 10**400}], "core:sample_start must be a whole number"),
+        ({}, [{"core:sample_start": 10**250}], "core:sample_start must be a whole number"),
         ({}, [{"core:sample_start": True}], "core:sample_start must be a whole number"),
         ({}, [{}], "core:sample_start must be a whole number"),
         ({}, [{"core:sample_start": 0, "core:header_bytes": 2**62}], "is it cut off"),

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
-from flgpr import budget
+from flgpr import budget, toml_text
 from flgpr.budget import Budget
 from flgpr.formats import child
 from flgpr.formats.arrays import check_dataset, open_arrays
@@ -23,20 +23,21 @@ from flgpr.json_text import parse_json
 from flgpr.live.recording import read_recording
 from flgpr.live.stream import FrameStream
 from flgpr.recipe.schema import parse_recipe
-from flgpr.store import ScanFileError, parse_description
+from flgpr.store import ScanFileError, parse_description, scan_file
 from flgpr.store.scan_file import encode_frame
 from flgpr.toml_text import parse_toml
 from flgpr_exchange.bags import cdr, recording
 from flgpr_exchange.bags.cdr import message_decoder
 from flgpr_exchange.bags.container import _starts_in
 from flgpr_exchange.bags.recording import Recording
+from flgpr_exchange.gpr import dzx
 from flgpr_exchange.gpr.dzx import read_dzx
 
 
 @contextmanager
 def within(megabytes, seconds=20.0):
     """Check that no more memory and time is taken."""
-    begin = time.monotonic()
+    begin = time.process_time()
     tracemalloc.start()
     try:
         yield
@@ -44,7 +45,7 @@ def within(megabytes, seconds=20.0):
     finally:
         tracemalloc.stop()
     assert peak < megabytes * 1e6, f"{peak / 1e6:.0f} MB"
-    assert time.monotonic() - begin < seconds
+    assert time.process_time() - begin < seconds
 
 
 def test_a_budget_counts_what_is_spent():
@@ -112,10 +113,10 @@ def test_millions_of_empty_messages_in_one_are_refused(tmp_path):
 
 def test_records_without_content_take_little_memory():
     """Nine bytes of a chunk are a record: millions of them are nothing."""
-    data = (b"\5" + bytes(8)) * 100_000
-    with within(2):
+    data = (b"\5" + bytes(8)) * 20_000
+    with within(1):
         starts, fault = _starts_in(data)
-    assert (len(starts), fault) == (100_000, "")
+    assert (len(starts), fault) == (20_000, "")
 
 
 @pytest.mark.parametrize("as_list", [False, True])
@@ -150,9 +151,11 @@ def test_half_a_character_and_numbers_without_end_are_no_json():
     assert parse_json('{"a": "\\ud83d\\ude00"}') == {"a": "\U0001f600"}
     assert parse_json("[" + "7" * 299 + "]") == [int("7" * 299)]
     assert parse_json('["' + "7" * 4000 + '"]') == ["7" * 4000]
-    for text in ('["\\ud800"]', '{"\\uDFFF": 1}'):
+    halves = [b'["\\ud800"]', b'{"\\uDFFF": 1}', b'["\xed\xa0\x80"]', '["\ud800"]']
+    halves += [b'["\\ud800"]'.decode().encode("utf-16"), '["\\uDC00"]'.encode("utf-16-le")]
+    for text in halves:
         with pytest.raises(ValueError, match=r"must be of whole characters, got half of one, U\+D"):
-            parse_json(text.encode())
+            parse_json(text)
     for digits in (400, 5000):
         with pytest.raises(ValueError, match=f"at most 300 digits, got {digits}"):
             parse_json("[" + "7" * digits + "]")
@@ -168,11 +171,11 @@ def hdf5(path, shape, chunks, **options):
     return path
 
 
-@pytest.mark.parametrize("count", [10, 4_000_000])
+@pytest.mark.parametrize("count", [10, 400_000])
 def test_a_chunk_of_an_array_that_is_larger_than_it_is_not_unpacked(count, tmp_path, monkeypatch):
-    monkeypatch.setattr(child, "_MOST_CHUNK", 2**20)
+    monkeypatch.setattr(child, "_MOST_CHUNK", 2**17)
     small = hdf5(tmp_path / "a.h5", (max(count // 100, 1),), (2 * count,))
-    is_refused = 16 * count > 2**20  # a small chunk may be of any array
+    is_refused = 16 * count > 2**17  # a small chunk may be of any array
     expected = pytest.raises(ValueError, match=r"a cannot be read: its .* bytes lie in chunks of")
     with within(20), h5py.File(small) as file, expected if is_refused else nullcontext():
         check_dataset("a", file["a"])
@@ -212,16 +215,17 @@ def test_a_recording_of_events_unpacks_to_what_it_states(tmp_path):
 
 
 def test_an_xml_of_millions_of_elements_is_not_parsed(tmp_path, monkeypatch):
+    monkeypatch.setattr(dzx, "_MOST_MEMORY", 10**6)
     few = tmp_path / "few.dzx"
     few.write_text("<DZX><unitsPerScan>0.02</unitsPerScan>" + "<a/>" * 900 + "</DZX>")
     notes: list[str] = []
     assert read_dzx(few, 10, notes).spacing == 0.02
     many = tmp_path / "many.dzx"
-    many.write_text("<DZX><unitsPerScan>0.02</unitsPerScan>" + "<a/>" * 3_100_000 + "</DZX>")
-    with within(60):
+    many.write_text("<DZX><unitsPerScan>0.02</unitsPerScan>" + "<a/>" * 31_000 + "</DZX>")
+    with within(2):
         assert read_dzx(many, 10, notes).spacing is None
     [note] = notes
-    assert "many.dzx was found and not understood: its XML would take 310" in note
+    assert "many.dzx was found and not understood: its XML would take 3.1" in note
 
 
 def description(polarizations=1, pairs=1, tones=1):
@@ -239,29 +243,35 @@ def description(polarizations=1, pairs=1, tones=1):
 @pytest.mark.parametrize(
     ("counts", "rule"),
     [
-        ((8_000, 5_000), "got 8000 polarizations of 5000 pairs and 1 tones, 320000000 bytes"),
-        ((1, 70_000), "at most 65536 pairs"),
-        ((1, 4_000, 10_000), "320000000 bytes"),
-        ((2, 600), "must name 2 different polarizations"),
+        ((800, 500), "got 800 polarizations of 500 pairs and 1 tones, 3200000 bytes"),
+        ((1, 700), "at most 512 pairs"),
+        ((1, 400, 1_000), "3200000 bytes"),
+        ((2, 60), "must name 2 different polarizations"),
     ],
 )
-def test_a_description_of_a_scan_that_no_radar_sends_is_refused(counts, rule):
+def test_a_description_of_a_scan_that_no_radar_sends_is_refused(counts, rule, monkeypatch):
+    monkeypatch.setattr(scan_file, "LARGEST_FRAME", 2**20)
+    monkeypatch.setattr(scan_file, "_MOST_PAIRS", 2**9)
     content = description(*counts)
-    with within(20), pytest.raises(ScanFileError, match=rule):
+    with within(2), pytest.raises(ScanFileError, match=rule):
         parse_description(content)
-    stream = FrameStream()
-    with within(40):
-        assert [arrival.kind for arrival in stream.take(encode_frame("run", content), True)] == [
-            "run"
-        ]
+    frame = encode_frame("run", content)
+    with within(4):
+        [arrival] = FrameStream().take(frame, True)
+    assert arrival.kind == "run"
+
+
+def test_a_scan_is_at_most_a_frame():
+    assert scan_file.LARGEST_FRAME == 2**28
+    assert scan_file._MOST_PAIRS == 2**16
 
 
 def test_thousands_of_faults_are_counted_and_the_first_are_told():
-    text = "".join(f"[unknown-table-{number}]\na = 1\n" for number in range(2000))
-    with within(100, seconds=20), pytest.raises(ValueError, match="and 1988 more faults") as error:
+    text = "".join(f"[unknown-table-{number}]\na = 1\n" for number in range(500))
+    with within(100, seconds=20), pytest.raises(ValueError, match="and 488 more faults") as error:
         parse_recipe(text)
     assert len(str(error.value)) < 8000
-    text = "".join(f"a{number} = 1\n" for number in range(2000))
+    text = "".join(f"a{number} = 1\n" for number in range(500))
     with within(100, seconds=20), pytest.raises(ValueError, match=r"and .* more faults") as error:
         parse_recipe(f'[[clutter]]\nstage = "masks"\n{text}')
     assert len(str(error.value)) < 12_000
@@ -276,9 +286,11 @@ def test_long_names_and_values_are_shown_in_part():
     assert len(str(error.value)) < 2000
 
 
-def test_a_file_of_too_many_entries_is_no_toml():
-    with within(100), pytest.raises(ValueError, match="at most 100000 entries and tables, got 1"):
-        parse_toml("".join(f"a{number}=1\n" for number in range(100_001)))
-    with within(100), pytest.raises(ValueError, match="at most 100000 entries and tables"):
-        parse_toml("[[a]]\n" * 100_003)
-    assert len(parse_toml("a = [" + "1," * 200_000 + "]")["a"]) == 200_000
+def test_a_file_of_too_many_entries_is_no_toml(monkeypatch):
+    assert toml_text._MOST_ENTRIES == 100_000
+    monkeypatch.setattr(toml_text, "_MOST_ENTRIES", 1000)
+    with within(1), pytest.raises(ValueError, match="at most 1000 entries and tables, got 1001"):
+        parse_toml("".join(f"a{number}=1\n" for number in range(1001)))
+    with within(1), pytest.raises(ValueError, match="at most 1000 entries and tables"):
+        parse_toml("[[a]]\n" * 1003)
+    assert len(parse_toml("a = [" + "1," * 2000 + "]")["a"]) == 2000

@@ -51,8 +51,7 @@ def live_secret(path: str | Path | None) -> bytes | None:
         secret = read_named(path, _MOST).strip()
     elif VARIABLE in os.environ:
         name = VARIABLE
-        secret = os.environb[VARIABLE.encode()] if os.supports_bytes_environ else b""
-        secret = (secret or os.environ[VARIABLE].encode()).strip()
+        secret = os.environ[VARIABLE].encode("utf-8", "surrogateescape").strip()
     else:
         return None
     if len(secret) < _FEWEST:

@@ -66,10 +66,11 @@ class _Sender(threading.Thread):
         """Ask for the secret, if there is one, and take frames."""
         self._connection.settimeout(_CHECK)
         with self._connection:
-            if self._secret is not None and not self._knows_secret(self._secret):
+            knows_secret = self._secret is None or self._answers(self._secret)
+            if knows_secret:
+                self._take_frames()
+            elif knows_secret is not None:
                 self._inbox.count_sender("ended")
-                return
-            self._take_frames()
 
     def _take_frames(self) -> None:
         """Take frames until the sender leaves, is closed or sends nothing of use for too long."""
@@ -102,19 +103,22 @@ class _Sender(threading.Thread):
                 self._inbox.count_sender("ended")
                 return
 
-    def _knows_secret(self, secret: bytes) -> bool:
-        """Send a challenge, and return whether the right answer comes in time."""
+    def _answers(self, secret: bytes) -> bool | None:
+        """Send a challenge, and return whether the right answer comes in time.
+
+        None where the sender leaves or is closed before.
+        """
         asked = challenge()
         given = b""
         last = time.monotonic() + self._limits.silence
         try:
             self._connection.sendall(asked)
         except OSError:
-            return False
+            return None
         while len(given) < ANSWER_BYTES and time.monotonic() < last:
             data = self._receive(ANSWER_BYTES - len(given))
             if data == b"" or self._inbox.stop.is_set():
-                return False
+                return None
             given += data or b""
         self.has_sent = is_answer(secret, asked, given)
         return self.has_sent
