@@ -313,3 +313,16 @@ def test_recipe_train_and_detect_on_lanes_of_the_runs_own_array(tmp_path):
     off = np.hypot(mines["x"] - alarms["x"][0], mines["y"] - alarms["y"][0])
     assert off.min() < 1.0
     assert len(alarms) > 3
+
+
+def test_the_sensor_of_a_low_array_sees_the_ground_below_it():
+    low = sensor_for(bare_run(1.0, ("HH", "VV"), LOW_TONES))
+    assert low.has_specular_echo
+    assert low.has_direct_wave
+    left, right, behind, ahead = low.ground_in_view
+    auto = low.model_copy(update={"footprint": "auto"}).ground_in_view
+    assert (left <= auto[0], right >= auto[1]) == (True, True)
+    assert behind == auto[2] < 0 < 4 < ahead
+    high = sensor_for(bare_run(4.0, ("HH", "VV"), LOW_TONES))
+    assert not high.has_specular_echo
+    assert high.ground_in_view[2] > 0
