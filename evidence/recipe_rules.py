@@ -1,7 +1,7 @@
 """The rules that fit `fused` to an array, tried on twins of eight arrays, evidence/recipe_rules.toml.
 
 ``python evidence/recipe_rules.py run OUT [--arrays NAME ...] [--mines N] [--world plain]`` fits the recipe to every
-array, trains it on simulated lanes and writes the alarms of every test lane; it resumes, and with more mines it extends.
+array, trains it on simulated lanes and writes the alarms of every test lane. It resumes, and with more mines extends.
 ``python evidence/recipe_rules.py tables OUT`` prints mines found by the fitted recipe and by C_HH, paired.
 ``python evidence/recipe_rules.py full-wave OUT`` trains the recipe on the training lanes of the ground full-wave-2 and
 counts on its solved lanes, once and last.
@@ -10,7 +10,6 @@ counts on its solved lanes, once and last.
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
 import time
 import tomllib
@@ -24,15 +23,14 @@ import xarray as xr
 sys.path.append(str(Path(__file__).parent))
 from common import markdown, with_share
 from flgpr import train
-from flgpr.jobs.check_on_twins import contrast_recipe, matched
-from flgpr.jobs.twins import Twin, TwinPlan, draw_scene, plan_twins, simulate_twin, twins_for
+from flgpr.jobs.check_on_twins import matched
+from flgpr.jobs.twins import Twin, draw_scene, plan_twins, simulate_twin, twins_for
 from flgpr.method.method import detect
 from flgpr.method.model import Model, load_model
-from flgpr.model import Lane, Sensor, load_sensor, make_run
+from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.scoring import Match, side_by_side
-from flgpr.simulate import Scene
 from flgpr.store import read_table, save_run, write_table
 from flgpr.toml_text import parse_toml, toml_lines
 
@@ -131,14 +129,18 @@ class Trial:
             write_table(twin.truth, truths[-1])
             lanes.append(twin.lane)
         return train(
-            runs, truths, recipe=self.recipe_file, output=folder, lanes=lanes, workers=1, **NO_CHECK
+            runs, truths, recipe=self.recipe_file, output=folder, lanes=lanes, workers=1, check=False
         )
 
     def test(self, mines: int) -> None:
         """Write alarms of every test lane that has none."""
         model = self.model()
         plain = parse_recipe("\n".join(toml_lines(contrast_tables(self.run), {})))
-        recipes = {FITTED: self.recipe, CONTRAST: plain, SAME_IMAGES: same_images(self.recipe, self.run)}
+        recipes = {
+            FITTED: self.recipe,
+            CONTRAST: plain,
+            SAME_IMAGES: same_images(self.recipe, self.run),
+        }
         seed = self.common["test_seed"]
         for number in range(twins_for(self.plan, mines)):
             files = {name: self.folder / f"{name}-{number:03d}.csv" for name in recipes}
@@ -216,13 +218,20 @@ def print_tables(out: Path, world: str) -> None:
                     f"{chance:.2f}",
                 ]
             )
-    head = ["array", "per m²", "fitted", "C_HH", "C_HH, same images", "alone", "difference", "p", "chance"]
+    head = [
+        "array",
+        "per m²",
+        "fitted",
+        "C_HH",
+        "C_HH, same images",
+        "alone",
+        "difference",
+        "p",
+        "chance",
+    ]
     print(markdown(head, rows))
     for far, (fitted, contrast, first, second) in total.items():
         print(f"all at {far:g}: fitted {fitted}, C_HH {contrast}, alone +{first} -{second}")
-
-
-NO_CHECK: dict[str, Any] = {}
 
 
 def main() -> None:

@@ -6,9 +6,7 @@ of the same array the truth is known, so no mine of the user's is needed.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -17,59 +15,20 @@ import xarray as xr
 from flgpr.jobs.twins import Twin, plan_twins, simulate_twin, twins_for
 from flgpr.method.method import detect
 from flgpr.method.model import Model
+from flgpr.method.model_check import CHECK_FILE, Check, write_check
 from flgpr.progress import Track, silent
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.scoring import Match, match, side_by_side
-from flgpr.store import write_whole
+from flgpr.stages.body_signatures import OWN_ARRAY
 from flgpr.toml_text import parse_toml, toml_lines
 
-CHECK_FILE = "check.json"
-"""File of a model's folder that holds what the check found."""
 RECIPE, CONTRAST = "recipe", "contrast"
 """Names of what is compared."""
 _MINES = 24  # of a check
 _FAR = 0.1  # false alarms per m²
 _HALO = 0.5  # m: mines are 2 m apart and more
 _SEED = 2026
-_BY_CHANCE = 0.05  # largest p of a difference that is more than chance
-
-
-@dataclass(frozen=True)
-class Check:
-    """What a recipe and the contrast find on the same simulated lanes."""
-
-    lanes: int
-    mines: int
-    far: float  #: false alarms per m² that either may have
-    found: int  #: mines that the recipe finds
-    by_contrast: int  #: mines that the contrast finds
-    only_recipe: int  #: mines that the recipe alone finds
-    only_contrast: int  #: mines that the contrast alone finds
-    p: float  #: of McNemar's exact test
-
-    def sentences(self) -> list[str]:
-        """Return what the check found, in words, and what to do where it is bad."""
-        told = [
-            f"on {self.lanes} simulated lanes of your array this recipe finds {self.found} of "
-            f"{self.mines} mines, the contrast {self.by_contrast} of {self.mines}, at {self.far:g} "
-            f"false alarms per m² (alone {self.only_recipe} and {self.only_contrast}, "
-            f"p = {self.p:.2g})"
-        ]
-        if self.found >= self.by_contrast:
-            return told
-        if self.p > _BY_CHANCE:
-            told.append(
-                "the contrast finds more, but chance gives such a difference; more lanes to train "
-                "on, of soils like yours, may help"
-            )
-        else:
-            told.append(
-                "the contrast finds more than chance explains: do not use this model. Detect "
-                "without one (`flgpr detect RUN` ranks by contrast), or fit the recipe anew "
-                "(`flgpr recipe for RUN --like fused`) and train on more lanes"
-            )
-        return told
 
 
 def check_on_twins(
@@ -145,21 +104,49 @@ def matched(tables: Sequence[pd.DataFrame], twins: Sequence[Twin], halo: float =
 def compare(matches: Mapping[str, Match], lanes: int, far: float = _FAR) -> Check:
     """Compare matched alarms of the recipe and of the contrast at a false alarm rate."""
     compared = side_by_side(matches, [far], means=False)
-    points = compared.points.set_index("detector")
+    found = dict(zip(compared.points["detector"], compared.points["n_detected"], strict=True))
     pair = compared.pairs.iloc[0]
     return Check(
         lanes=lanes,
-        mines=int(points["n_targets"].iloc[0]),
+        mines=int(compared.points["n_targets"].iloc[0]),
         far=far,
-        found=int(points.loc[RECIPE, "n_detected"]),
-        by_contrast=int(points.loc[CONTRAST, "n_detected"]),
+        found=int(found[RECIPE]),
+        by_contrast=int(found[CONTRAST]),
         only_recipe=int(pair["only_first"]),
         only_contrast=int(pair["only_second"]),
         p=float(pair["p"]),
     )
 
 
-def write_check(check: Check, model: Path) -> None:
-    """Write what a check found beside the model that it checked."""
-    text = json.dumps(asdict(check), indent=1)
-    write_whole(model / CHECK_FILE, text + "\n")
+def check_model(folder: Path, run: xr.Dataset, recipe: Recipe, model: Model, track: Track) -> None:
+    """Check a trained model on twins, unless it is checked, and write the result beside it.
+
+    A recipe whose signatures are not those of the run's own array is not checked. Where there are
+    no twins of the array, the reason is written.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the model.
+    run : xarray.Dataset
+        A run that it was trained on.
+    recipe : Recipe
+        Its recipe.
+    model : Model
+        What it has learnt.
+    track : Track
+        Shows progress.
+    """
+    if not is_fitted(recipe) or (folder / CHECK_FILE).is_file():
+        return
+    try:
+        found: Check | str = check_on_twins(run, recipe, model, track=track)
+    except ValueError as error:
+        found = str(error)
+    write_check(folder, found)
+
+
+def is_fitted(recipe: Recipe) -> bool:
+    """Return whether a recipe simulates the signatures of the run's own array."""
+    settings = None if recipe.map is None else recipe.map.settings
+    return getattr(settings, "sensor", "") == OWN_ARRAY
