@@ -7,6 +7,7 @@ from flgpr.model import load_sensor, make_run, sensor_presets
 from flgpr.model.run_sensor import preset_of, sensor_of_run
 
 SRI = load_sensor("sri-array")
+SAME_ARRAY = {"full-wave-echo": "full-wave"}  # which differ in what is simulated
 
 
 def run_of(sensor, scans=2, tones=None, height=None):
@@ -23,7 +24,7 @@ def run_of(sensor, scans=2, tones=None, height=None):
 def test_the_run_of_a_packaged_sensor_gives_that_sensor(name):
     sensor = load_sensor(name)
     run = run_of(sensor)
-    assert preset_of(run) == name
+    assert preset_of(run) == SAME_ARRAY.get(name, name)
     ours = sensor_of_run(run, sensor).model_dump()
     theirs = sensor.model_dump()
     for entry in ("name", "source"):

@@ -99,6 +99,7 @@ def sensor(case):
         rx=[tuple(place - case.tx[0]) for place in case.rx],
         height=case.tx[0, 2],
         antenna={"kind": "dipole"},
+        direct_wave=False,  # which the difference does not have
     )
 
 

@@ -103,7 +103,7 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     ground = ground_model(asked.site, rms_height=asked.rms_height)
     spread = PointSpread(sensor, asked.band, asked.window)
 
-    x_min, x_max, y_min, y_max = sensor.footprint
+    x_min, x_max, y_min, y_max = sensor.ground_in_view
     nearest = max(y_min, _NEAREST * sensor.height)
     x = np.linspace(max(x_min, -4.0), min(x_max, 4.0), 9)
     y = np.linspace(nearest, y_max, 13)
@@ -205,7 +205,7 @@ def _close_response(spread: PointSpread, source: FloatArray) -> Response:
 
 def _ground_response(spread: PointSpread, source: FloatArray, sensor: Sensor) -> Response:
     """Return the response over the footprint to a point."""
-    x_min, x_max, y_min, y_max = sensor.footprint
+    x_min, x_max, y_min, y_max = sensor.ground_in_view
     # The response is narrowest at the nearest point: the step is set there.
     nearest = np.array([0.0, max(y_min, _NEAREST * sensor.height), 0.0])
     down, cross = spread.expected_widths(nearest)

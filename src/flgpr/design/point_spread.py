@@ -58,7 +58,7 @@ class PointSpread:
         if np.count_nonzero(chosen) < 2:
             raise ValueError(f"band must hold at least two tones, got {low:g} to {high:g} Hz")
         self.tones = tones[chosen]
-        self.footprint = sensor.footprint
+        self.footprint = sensor.ground_in_view
         weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
         if response is not None:
             weight = weight * np.asarray(response, dtype=np.float64)[chosen]

@@ -414,7 +414,7 @@ def _view(sensor: Sensor, ground: GroundModel, viewing: Viewing) -> _View:
         sensor = sensor.model_copy(update={"height": height})
     if window not in WINDOWS:
         raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
-    x_min, x_max, y_min, y_max = sensor.footprint
+    x_min, x_max, y_min, y_max = sensor.ground_in_view
     if not y_min <= distance <= y_max:
         raise ValueError(
             f"distance must lie in the footprint of {sensor.name}, {y_min:g} to {y_max:g} m, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,8 +17,19 @@ from flgpr.model.faults import load_preset, preset_names
 
 _PRESETS = resources.files("flgpr.model") / "presets"
 Position = tuple[float, float, float]
+Footprint = tuple[float, float, float, float]
 MOST_ANTENNAS = 10_000
 """Most antennas on one side of an array."""
+LOW_ARRAY = 3.0
+"""Height of an array, m, below which it is low.
+
+The echo of the ground below a low array comes so shortly before that of the first ground ahead
+that it is not left out unless a sensor says so: the rule is ours.
+"""
+# Heights of the antennas to which ground counts: as far aside and ahead as that of sri-array.
+_GROUND_ASIDE = 1.0
+_GROUND_AHEAD = 5.6
+_GROUND_BEHIND = 1.0  # of dipoles; behind it stands the vehicle: assumed
 
 
 class Tones(Entries):
@@ -47,6 +59,9 @@ class Antenna(Entries):
     #: whether n is the same at all frequencies, or grows as the gain of a constant aperture does,
     #: so that the beam narrows as 1/f
     beam: Literal["constant", "aperture"] = "constant"
+    #: level over the axis below which a horn's pattern does not fall, beside and behind it, dB:
+    #: assumed, and used for the direct wave and the specular echo alone
+    side_db: Decibels = -20.0
 
     def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return n of a horn's power pattern cos^n at every frequency.
@@ -90,7 +105,7 @@ class SystemErrors(Entries):
     sweep_time: Annotated[float, Field(ge=0)] = 0.0
     #: level of the self-signature over the clutter in the image, dB
     self_signature_db: Decibels | None = None
-    #: its relative change from scan to scan, rms
+    #: its relative change from scan to scan, and that of the direct wave, rms
     self_signature_drift: Annotated[float, Field(ge=0)] = 0.0
     #: change of the gain from scan to scan, dB rms
     gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
@@ -103,6 +118,10 @@ class SystemErrors(Entries):
     interference_tones: Annotated[int, Field(ge=0, le=100_000)] = 0
     #: least and greatest level of the interference over the noise, dB
     interference_db: tuple[Decibels, Decibels] = (10.0, 30.0)
+    #: neighbouring tones that each of them disturbs, from its own upwards: the width of a channel
+    interference_width: Annotated[int, Field(ge=1, le=100_000)] = 1
+    #: scans for which each stands, or is silent, by chance in equal parts; None is all scans
+    interference_scans: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     #: fraction of sweeps that pulsed interference hits
     burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
     #: least and greatest number of consecutive tones that it hits
@@ -144,8 +163,14 @@ class Sensor(Entries):
     #: whether one pair is moved over the positions, so that transmitter i goes with receiver i
     #: alone
     scanned: bool = False
-    #: ground that the simulator fills with clutter, m, in the scan frame; wider than what is imaged
-    footprint: tuple[float, float, float, float] = (-7.0, 7.0, 5.5, 28.0)
+    #: ground that the simulator fills with clutter, m, in the scan frame: least and greatest x,
+    #: then y; wider than what is imaged. "auto" follows from the array, see ``ground_in_view``
+    footprint: Footprint | Literal["auto"] = "auto"
+    #: whether the simulator has the echo of the mean surface below the array; "auto" is where the
+    #: array is low
+    specular_echo: bool | Literal["auto"] = "auto"
+    #: whether it has the wave that goes straight from transmitter to receiver; "auto" as there
+    direct_wave: bool | Literal["auto"] = "auto"
     antenna: Antenna = Antenna()
     errors: SystemErrors = SystemErrors()  #: what the radar adds to the echoes
 
@@ -177,12 +202,47 @@ class Sensor(Entries):
                 "a scanned pair needs as many tx as rx positions, "
                 f"got {len(self.tx)} and {len(self.rx)}"
             )
-        x_min, x_max, y_min, y_max = self.footprint
+        x_min, x_max, y_min, y_max = self.ground_in_view
         if not (x_max > x_min and y_max > y_min):
             raise ValueError(
                 f"footprint must have x_max > x_min and y_max > y_min, got {self.footprint}"
             )
         return self
+
+    @property
+    def is_low(self) -> bool:
+        """Whether the array is lower than ``LOW_ARRAY``."""
+        return self.height < LOW_ARRAY
+
+    @property
+    def has_specular_echo(self) -> bool:
+        """Whether the ground below the array mirrors its transmitters."""
+        return self.is_low if self.specular_echo == "auto" else self.specular_echo
+
+    @property
+    def has_direct_wave(self) -> bool:
+        """Whether waves go straight from transmitters to receivers."""
+        return self.is_low if self.direct_wave == "auto" else self.direct_wave
+
+    @property
+    def ground_in_view(self) -> Footprint:
+        """Ground that scatters, m: least and greatest x, then y, in the scan frame.
+
+        Where ``footprint`` is "auto" it reaches a height of the antennas beyond the outermost ones
+        to either side and 5.6 heights ahead. It begins where the pattern of horns does, below them
+        or, tilted, a little behind; that of dipoles a height behind the array.
+        """
+        if self.footprint != "auto":
+            return self.footprint
+        places = np.array([*self.tx, *self.rx], dtype=float)
+        height = self.height + float(places[:, 2].mean())
+        behind = _GROUND_BEHIND
+        if self.antenna.kind == "horn":
+            # cos^n ends at right angles to the axis; a horn that looks down has all ground below.
+            behind = math.tan(min(max(self.tilt, 0.0), math.pi / 4))
+        aside = float(np.abs(places[:, 0]).max()) + _GROUND_ASIDE * height
+        ahead = float(places[:, 1].max()) + _GROUND_AHEAD * height
+        return (-aside, aside, float(places[:, 1].min()) - behind * height, ahead)
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the positions (pair, 3), m, of every pair's transmitter and receiver.
@@ -231,7 +291,7 @@ def load_sensor(name: str | Path) -> Sensor:
     --------
     >>> from flgpr.model import load_sensor, sensor_presets
     >>> sensor_presets()
-    ['dual-band-l', 'dual-band-x', 'full-wave', 'sri-array', 'sri-van']
+    ['dual-band-l', 'dual-band-x', 'full-wave', 'full-wave-echo', 'sri-array', 'sri-van']
     >>> sensor = load_sensor("sri-array")
     >>> tx, rx = sensor.pairs()
     >>> tones = sensor.tones.axis()

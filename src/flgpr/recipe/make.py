@@ -10,7 +10,7 @@ import xarray as xr
 from flgpr.model import Sensor, aperture_run, load_sensor
 from flgpr.model.faults import faults_of
 from flgpr.model.motion import plausible_run
-from flgpr.model.run_sensor import preset_of, sensor_of_run
+from flgpr.model.run_sensor import Footprint, preset_of, sensor_of_run
 from flgpr.recipe.choice import figures_of
 from flgpr.recipe.like import ModelRecipe, like_text, load_model_recipe
 from flgpr.recipe.radar_setup import goes_across, radar_setup
@@ -216,4 +216,17 @@ def sensor_for(run: xr.Dataset) -> Sensor:
         nearest - _FILLED_BEFORE * height,
         far + _FILLED_BEHIND * height,
     )
-    return sensor_of_run(run, load_sensor(ASSUMED_ANTENNAS), footprint)
+    sensor = sensor_of_run(run, load_sensor(ASSUMED_ANTENNAS), footprint)
+    return _with_ground_below(sensor, footprint) if sensor.is_low else sensor
+
+
+def _with_ground_below(sensor: Sensor, footprint: Footprint) -> Sensor:
+    """Return a sensor of a low array whose footprint has the ground below it, too."""
+    below = sensor.model_copy(update={"footprint": "auto"}).ground_in_view
+    joined = (
+        min(footprint[0], below[0]),
+        max(footprint[1], below[1]),
+        min(footprint[2], below[2]),
+        footprint[3],
+    )
+    return sensor.model_copy(update={"footprint": joined})

@@ -130,7 +130,7 @@ def check_effort(scene: Scene, sensor: Sensor | None = None, force: bool = False
 
 def _area_in_view(sensor: Sensor) -> float:
     """Return the area of the tiles that a scan sees, m²: about a footprint that is turned."""
-    x_min, x_max, y_min, y_max = sensor.footprint
+    x_min, x_max, y_min, y_max = sensor.ground_in_view
     corners = [(x, y) for x in (x_min, x_max) for y in (y_min, y_max)]
     reach = max(math.hypot(x, y) for x, y in corners)
     return min((x_max - x_min + 2) * (y_max - y_min + 2) * 2, 4 * (reach + 2) ** 2)

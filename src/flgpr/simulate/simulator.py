@@ -42,8 +42,10 @@ from flgpr.simulate.ground.layers import (
 )
 from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
 from flgpr.simulate.ground.shadow import Shadows, Strip, shadow_strips
+from flgpr.simulate.ground.specular import SpecularEcho
 from flgpr.simulate.ground.subsurface import subsurface_layers
 from flgpr.simulate.ground.terrain import TerrainHeights
+from flgpr.simulate.radar.coupling import direct_wave
 from flgpr.simulate.radar.impair import Impairments, signature_end
 from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene.scene import Scene, SceneObject, Soil, Surface, Target
@@ -123,6 +125,10 @@ class Simulator:
         self._errors = Impairments(sensor, seed) if errors else None
         sweep_time = sensor.errors.sweep_time if errors else 0.0
         self._drift = sweep_drift(self.pose, self.time, sweep_time)
+        self._specular = self._make_specular_echo()
+        self._direct = None
+        if sensor.has_direct_wave:  # the antennas stand still to each other in all scans
+            self._direct = direct_wave(self._array(0), self.frequency, sensor.antenna.side_db)
         first_view = self._view(self._array(0), self.pose[0])
         self._skeleton = Skeleton(self._layers, first_view, self.frequency)
 
@@ -145,7 +151,12 @@ class Simulator:
         if not array.dipoles:
             hh, vv, cross = layers
             layers = np.stack([hh, cross, cross, vv])
-        return self._received(channels + layers, index)
+        channels = channels + layers
+        if self._specular is not None:
+            channels = channels + self._specular(array)
+        if self._direct is not None:
+            channels = channels + self._direct * self._drift_of_direct_wave(index)
+        return self._received(channels, index)
 
     def bodies(self, index: int) -> NDArray[np.complex64]:
         """Simulate what the targets' bodies alone add to a scan.
@@ -158,6 +169,10 @@ class Simulator:
             echoes = self._single_echoes(view, targets_only=True)
             channels = sum_echoes(echoes, array, self.frequency)
         return self._received(channels, index) - self._received(0 * channels, index)
+
+    def _drift_of_direct_wave(self, index: int) -> NDArray[np.complex64] | int:
+        """Return the factor (4, pair, 1) by which the direct wave of a scan is off its mean."""
+        return 1 if self._errors is None else 1 + self._errors.direct_drift(index)
 
     def _received(self, channels: NDArray[np.complex64], index: int) -> NDArray[np.complex64]:
         """Return the sensor's polarizations of HH, HV, VH, VV, as its radar receives them."""
@@ -196,7 +211,7 @@ class Simulator:
         errors = self.sensor.errors
         has_own_echoes = self._errors is not None and errors.self_signature_db is not None
         return {
-            "footprint_m": list(self.sensor.footprint),
+            "footprint_m": list(self.sensor.ground_in_view),
             "own_echoes_path_m": signature_end(self.sensor) if has_own_echoes else None,
         }
 
@@ -233,7 +248,7 @@ class Simulator:
         if self._strips:
             strips = [strip for strip in self._strips if _in_view(strip, pose)]
             shadows = Shadows(strips, array, self.frequency)
-        return ScanView(self.sensor.footprint, pose, array, self._terrain, shadows)
+        return ScanView(self.sensor.ground_in_view, pose, array, self._terrain, shadows)
 
     def _single_echoes(self, view: ScanView, targets_only: bool = False) -> Echoes:
         """Return the echoes of targets and, unless they alone count, of all that is no layer."""
@@ -302,6 +317,14 @@ class Simulator:
                 factor = through * np.stack([hh, vv, cross, cross])
             echoes.spectrum[i] = echoes.spectrum[i] * factor
             echoes.position[i] = position + np.array([0.0, 0.0, ground])
+
+    def _make_specular_echo(self) -> SpecularEcho | None:
+        """Return the echo of the mean surface, None where sensor or scene has none."""
+        surface = self.scene.surface
+        if not self.sensor.has_specular_echo or not surface.echo:
+            return None
+        side_db = self.sensor.antenna.side_db
+        return SpecularEcho(surface, self.scene.grass, self._ground, self._terrain, side_db)
 
     def _make_layers(self) -> list[ScattererLayer]:
         """Return all that is summed as point scatterers; further layers are added here."""
@@ -454,7 +477,7 @@ def warn_of_aliases(sensor: Sensor) -> None:
     """
     height = [0.0, 0.0, sensor.height]
     tx, rx = sensor.pairs()
-    x_min, x_max, y_min, y_max = sensor.footprint
+    x_min, x_max, y_min, y_max = sensor.ground_in_view
     paths = image_paths(
         sensor.tones.axis(), tx + height, rx + height, (x_min, x_max), (y_min, y_max)
     )

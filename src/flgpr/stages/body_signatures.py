@@ -141,6 +141,8 @@ def _simulate(
     """Return a run with a scan before every body, and the poses of its scans."""
     ground = _ground(soil, len(spots), imaging.limits)
     targets = [_target(spot) for spot in spots] if bodies.kinds else []
+    # What does not come from the bodies would only be added and taken off again.
+    sensor = sensor.model_copy(update={"direct_wave": False, "specular_echo": False})
     simulator = Simulator(Scene.model_validate(ground | {"targets": targets}), sensor, seed)
     run = simulator.run(bodies=True)
     if not bodies.kinds:

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 _SAMPLE = 240  # points of a layer by which the tones are chosen
 # Two-way cosines off the axis, for a layer that has no point in view.
 _COSINES = np.linspace(0.35, 1, 14)
+# Two-way cosine, whatever its sign, down to which dipoles' samples weigh ever more. Their pattern
+# does not depend on frequency, so that any weight would do; this one keeps lanes as they were made.
+_LEAST_OF_DIPOLES = 1e-3
 _TOLERANCE = 0.01  # of the spectra's norm that the chosen tones may leave out
 _CANDIDATES = 96  # tones among which they are chosen
 _MOST_TONES = 8
@@ -248,7 +251,10 @@ class Skeleton:
         cosine = np.ones(_SAMPLE)
         for side in (array.tx, array.rx):
             ray = echoes.points[chosen] - array.position[side[pair]]
-            cosine *= np.maximum(ray @ array.boresight / np.linalg.norm(ray, axis=1), 0.0)
+            off_axis = ray @ array.boresight / np.linalg.norm(ray, axis=1)
+            cosine *= off_axis if array.dipoles else np.maximum(off_axis, 0.0)
+        if array.dipoles:  # which see the ground behind them, too
+            cosine = np.maximum(np.abs(cosine), _LEAST_OF_DIPOLES)
         return np.einsum("irc,rcf->icf", echoes.coefficient[chosen], echoes.basis), cosine
 
 

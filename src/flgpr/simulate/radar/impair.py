@@ -27,7 +27,7 @@ def signature_end(sensor: Sensor) -> float:
     A real one fades into the noise. A simulated one stops at once, a little beyond the last echo of
     the ground in view: a B-scan shows a step there.
     """
-    return _SIGNATURE_REACH * sensor.footprint[3]
+    return _SIGNATURE_REACH * sensor.ground_in_view[3]
 
 
 class Impairments:
@@ -58,6 +58,7 @@ class Impairments:
         count = min(self.errors.interference_tones, self.frequency.size)
         self._disturbed_tones = rng.choice(self.frequency.size, count, replace=False)
         self._disturbance_db = rng.uniform(*self.errors.interference_db, count)
+        self._interference_start = stream(seed, "interference starts").random(count)
 
     def apply(self, signal: NDArray[np.complex64], scan: int) -> NDArray[np.complex64]:
         """Return a scan's signal with the errors of that scan.
@@ -77,7 +78,7 @@ class Impairments:
         if errors.gain_db > 0:
             signal = signal * np.complex64(10 ** (rng.normal(0, errors.gain_db) / 20))
         if errors.clutter_to_noise_db is not None:
-            signal = signal + self._noise(signal.shape, rng)
+            signal = signal + self._noise(signal.shape, rng, scan)
             if errors.burst_probability > 0:
                 signal = signal + self.bursts(scan)
         if errors.missing > 0:
@@ -151,15 +152,47 @@ class Impairments:
         bursts[:, sweeps] = level[:, None] * inside * np.exp(1j * phase)
         return bursts
 
-    def _noise(self, shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.complex64]:
-        """Draw thermal noise and the interference of single tones (4, pair, frequency)."""
+    def direct_drift(self, scan: int) -> NDArray[np.complex64]:
+        """Return the slow relative change of the direct wave (4, pair, 1)."""
+        drift = slow_change(self.seed, "direct wave", scan, (4, self.pairs, 1), _KNOT)
+        return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
+
+    def interference_levels(self, scan: int) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return which tones continuous interference disturbs in a scan, and how strongly.
+
+        Returns
+        -------
+        tones : ndarray (disturbed,)
+            Numbers of the tones, those of an interferer one after the other.
+        level_db : ndarray (disturbed,)
+            Level over the noise, dB.
+        """
+        errors = self.errors
+        stands = np.ones(self._disturbed_tones.size, bool)
+        if errors.interference_scans is not None:
+            # Each has periods of its own, so that they do not all change in one scan.
+            period = np.floor(scan / errors.interference_scans + self._interference_start)
+            for number, count in enumerate(period.astype(int)):
+                draw = stream(self.seed, "interference stands", number, int(count))
+                stands[number] = draw.random() < 0.5
+        width = np.arange(errors.interference_width)
+        tones = (self._disturbed_tones[stands, None] + width).ravel()
+        level_db = np.repeat(self._disturbance_db[stands], width.size)
+        inside = tones < self.frequency.size
+        return tones[inside], level_db[inside]
+
+    def _noise(
+        self, shape: tuple[int, ...], rng: np.random.Generator, scan: int
+    ) -> NDArray[np.complex64]:
+        """Draw thermal noise and the continuous interference of a scan (4, pair, frequency)."""
         white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
         noise = white * np.float32(math.sqrt(self.noise_power / 2))
-        tones = self._disturbed_tones
+        tones, level_db = self.interference_levels(scan)
         if tones.size:
-            size = np.sqrt(self.noise_power * 10 ** (self._disturbance_db / 10))
+            size = np.sqrt(self.noise_power * 10 ** (level_db / 10))
             phase = rng.uniform(0, 2 * np.pi, (*shape[:2], tones.size))
-            noise[..., tones] += (size * np.exp(1j * phase)).astype(np.complex64)
+            disturbance = (size * np.exp(1j * phase)).astype(np.complex64)
+            np.add.at(noise, (..., tones), disturbance)  # channels may overlap
         return noise
 
 
