@@ -36,6 +36,7 @@ from flgpr.toml_text import parse_toml, toml_lines
 
 DECLARED = Path(__file__).with_suffix(".toml")
 FITTED, CONTRAST, SAME_IMAGES = "fitted", "contrast", "contrast-same"
+ECHO = "echo"  # the world with the ground's echo and the direct wave; "plain" is without
 COUNTED = ["x", "y", "confidence"]
 DRIVE = 8  # scans of a drive that the recipe is fitted to
 
@@ -113,7 +114,7 @@ class Trial:
             raise ValueError(f"{self.folder} is of other rules")
         self.recipe_file.write_text(text)
         self.recipe = parse_recipe(text)
-        self.plan = plan_twins(self.run, self.recipe)
+        self.plan = plan_twins(self.run, self.recipe, echoes=world == ECHO)
 
     def model(self) -> Model:
         """Return the model of the fitted recipe, trained if there is none."""
@@ -129,7 +130,13 @@ class Trial:
             write_table(twin.truth, truths[-1])
             lanes.append(twin.lane)
         return train(
-            runs, truths, recipe=self.recipe_file, output=folder, lanes=lanes, workers=1, check=False
+            runs,
+            truths,
+            recipe=self.recipe_file,
+            output=folder,
+            lanes=lanes,
+            workers=1,
+            check=False,
         )
 
     def test(self, mines: int) -> None:

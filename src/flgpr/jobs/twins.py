@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,7 @@ import xarray as xr
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.motion import plausible_run
 from flgpr.model.run_sensor import sensor_of_run
+from flgpr.recipe.make import with_ground_below
 from flgpr.recipe.radar_setup import radar_setup
 from flgpr.recipe.schema import Recipe
 from flgpr.simulate import Scene, Simulator
@@ -70,7 +71,9 @@ class TwinPlan:
     soils: tuple[tuple[float, float], ...]  #: permittivity and loss tangent, by turns
 
 
-def plan_twins(run: xr.Dataset, recipe: Recipe) -> TwinPlan:
+def plan_twins(
+    run: xr.Dataset, recipe: Recipe, echoes: bool | Literal["auto"] = "auto"
+) -> TwinPlan:
     """Lay out twins of the lanes that an array sees with a recipe of simulated signatures.
 
     Parameters
@@ -79,6 +82,9 @@ def plan_twins(run: xr.Dataset, recipe: Recipe) -> TwinPlan:
         A run of the array.
     recipe : Recipe
         The recipe, with a map of simulated signatures.
+    echoes : bool or "auto"
+        Whether twins have the echo of the ground below the array and the direct wave; "auto" gives
+        them to low arrays.
 
     Raises
     ------
@@ -92,7 +98,11 @@ def plan_twins(run: xr.Dataset, recipe: Recipe) -> TwinPlan:
     run = plausible_run(run)
     setup = radar_setup(run)
     base = load_sensor(settings.antennas if settings.sensor == OWN_ARRAY else settings.sensor)
-    sensor = sensor_of_run(run, base, _filled(recipe, setup.height))
+    base = base.model_copy(update={"specular_echo": echoes, "direct_wave": echoes})
+    filled = _filled(recipe, setup.height)
+    sensor = sensor_of_run(run, base, filled)
+    if sensor.has_specular_echo:
+        sensor = with_ground_below(sensor, filled)
     left, right = recipe.run_view.x
     near = recipe.image.y[0]
     far = min(recipe.image.y[1], recipe.run_view.y_max)
