@@ -411,7 +411,16 @@ def test_recipe_train_and_detect_on_lanes_of_the_runs_own_array(tmp_path):
     for name in ("tx_position", "rx_position", "frequency"):
         np.testing.assert_allclose(open_run(lane)[name].values, open_run(field)[name].values)
     truth = tmp_path / "a-truth.csv"
-    flgpr("train", lane, "--truth", truth, "--recipe", own, "-o", tmp_path / "model")
+    train = ("train", lane, "--truth", truth, "--recipe", own, "-o", tmp_path / "model")
+    assert "simulated lanes" not in flgpr(*train, "--no-check")
+    assert "simulated lanes" not in flgpr("info", tmp_path / "model")
+    bundle = (tmp_path / "model" / "model.bundle").read_bytes()
+    told = flgpr(*train)  # the model is there; it is checked now
+    assert "simulated lanes of your array this recipe finds" in told
+    assert (tmp_path / "model" / "model.bundle").read_bytes() == bundle
+    sentence = next(line for line in told.splitlines() if "simulated lanes" in line)
+    assert f"  check          {sentence}\n" in flgpr("info", tmp_path / "model")
+    assert sentence in flgpr(*train)
     flgpr("detect", tmp_path / "own.zarr", "--recipe", own, "--model", tmp_path / "model",
           "-o", tmp_path / "result")  # fmt: skip
     alarms = read_table(tmp_path / "result" / "alarms.csv", "alarms")

@@ -74,8 +74,11 @@ def check_sentences(model: Path) -> list[str]:
         return []
     try:
         entries = json.loads(file.read_text("utf-8"))
-        if _REASON in entries:
+        if list(entries) == [_REASON]:
             return [f"not checked on simulated lanes: {printable(str(entries[_REASON]))}"]
-        return Check(**entries).sentences()
+        check = Check(**entries)
+        if not all(isinstance(value, int | float) for value in asdict(check).values()):
+            raise ValueError("an entry that is no number")
+        return check.sentences()
     except (ValueError, TypeError) as error:
         raise ValueError(f"{file} must be what `flgpr train` wrote, got {error}") from None
