@@ -28,15 +28,18 @@ from flgpr.jobs.twins import Twin, draw_scene, plan_twins, simulate_twin, twins_
 from flgpr.method.method import detect
 from flgpr.method.model import Model, load_model
 from flgpr.model import Sensor, load_sensor, make_run
+from flgpr.proving_ground import load_ground, run_benchmark, write_score_tables
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.scoring import Match, side_by_side
-from flgpr.store import read_table, save_run, write_table
+from flgpr.store import open_run, read_table, save_run, write_table
+from flgpr.store.tables import read_columns
 from flgpr.toml_text import parse_toml, toml_lines
 
 DECLARED = Path(__file__).with_suffix(".toml")
 FITTED, CONTRAST, SAME_IMAGES = "fitted", "contrast", "contrast-same"
 ECHO = "echo"  # the world with the ground's echo and the direct wave; "plain" is without
+FULL_WAVE = "full-wave-2"
 COUNTED = ["x", "y", "confidence"]
 DRIVE = 8  # scans of a drive that the recipe is fitted to
 
@@ -241,12 +244,27 @@ def print_tables(out: Path, world: str) -> None:
         print(f"all at {far:g}: fitted {fitted}, C_HH {contrast}, alone +{first} -{second}")
 
 
+def on_full_wave(out: Path) -> None:
+    """Run the fitted recipe and C_HH on the solved lanes of full-wave-2, and print their scores."""
+    ground = load_ground(source=FULL_WAVE)
+    lane = ground.tested("full-wave")[0]
+    path = out / "fused-by-rules.toml"
+    text = fit_recipe(open_run(lane.stored[0]), like="fused")
+    path.write_text(text.replace('name = "fused-fitted"', 'name = "fused-by-rules"'))
+    run_benchmark(["wang2007", str(path)], out / FULL_WAVE, ground=FULL_WAVE)
+    print(write_score_tables([out / FULL_WAVE], out / FULL_WAVE))
+    scores = read_columns(out / FULL_WAVE / "scores.csv")
+    mines = scores[(scores["split"] == "full-wave") & (scores["group"] == "mines")]
+    shown = ["entry", "far_allowed", "n_detected", "n_targets", "pd_low", "pd_high", "chance"]
+    print(mines[shown].to_string(index=False))
+
+
 def main() -> None:
     """Run the trial, or print its tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("step", choices=["run", "tables"])
+    parser.add_argument("step", choices=["run", "tables", "full-wave"])
     parser.add_argument("out", type=Path)
     parser.add_argument("--arrays", nargs="*", default=[])
     parser.add_argument("--mines", type=int)
@@ -254,6 +272,9 @@ def main() -> None:
     given = parser.parse_args()
     if given.step == "tables":
         print_tables(given.out, given.world)
+        return
+    if given.step == "full-wave":
+        on_full_wave(given.out)
         return
     common = declared()
     names = given.arrays or [array["name"] for array in common["arrays"]]

@@ -175,7 +175,9 @@ def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
     own, own_height = _own_lengths(model)
     lengths = {}
     for entry, length in own.items():
-        lengths[entry] = length_at(height, entry, length, own_height)
+        lengths[entry] = length
+        if not setup.aperture:  # which resolves by its own length, not by its height
+            lengths[entry] = length_at(height, entry, length, own_height)
     resolves = SPEED_OF_LIGHT / widest_piece(setup.tones) < _gap(height, _NEAR)
     early = resolves and not setup.drives and not setup.aperture
     return _Method(
@@ -465,7 +467,9 @@ def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
     own = choice.method.own
     for entry, name in _LENGTHS_OF.items():
         if entry in own:
-            reasons[name] = reason_for(entry, own[entry], choice.method.own_height)
+            reasons[name] = "as in Wang et al. 2007"
+            if not setup.aperture:
+                reasons[name] = reason_for(entry, own[entry], choice.method.own_height)
     if choice.method.model is not None:
         reasons |= _map_reasons(setup, choice)
     signature = (
@@ -528,8 +532,10 @@ def _view_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
     """Return the reason for each entry of the run-view and of the prescreener."""
     half = min(_HALF_VIEW, choice.half)
     extent = f"{half:g} m to either side of the vehicle's course"
+    count = "alarms are as dense in the lane, whatever lies beside it"
     if setup.aperture:
         extent = "what the image covers"
+        count = "all that the image covers is searched"
     return {
         "run_view.x": f"{extent}; it is as long as the lane",
         "run_view.spacing": (
@@ -545,7 +551,7 @@ def _view_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
             f"the lowest part that resolves {_ALARM_RADIUS} m across, {_MIDDLE:g} antenna heights "
             "ahead"
         ),
-        "prescreen.count": "alarms are as dense in the lane, whatever lies beside it",
+        "prescreen.count": count,
     }
 
 

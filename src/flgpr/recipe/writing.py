@@ -81,7 +81,7 @@ def _tables(figures: Figures) -> dict[str, Any]:
             **channel,
             "radius": figures.lengths["radius"],
             "density": _DENSITY,
-            "count": "lane",
+            "count": "view" if figures.aperture else "lane",
         },
         "contrast": {
             **channel,
