@@ -56,7 +56,8 @@ def faults_of_model(model: Recipe) -> list[str]:
     """Return why a recipe cannot be fitted to an array, entry by entry; empty if it can."""
     faults = []
     for name, stage in model.named().items():
-        if name == f"clutter.{EARLY['stage']}" and stage.settings.path is None:
+        has_own_path = getattr(stage.settings, "path", None) is not None
+        if name == f"clutter.{EARLY['stage']}" and not has_own_path:
             continue  # it goes by the images, and is fitted like them
         if name != f"map.{FITTED_MAP}":
             faults.append(f"{name}: {_WHY_NOT.get(name, _OTHER_STAGE)}")
