@@ -72,39 +72,23 @@ def divisions_like(
 ) -> Iterator[dict[str, Band]]:
     """Yield sub-bands for a model's method, the better ones first.
 
-    They are the model's own if the run holds them, or as many of the lowest tones, in equal ratios
-    over as many octaves; then all of them, their lower and their upper part; at last all of them
-    alone. None but the last is narrower than ``least``.
+    They are the lowest tones together, with their lower and their upper part; at last all of them
+    alone. None but the last is narrower than ``least``. Sub-bands side by side, as ``fused`` has
+    them, were given up: docs/evidence/fused.md, "For another array".
 
     Parameters
     ----------
     tones : (frequency,) ndarray
         Tones of the run, Hz.
     model : mapping of str to pair of float
-        The model's sub-bands, Hz.
+        The model's sub-bands, Hz: none of the run's begins below them.
     least : float
         Least width of a sub-band, Hz.
     """
     nested = _nested(tones, model)
-    for bands in (_side_by_side(tones, model), nested):
-        if bands and min(high - low for low, high in bands.values()) >= least:
-            yield bands
+    if min(high - low for low, high in nested.values()) >= least:
+        yield nested
     yield {ALL: nested[ALL]}
-
-
-def _side_by_side(tones: FloatArray, model: Mapping[str, Band]) -> dict[str, Band]:
-    """Return the model's sub-bands if a run's band holds them, else as many of its lowest tones.
-
-    Their lower and their upper end are as many octaves apart as the model's, or as the tones reach.
-    """
-    if all(_holds(tones, band) for band in model.values()):
-        return dict(model)
-    lowest = min(low for low, _ in model.values())
-    highest = max(high for _, high in model.values())
-    low, high = _low_end(tones, lowest, highest / lowest)
-    edges = np.geomspace(low, high, len(model) + 1)
-    edges[0], edges[-1] = low, high
-    return {name: (float(edges[k]), float(edges[k + 1])) for k, name in enumerate(model)}
 
 
 def _nested(tones: FloatArray, model: Mapping[str, Band]) -> dict[str, Band]:
@@ -125,12 +109,6 @@ def _low_end(tones: FloatArray, lowest: float, ratio: float) -> Band:
     if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
         low, high = float(piece[0]), float(piece[-1])
     return low, high
-
-
-def _holds(tones: FloatArray, band: Band) -> bool:
-    """Return whether a run's band, in one piece, holds a sub-band."""
-    low, high = band
-    return any(piece[0] <= low and high <= piece[-1] for piece in pieces_of(tones))
 
 
 def least_width(cell: float) -> float:
