@@ -21,6 +21,7 @@ from flgpr.engine import Arrays, Engine, block_name, worker_state
 from flgpr.jobs.checkpoint import BlockCheckpoint, Checkpoint
 from flgpr.jobs.job import LaneJob, code_versions, processor
 from flgpr.jobs.workers import Report
+from flgpr.method.detection import describe_unlike
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.method.model import parse_model, read_model, trained_on
@@ -127,7 +128,7 @@ def do_finish(job: LaneJob) -> Report:
             [detection],
             job.recipe,
             borders,
-            _describe_runs(job, lane),
+            _describe_runs(job, lane, len(detection.alarms)),
             lane.model,
             section,
         )
@@ -138,13 +139,16 @@ def do_finish(job: LaneJob) -> Report:
         return done | {"alarms": len(detection.alarms)}
 
 
-def _describe_runs(job: LaneJob, lane: ImagedRun) -> dict[str, Any]:
+def _describe_runs(job: LaneJob, lane: ImagedRun, alarms: int) -> dict[str, Any]:
     """Return what a manifest says of the run, and of those taken together with it."""
     described = describe_run(lane.run, job.run, lane.recipe.motion)
     searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
     described["searched"] = searched.as_json()
     if trained_on(lane.model, job.store_sha256):
         described["trained_on_this_run"] = True
+    unlike = describe_unlike(lane, alarms)
+    if unlike is not None:
+        described["unlike"] = unlike
     if job.others:
         described["others"] = {}
         for name, path, digest in job.others:
@@ -217,6 +221,8 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
         others=others,
         truth=truth,
         explains=job.explains,
+        unlike=job.unlike,
+        only_measures=job.only_measures,
     )
     return lane, work
 

@@ -6,13 +6,14 @@ import glob
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from flgpr.door import refuse_links
@@ -37,10 +38,19 @@ from flgpr.method.model import (
     load_model,
     save_model,
 )
+from flgpr.method.unlike import (
+    LEAST_LANES,
+    PASS,
+    FreeGround,
+    TrainingGround,
+    chosen_scans,
+    learn_clutter,
+    learn_levels,
+)
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, parse_recipe
 from flgpr.recipe.tables import DetectorTable
-from flgpr.stages import TrainingView
+from flgpr.stages import FloatArray, TrainingView
 from flgpr.stages.too_few import (
     TooFewExamplesError,
     cannot_be_trained,
@@ -131,6 +141,7 @@ def train_on_lanes(
         if learns_detector(recipe, features):
             training.train_detector(features, label_radius)
             training.learn_forecast()
+        training.learn_ground(label_radius)
         save_model(training.model, partial, notes)
     _clear_work_folders(output, options)
     return training.model
@@ -211,6 +222,9 @@ class _Training:
         self._executor = executor
         self._options = options
         self._views: list[TrainingView] = []
+        self._examples: dict[str, list[Any]] = {}  # of maps that measure clutter, by stage
+        self._profiles: list[FloatArray] = []  # level of the images, by lane
+        self._of_alarms: list[LaneOfAlarms] = []
         self._step = 0
 
     @property
@@ -232,6 +246,8 @@ class _Training:
                 examples = []
                 for setup, _ in self._imaged_lanes(truth=True):
                     examples.append(dict(setup.results[f"learn.{name}"]))
+            if getattr(stages[name].stage_class, "measures_clutter", False):
+                self._examples[name] = examples
             with self._counted(name):
                 arrays, notes = self._fit(name, examples)
             self.model = replace(
@@ -270,7 +286,9 @@ class _Training:
             name = f"{number}:{lane.name}"
             ranked = rank_alarms(setup)
             lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
+            self._profiles.append(setup.level_profile())
             raised += len(setup.alarms())
+        self._of_alarms = lanes
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         first_features = lanes[0][2]
         patterns = list(features) or list(table.features)
@@ -314,6 +332,54 @@ class _Training:
         notes_of_stages = self.model.notes | {forecast.NAME: notes}
         self.model = replace(self.model, stages=stages, notes=notes_of_stages)
 
+    def learn_ground(self, label_radius: float) -> None:
+        """Learn what tells whether other ground is unlike that of the lanes (``method/unlike.py``).
+
+        The clutter of a lane is compared with what was learnt without it.
+        """
+        known: dict[str, Any] = {"lanes": len(self.lanes)}
+        if len(self.lanes) >= LEAST_LANES:
+            name = next(iter(self._examples), "")
+            if name or not self._profiles:
+                known |= self._measured_clutter(name)
+            known["level"], known["profile"] = learn_levels(self._profiles)
+            known["free"] = self._free_ground(label_radius)
+        self.model = replace(self.model, ground=TrainingGround(**known))
+
+    def _measured_clutter(self, name: str) -> dict[str, Any]:
+        """Return what is known of the clutter of all lanes, by the map of a name; "" for none."""
+        whole = self.model
+        stage = self.recipe.named()[name] if name else None
+        measured: list[Any] = []
+        whiteners = []
+        apart = []
+        profiles = []
+
+        def without(number: int) -> Model:
+            """Return the model without the clutter of a lane."""
+            if stage is None:
+                return whole
+            learnt = stage.stage_class.without_lane(
+                stage.settings, whole.stages[name], self._examples[name], number
+            )
+            return replace(whole, stages=whole.stages | {name: learnt})
+
+        for setup, _ in self._imaged_lanes(truth=False, model_of=without, only_measures=True):
+            profiles.append(setup.level_profile())
+            if stage is not None:
+                measured.append({key: np.array(array) for key, array in setup.results[PASS].items()})
+                whiteners.append(setup.learnt_clutter)
+                apart.append(_metres_apart(setup))
+        self._profiles = profiles
+        if stage is None:
+            return {}
+        sizes, tail = learn_clutter(measured, whiteners)
+        return {"sizes": sizes, "tail": tail, "apart": float(np.mean(apart))}
+
+    def _free_ground(self, label_radius: float) -> list[FreeGround]:
+        """Return the confidences of alarms of no target, by lane, each by the others' detector."""
+        return []
+
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:
         """Report what learning itself costs, without the passes.
@@ -335,15 +401,25 @@ class _Training:
                     spent[name] = rows
         return spent
 
-    def _imaged_lanes(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
-        """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
+    def _imaged_lanes(
+        self,
+        truth: bool,
+        model_of: Callable[[int], Model] | None = None,
+        only_measures: bool = False,
+    ) -> Iterator[tuple[ImagedRun, TrainingLane]]:
+        """Do the passes of the lanes as far as the model allows, and yield lane after lane.
+
+        ``model_of`` returns the model that a lane is taken with, by its number from 0.
+        """
         self._step += 1
         learnt = None
-        if self.model.stages:
+        if self.model.stages and model_of is None:
             learnt = save_model(self.model, _work_folder(self.output, "training"))
         options = self._options
         cache = self._pass_cache
         for number, lane in enumerate(self.lanes, 1):
+            if model_of is not None:
+                learnt = save_model(model_of(number - 1), _work_folder(self.output, "training"))
             output = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
             refuse_links(output)
             job = replace(
@@ -353,10 +429,20 @@ class _Training:
                 model_sha256="" if learnt is None else model_digest(learnt),
                 truth=lane.job.truth if truth else ("", ""),
                 pass_cache="" if cache is None else absolute(cache),
+                only_measures=only_measures,
             )
             label = f"{lane.name}: "
             with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
                 yield setup, lane
+
+
+def _metres_apart(lane: ImagedRun) -> float:
+    """Return how far apart the scans of a lane are that its clutter was measured on, m."""
+    chosen = chosen_scans(len(lane))
+    if len(chosen) < 2:
+        return 0.0
+    first, last = lane.setup.pose(int(chosen[0])), lane.setup.pose(int(chosen[-1]))
+    return float(np.hypot(*(last - first)[:2])) / (len(chosen) - 1)
 
 
 def _matching(patterns: list[str], columns: list[str]) -> list[str]:

@@ -35,6 +35,7 @@ from flgpr.method.passes.run_view import PlainRunView, RunView
 from flgpr.method.passes.signature import SelfSignaturePass
 from flgpr.method.passes.training import until_examples
 from flgpr.method.passes.traversal import plan
+from flgpr.method.passes.unlike import LaneClutter
 from flgpr.method.sections import Section
 from flgpr.model import Lane
 from flgpr.progress import Track, silent
@@ -55,6 +56,12 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     # 4), in units of which images are cleaned.
     passes.append(plan(lane, SelfSignaturePass))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
+
+    # What tells whether the ground is unlike that of the training lanes (method/unlike.py).
+    if lane.measures_clutter:
+        passes.append(plan(lane, LaneClutter))
+    if lane.only_measures:
+        return passes
 
     # What a map needs to know of the whole lane, such as its clutter.
     mapper = lane.mapper
@@ -108,6 +115,7 @@ def detect(
     model: Model | Detector | None = None,
     section: Section | None = None,
     others: Mapping[str, xr.Dataset] | None = None,
+    unlike: str = "fallback",
 ) -> Detection:
     """Run a recipe on a run, in memory. Truth is not among its inputs.
 
@@ -129,6 +137,8 @@ def detect(
     others : mapping of str to xarray.Dataset, optional
         Runs taken together with this one, such as a second band, by the names that the recipe gives
         them.
+    unlike : {"fallback", "keep", "refuse"}
+        What is done on ground that is unlike that of the model's training lanes.
 
     Returns
     -------
@@ -138,9 +148,10 @@ def detect(
     Raises
     ------
     ValueError
-        If the recipe does not fit the run, or needs a model that is not given.
+        If the recipe does not fit the run, or needs a model that is not given. With "refuse" if the
+        ground is unlike the training.
     """
     area = area_of(run, recipe, lane)
-    setup = ImagedRun(run, recipe, area, model, section=section, others=others)
+    setup = ImagedRun(run, recipe, area, model, section=section, others=others, unlike=unlike)
     engine_of(setup).run(track)
     return detection_of(setup)
