@@ -128,7 +128,9 @@ def print_tables(out: Path) -> None:
     if (out / "solved.csv").is_file():
         bounds = limits(out, CHANCE)
         solved = pd.read_csv(out / "solved.csv")
-        rows = [[row["lane"], *(f"{row[name]:.3g}" for name in FIGURES)] for _, row in solved.iterrows()]
+        rows = [
+            [row["lane"], *(f"{row[name]:.3g}" for name in FIGURES)] for _, row in solved.iterrows()
+        ]
         rows.append(["limit", *(f"{bounds[name]:.3g}" for name in FIGURES)])
         print(markdown(["lane", *FIGURES], rows))
 

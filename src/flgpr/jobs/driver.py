@@ -350,6 +350,7 @@ def _section_of(lane: ImagedRun, job: LaneJob, work: Checkpoint) -> ImagedRun:
         section=job.section,
         others=lane.setup.others,
         unlike=job.unlike,
+        far=job.far,
     )
 
 

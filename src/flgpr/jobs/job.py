@@ -66,6 +66,7 @@ class LaneJob:
     pass_cache: str = ""
     #: what is done on ground that is unlike the training: "fallback", "keep" or "refuse"
     unlike: str = "fallback"
+    far: float | None = None  #: false alarms per m² that a threshold is wanted for
     #: whether the passes end with what is compared with the training lanes
     only_measures: bool = False
 
@@ -114,6 +115,7 @@ class LaneJob:
             "truth": self.truth[1],
             "explains": self.explains,
             "unlike": self.unlike,
+            "far": self.far,
         }
 
     @property
@@ -126,6 +128,8 @@ class LaneJob:
         lasting = {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
         if self.unlike != "fallback":
             lasting["unlike"] = self.unlike
+        if self.far is not None:
+            lasting["far"] = self.far
         return lasting
 
 
@@ -174,6 +178,7 @@ def make_job(
     truth: PathLike | None = None,
     options: RunOptions = DEFAULTS,
     unlike: str = "fallback",
+    far: float | None = None,
 ) -> LaneJob:
     """Check that a recipe fits a stored run, and describe the detection as plain values.
 
@@ -200,6 +205,8 @@ def make_job(
         Memory of a process, and the folder of passes that jobs of other recipes share.
     unlike : {"fallback", "keep", "refuse"}
         What is done on ground that is unlike that of the model's training lanes.
+    far : float, optional
+        False alarms per m² that a threshold is wanted for.
 
     Returns
     -------
@@ -213,6 +220,8 @@ def make_job(
     """
     if unlike not in UNLIKE_CHOICES:
         raise ValueError(f"unlike must be one of {', '.join(UNLIKE_CHOICES)}, got {unlike!r}")
+    if far is not None and not 0 < far <= 10:
+        raise ValueError(f"far must be above 0 and at most 10 per m², got {far!r}")
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
     area = area_of(open_run(run, options.max_memory), parsed, borders)
@@ -240,6 +249,7 @@ def make_job(
         lane_source=lane_source,
         pass_cache="" if options.pass_cache is None else absolute(options.pass_cache),
         unlike=unlike,
+        far=far,
     )
 
 

@@ -29,6 +29,7 @@ from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
 from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.method.detection import rank_alarms
 from flgpr.method.estimators import train_estimator
+from flgpr.method.false_alarms import free_ground
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import (
     MODEL_FILE,
@@ -69,6 +70,8 @@ from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 
 PathLike = str | Path
+FOLDS = 10
+"""Most detectors that are trained on some of the lanes, for thresholds on the others."""
 
 
 def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
@@ -141,7 +144,7 @@ def train_on_lanes(
         if learns_detector(recipe, features):
             training.train_detector(features, label_radius)
             training.learn_forecast()
-        training.learn_ground(label_radius)
+        training.learn_ground()
         save_model(training.model, partial, notes)
     _clear_work_folders(output, options)
     return training.model
@@ -224,7 +227,7 @@ class _Training:
         self._views: list[TrainingView] = []
         self._examples: dict[str, list[Any]] = {}  # of maps that measure clutter, by stage
         self._profiles: list[FloatArray] = []  # level of the images, by lane
-        self._of_alarms: list[LaneOfAlarms] = []
+        self._free: list[FreeGround] = []  # alarms at no target, by lane
         self._step = 0
 
     @property
@@ -288,7 +291,6 @@ class _Training:
             lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
             self._profiles.append(setup.level_profile())
             raised += len(setup.alarms())
-        self._of_alarms = lanes
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         first_features = lanes[0][2]
         patterns = list(features) or list(table.features)
@@ -297,17 +299,27 @@ class _Training:
         with self._counted("detector"):
             spent = self._spent()
             spent_by_lane = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]
-            examples = make_training_set(lanes, label_radius, columns, spent_by_lane)
-            detector: Detector
-            try:
+
+            def fit(chosen: Sequence[int]) -> Detector:
+                """Train the detector on some lanes, by their numbers."""
+                examples = make_training_set(
+                    [lanes[number] for number in chosen],
+                    label_radius,
+                    columns,
+                    [spent_by_lane[number] for number in chosen] if spent_by_lane else [],
+                )
                 if table.estimator == "fisher":
-                    detector = train(examples, columns)
-                else:
-                    detector = train_estimator(examples, table, columns)
+                    return train(examples, columns)
+                return train_estimator(examples, table, columns)
+
+            try:
+                detector = fit(range(len(lanes)))
             except TooFewExamplesError as error:
                 steps = count_alarm_steps(lanes, raised, spent, columns, label_radius)
                 raise steps.error(error, self.recipe, table.on) from None
-        self.model = replace(self.model, detector=detector)
+            self.model = replace(self.model, detector=detector)
+            if len(lanes) >= LEAST_LANES:
+                self._free = _free_ground(lanes, label_radius, fit)
 
     def learn_forecast(self) -> None:
         """Learn what becomes of the alarms that live detection raises on the lanes.
@@ -332,7 +344,7 @@ class _Training:
         notes_of_stages = self.model.notes | {forecast.NAME: notes}
         self.model = replace(self.model, stages=stages, notes=notes_of_stages)
 
-    def learn_ground(self, label_radius: float) -> None:
+    def learn_ground(self) -> None:
         """Learn what tells whether other ground is unlike that of the lanes (``method/unlike.py``).
 
         The clutter of a lane is compared with what was learnt without it.
@@ -343,7 +355,7 @@ class _Training:
             if name or not self._profiles:
                 known |= self._measured_clutter(name)
             known["level"], known["profile"] = learn_levels(self._profiles)
-            known["free"] = self._free_ground(label_radius)
+            known["free"] = self._free
         self.model = replace(self.model, ground=TrainingGround(**known))
 
     def _measured_clutter(self, name: str) -> dict[str, Any]:
@@ -367,7 +379,9 @@ class _Training:
         for setup, _ in self._imaged_lanes(truth=False, model_of=without, only_measures=True):
             profiles.append(setup.level_profile())
             if stage is not None:
-                measured.append({key: np.array(array) for key, array in setup.results[PASS].items()})
+                measured.append(
+                    {key: np.array(array) for key, array in setup.results[PASS].items()}
+                )
                 whiteners.append(setup.learnt_clutter)
                 apart.append(_metres_apart(setup))
         self._profiles = profiles
@@ -375,10 +389,6 @@ class _Training:
             return {}
         sizes, tail = learn_clutter(measured, whiteners)
         return {"sizes": sizes, "tail": tail, "apart": float(np.mean(apart))}
-
-    def _free_ground(self, label_radius: float) -> list[FreeGround]:
-        """Return the confidences of alarms of no target, by lane, each by the others' detector."""
-        return []
 
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:
@@ -434,6 +444,40 @@ class _Training:
             label = f"{lane.name}: "
             with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
                 yield setup, lane
+
+
+def _free_ground(
+    lanes: Sequence[LaneOfAlarms], label_radius: float, fit: Callable[[Sequence[int]], Detector]
+) -> list[FreeGround]:
+    """Return the confidences of the alarms at no target of every lane.
+
+    They are by detectors that were trained without their lane, one for each of ``FOLDS`` groups of
+    lanes. Lanes are left out of which the others do not suffice to train one.
+    """
+    free = []
+    folds = min(FOLDS, len(lanes))
+    for fold in range(folds):
+        inside = range(fold, len(lanes), folds)
+        try:
+            detector = fit([number for number in range(len(lanes)) if number not in inside])
+        except ValueError:
+            continue
+        for number in inside:
+            _, alarms, features, truth, lane = lanes[number]
+            table = features.assign(magnitude=alarms["magnitude"])
+            off = _to_nearest(alarms, truth)
+            counts = lane.contains(alarms["x"], alarms["y"]) & (off > label_radius)
+            confidence = np.asarray(detector.confidence(table), dtype=float)[counts]
+            free.append(free_ground(confidence, lane.area))
+    return free
+
+
+def _to_nearest(alarms: pd.DataFrame, truth: pd.DataFrame) -> FloatArray:
+    """Return the distance of every alarm to the target next to it, m."""
+    places = alarms[["x", "y"]].to_numpy(dtype=float)
+    targets = truth[["x", "y"]].to_numpy(dtype=float)
+    distances = np.linalg.norm(places[:, None] - targets, axis=-1)
+    return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
 def _metres_apart(lane: ImagedRun) -> float:

@@ -23,10 +23,6 @@ MAIN = "main"
 """Name of a result's own detection; others may stand beside it, by the name of their recipe."""
 AS_LEARNT = "confidence_as_learnt"
 """Column of the confidence that another ranking stands in for, on ground unlike the training."""
-_IN_PLACE = {
-    "own": "ranked by the likelihood in the lane's own clutter instead",
-    "contrast": "ranked by contrast instead",
-}
 
 
 @dataclass(frozen=True)
@@ -86,42 +82,16 @@ def rank_alarms(lane: ImagedRun) -> RankedAlarms:
     table = pd.concat([array_table(features), alarms[view_columns]], axis=1)
 
     alarms["confidence"] = lane.steps.confidence(table, alarms["magnitude"])
-    if lane.substitute:
-        table[AS_LEARNT] = alarms["confidence"]
-        if lane.replaces_map:
-            as_learnt = pd.Series(lane.as_learnt_at(alarms), alarms.index)
-            table[AS_LEARNT] = lane.steps.confidence(table, as_learnt)
-            alarms["confidence"] = alarms["magnitude"].astype(float)
-        else:
-            alarms["confidence"] = table[lane.steps.single]
+    if lane.replaces_map:
+        as_learnt = pd.Series(lane.as_learnt_at(alarms), alarms.index)
+        table[AS_LEARNT] = lane.steps.confidence(table, as_learnt)
+        alarms["confidence"] = alarms["magnitude"].astype(float)
     alarms["scans"] = table["scans"]
     ranked = rank(alarms, table)
     if lane.recipe.features is None:
         with_magnitude = ranked.features.assign(magnitude=ranked.alarms["magnitude"])
         ranked = RankedAlarms(ranked.alarms, with_magnitude, ranked.rows)
     return ranked
-
-
-def describe_unlike(lane: ImagedRun, alarms: int) -> dict[str, Any] | None:
-    """Return what a manifest says of ground that is unlike the training; None without a model.
-
-    Parameters
-    ----------
-    lane : ImagedRun
-        The lane, with the results of its passes.
-    alarms : int
-        Number of its alarms.
-    """
-    comparison = lane.comparison
-    if comparison is None:
-        return None
-    substitute = lane.substitute
-    done = _IN_PLACE.get(substitute, "they are kept, as asked for")
-    more = []
-    if substitute:
-        more.append(f"of {alarms} alarms the confidence was replaced; it stays in {AS_LEARNT}")
-    described = comparison.as_json(done, more)
-    return described | {"choice": lane.unlike, "substitute": substitute}
 
 
 def rank(alarms: pd.DataFrame, features: pd.DataFrame) -> RankedAlarms:
@@ -161,7 +131,7 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     for stage in lane.columns:
         for name in stage.alarm_columns:
             alarms = alarms.assign(**{name: ranked.features[name]})
-    if lane.substitute:
+    if lane.replaces_map:
         alarms = alarms.assign(**{AS_LEARNT: ranked.features[AS_LEARNT]})
     frames = alarms_by_frame(lane) if "frames" in lane.results else None
     entries: dict[str, Any] = {
@@ -194,7 +164,7 @@ def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) ->
     confidence = ranked.alarms["confidence"]
     if lane.replaces_map:
         return pd.DataFrame({"map": confidence.to_numpy()})
-    if detector is None or lane.substitute:
+    if detector is None:
         return pd.DataFrame({lane.steps.single: confidence.to_numpy()})
     linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
     if linear and evidence.adds:
@@ -207,8 +177,8 @@ def _notes(lane: ImagedRun) -> dict[str, Any]:
     """Return figures worth reporting, and what the confidence is made of."""
     notes: dict[str, Any] = {}
     detector = lane.model.detector
-    if lane.substitute:
-        notes["confidence"] = "map" if lane.replaces_map else lane.steps.single
+    if lane.replaces_map:
+        notes["confidence"] = "map"
     elif detector is not None:
         notes["confidence"] = " + ".join(detector.features)
     elif lane.recipe.features is not None:

@@ -80,6 +80,8 @@ class ImagedRun:
         counts and as the rows there depend on.
     unlike : {"fallback", "keep", "refuse"}
         What is done on ground that is unlike that of the model's training lanes.
+    far : float, optional
+        False alarms per m² that a threshold is wanted for.
     only_measures : bool
         Whether the passes end with what is compared with the training lanes.
 
@@ -118,11 +120,13 @@ class ImagedRun:
         explains: bool = True,
         whole_background: bool = False,
         unlike: str = "fallback",
+        far: float | None = None,
         only_measures: bool = False,
     ) -> None:
         if unlike not in UNLIKE_CHOICES:
             raise ValueError(f"unlike must be one of {', '.join(UNLIKE_CHOICES)}, got {unlike!r}")
         self.unlike = unlike
+        self.far = far
         self.only_measures = only_measures
         self.run = run
         self.recipe = recipe
@@ -152,7 +156,7 @@ class ImagedRun:
         self.background_rows = self._background_rows(whole_background)
         self.mapper = self._first_stage(MapStage)
         if self.mapper is not None:
-            self.mapper.substitute = lambda: self.substitute
+            self.mapper.substitute = lambda: "own" if self.replaces_map else ""
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
         self.steps = self._steps()
@@ -410,14 +414,12 @@ class ImagedRun:
             return ""
         if self.unlike == "refuse":
             raise ValueError("; ".join(comparison.notes("it is refused, as asked for")))
-        if self.mapper is None or not self.mapper.measures_clutter:
-            return "contrast"
         return comparison.substitute
 
     @property
     def replaces_map(self) -> bool:
-        """Whether something stands in for what the map has learnt."""
-        return bool(self.substitute) and self.mapper is not None and self.mapper.measures_clutter
+        """Whether the lane's own clutter stands in for what the map has learnt."""
+        return self.substitute == "own"
 
     # The lane's run-view and its rows
 

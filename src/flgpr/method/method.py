@@ -25,6 +25,13 @@ import xarray as xr
 from flgpr.engine import Engine, PlannedPass, blocks_of
 from flgpr.method.detection import Detection, assemble, rank_alarms
 from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.instead import (
+    contrast_lane,
+    contrast_recipe,
+    mark_threshold,
+    put_instead,
+    rank_by_column,
+)
 from flgpr.method.model import Detector, Model
 from flgpr.method.passes.alarms import Maxima
 from flgpr.method.passes.explain import Explain
@@ -107,6 +114,23 @@ def detection_of(lane: ImagedRun) -> Detection:
     return assemble(lane, ranked)
 
 
+def detections_of(lane: ImagedRun) -> list[Detection]:
+    """Return the detection of a lane whose passes are done, and those beside it.
+
+    On ground that is unlike the training another detection may stand in for what was learnt.
+    """
+    detections = [detection_of(lane)]
+    if lane.substitute == "contrast":
+        text = contrast_recipe(lane)
+        if text:
+            contrast = contrast_lane(lane, text)
+            engine_of(contrast).run()
+            detections = put_instead(lane, detections[0], detection_of(contrast), text)
+        else:
+            detections = rank_by_column(lane, detections[0])
+    return [mark_threshold(lane, detections[0]), *detections[1:]]
+
+
 def detect(
     run: xr.Dataset,
     recipe: Recipe,
@@ -116,6 +140,7 @@ def detect(
     section: Section | None = None,
     others: Mapping[str, xr.Dataset] | None = None,
     unlike: str = "fallback",
+    far: float | None = None,
 ) -> Detection:
     """Run a recipe on a run, in memory. Truth is not among its inputs.
 
@@ -139,6 +164,9 @@ def detect(
         them.
     unlike : {"fallback", "keep", "refuse"}
         What is done on ground that is unlike that of the model's training lanes.
+    far : float, optional
+        False alarms per m² that a threshold is wanted for: the alarms have a column
+        ``above_threshold``.
 
     Returns
     -------
@@ -152,6 +180,8 @@ def detect(
         ground is unlike the training.
     """
     area = area_of(run, recipe, lane)
-    setup = ImagedRun(run, recipe, area, model, section=section, others=others, unlike=unlike)
+    setup = ImagedRun(
+        run, recipe, area, model, section=section, others=others, unlike=unlike, far=far
+    )
     engine_of(setup).run(track)
-    return detection_of(setup)
+    return detections_of(setup)[0]

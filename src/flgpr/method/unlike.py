@@ -36,15 +36,18 @@ MOST_SCANS = SIZES[-1]
 """Scans of a lane that are looked at, at even distances."""
 LEAST_LANES = 3
 """Training lanes from which there are limits."""
-CHANCE = 0.002
+CHANCE = 0.0005
 """Probability with which a lane like those of training passes the limit of one of the figures."""
-OWN_UP_TO = 0.5
-"""Divergence, nats per value, up to which the lane's own covariance mends what was learnt."""
+OWN_UP_TO = 0.1
+"""Divergence over its limit, nats per value, up to which the lane's own covariance is used."""
 UNLIKE_CHOICES = ("fallback", "keep", "refuse")
 """What can be done on ground that is unlike the training."""
 SENTENCE = "this ground is unlike the training: the confidences do not hold"
 _BEYOND = 1e-3  # share of the training's chips that lies beyond what the share is counted from
-_LEAST_SPREAD = 0.05  # of logarithms: figures of few lanes may agree by chance
+# Least standard deviation of logarithms, as figures of few lanes may agree by chance, and what is added
+# before. Chips overlap, so that those beyond come in clusters: their share is coarse where there are few.
+_LEAST_SPREAD = {"level": 0.05, "divergence": 0.05, "eigenvalue": 0.05, "beyond": 0.4}
+_ADDED = {"level": 1e-9, "divergence": 1e-9, "eigenvalue": 1e-9, "beyond": 0.01}
 _FIGURES = {
     "level": ("the level of the images over range and channels departs by", "dB"),
     "divergence": ("the covariance of the clutter lies", "nats per value"),
@@ -130,12 +133,14 @@ class Comparison:
         """What stands in for what was learnt of clutter: "own", "contrast", or "" for nothing.
 
         The lane's own covariance mends a covariance that is a little off. Farther off, the images
-        hold something that was never simulated, and so do the directions of the signatures.
+        hold something that the training never saw, and the contrast is all that is left.
         """
         if not self.unlike:
             return ""
-        by_name = {figure.name: figure.value for figure in self.figures}
-        return "own" if by_name.get("divergence", math.inf) <= OWN_UP_TO else "contrast"
+        for figure in self.figures:
+            if figure.name == "divergence" and figure.value <= figure.limit + OWN_UP_TO:
+                return "own"
+        return "contrast"
 
     def differences(self) -> list[str]:
         """Return in words what passes its limit, and by how much."""
@@ -343,11 +348,10 @@ def figures_of_clutter(
 
 def limit_of(name: str, figures: Iterable[float], chance: float = CHANCE) -> float:
     """Return what one more lane like these passes with a small probability."""
-    floor = _BEYOND if name == "beyond" else 1e-9
-    logs = np.log(np.array(list(figures)) + floor)
-    spread = max(float(logs.std(ddof=1)), _LEAST_SPREAD)
+    logs = np.log(np.array(list(figures)) + _ADDED[name])
+    spread = max(float(logs.std(ddof=1)), _LEAST_SPREAD[name])
     times = float(stdtrit(len(logs) - 1, 1 - chance)) * math.sqrt(1 + 1 / len(logs))
-    return math.exp(min(float(logs.mean()) + times * spread, 60.0)) - floor
+    return math.exp(min(float(logs.mean()) + times * spread, 60.0)) - _ADDED[name]
 
 
 def compare_clutter(
@@ -383,7 +387,9 @@ def compare_clutter(
     figures = []
     for name, (value, metre) in figures_of_clutter(sums, whitener, ground.tail).items():
         limit = limit_of(name, getattr(fitting[-1], name))
-        where = "" if metre is None else f"{nearest + metre:.1f} to {nearest + metre + 1:.1f} m ahead"
+        where = (
+            "" if metre is None else f"{nearest + metre:.1f} to {nearest + metre + 1:.1f} m ahead"
+        )
         figures.append(Figure(name, value, limit, where))
     return figures
 

@@ -253,8 +253,8 @@ class MapStage(Stage):
     #: whether it learns clutter, and measures that of a lane for comparison: it then has
     #: ``clutter_of``, ``map_as_learnt`` and ``without_lane``
     measures_clutter: ClassVar[bool] = False
-    #: returns what stands in for what was learnt, where a lane's clutter is unlike it: "own",
-    #: "contrast", or "" for nothing
+    #: returns what stands in for what was learnt, where a lane's clutter is unlike it: "own" for
+    #: the lane's own, or "" for nothing
     substitute: Callable[[], str] = staticmethod(lambda: "")
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:

@@ -243,8 +243,7 @@ class LikelihoodMap(MapStage):
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Return the log-likelihood ratio (y, x) with the contrast and ``offset`` added.
 
-        Where something stands in for what was learnt, the covariance holds the lane's own clutter
-        ("own"), or the contrast is all ("contrast").
+        Where it stands in for what was learnt, the lane's own clutter is in the covariance.
         """
         return self._map(image, self.substitute())
 
@@ -255,14 +254,10 @@ class LikelihoodMap(MapStage):
     def _map(self, image: xr.DataArray, substitute: str) -> NDArray[np.float32]:
         """Return the map with what stands in for what was learnt."""
         table = self.settings
-        if substitute == "contrast":
-            total = np.full(self.setup.images.shape, table.offset)
-        else:
-            total = self._likelihood(image, substitute) + table.offset
-        level = self._level(substitute)
-        if level:
+        total = self._likelihood(image, substitute) + table.offset
+        if table.level:
             contrast = contrasts(self._contrast_channels(image), table)
-            total += level * contrast.mean(axis=(0, 1))
+            total += table.level * contrast.mean(axis=(0, 1))
         smooth = gaussian_filter(total, self._blur, mode="nearest")
         return np.asarray(np.maximum(smooth, _LEAST), dtype=np.float32)
 
@@ -276,11 +271,6 @@ class LikelihoodMap(MapStage):
             white = chips[metre == number] @ ground.whitener.T
             value[metre == number] = self._ratio(white, ground, _MINES)
         return self._interpolated(value)
-
-    def _level(self, substitute: str) -> float:
-        """Return how many times the contrast is added: once where a map without it is the contrast."""
-        level: float = self.settings.level
-        return level or float(substitute == "contrast")
 
     def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
         """Return what explains the map, as maps (y, x) by name.
@@ -309,10 +299,7 @@ class LikelihoodMap(MapStage):
             maps[name] = self._interpolated(np.concatenate(values))
 
         adding = {"likelihood": maps.pop("likelihood")}
-        if substitute == "contrast":
-            adding["likelihood"] = np.zeros_like(adding["likelihood"])
-        level = self._level(substitute)
-        contrast = level * contrasts(self._contrast_channels(image), table).mean(axis=1)
+        contrast = table.level * contrasts(self._contrast_channels(image), table).mean(axis=1)
         for label, of_polarization in zip(table.polarizations, contrast, strict=True):
             adding[f"contrast {label}"] = of_polarization / len(table.polarizations)
         return self._smooth(adding), self._smooth(maps)

@@ -27,8 +27,9 @@ class RunView(Pass):
     """The recipe's look at every place of the lane, of cleaned images or their map.
 
     The result holds ``view`` (polarization, subband, y, x) in units of the background, and
-    ``looks`` (y, x), the number of scans that saw a place. Where something stands in for what the
-    map has learnt, it also holds ``as_learnt`` (1, 1, y, x): the run-view of the learnt map.
+    ``looks`` (y, x), the number of scans that saw a place. Where the lane's own clutter
+    stands in for what the map has learnt, it also holds ``as_learnt`` (1, 1, y, x): the run-view of
+    the learnt map.
     """
 
     name = "view"
