@@ -41,7 +41,7 @@ from flgpr.method.model import (
 )
 from flgpr.method.unlike import (
     LEAST_LANES,
-    PASS,
+    MEASURED,
     FreeGround,
     TrainingGround,
     chosen_scans,
@@ -380,7 +380,7 @@ class _Training:
             profiles.append(setup.level_profile())
             if stage is not None:
                 measured.append(
-                    {key: np.array(array) for key, array in setup.results[PASS].items()}
+                    {key: np.array(array) for key, array in setup.results[MEASURED].items()}
                 )
                 whiteners.append(setup.learnt_clutter)
                 apart.append(_metres_apart(setup))
@@ -468,8 +468,19 @@ def _free_ground(
             off = _to_nearest(alarms, truth)
             counts = lane.contains(alarms["x"], alarms["y"]) & (off > label_radius)
             confidence = np.asarray(detector.confidence(table), dtype=float)[counts]
-            free.append(free_ground(confidence, lane.area))
+            area = _area_without(truth, lane, label_radius)
+            if area > 0:
+                free.append(free_ground(confidence, area))
     return free
+
+
+def _area_without(truth: pd.DataFrame, lane: Lane, radius: float) -> float:
+    """Return the area of a lane farther than a radius from all targets, m², on a lattice of 0.1 m."""
+    x = np.arange(lane.x_min + 0.05, lane.x_max, 0.1)
+    y = np.arange(lane.y_min + 0.05, lane.y_max, 0.1)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    off = _to_nearest(pd.DataFrame(points, columns=["x", "y"]), truth)
+    return float(lane.area * (off > radius).mean())
 
 
 def _to_nearest(alarms: pd.DataFrame, truth: pd.DataFrame) -> FloatArray:

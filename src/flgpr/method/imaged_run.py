@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.engine import PlannedPass, group_of
@@ -24,7 +25,7 @@ from flgpr.method.model import Detector, Model, as_model, unlearnt
 from flgpr.method.sections import Section, kept_rows, lane_threshold
 from flgpr.method.steps import Steps, check_confidence
 from flgpr.method.unlike import (
-    PASS,
+    MEASURED,
     UNLIKE_CHOICES,
     Comparison,
     compare_clutter,
@@ -390,7 +391,7 @@ class ImagedRun:
         near = self.near.y_min
         figures = compare_level(ground, self.level_profile(), channels, near)
         if self.measures_clutter:
-            measured = self.results[PASS]
+            measured = self.results[MEASURED]
             sums = {name: measured[name].sum(axis=0) for name in ("covariance", "count", "shape")}
             scans = int(measured["scans"])
             figures += compare_clutter(ground, sums, scans, self.learnt_clutter, near)

@@ -28,7 +28,7 @@ from flgpr.model.bounds import Entries
 from flgpr.stages import FloatArray
 from flgpr.stages.textured_clutter import SHAPES
 
-PASS = "unlike"
+MEASURED = "unlike"
 """Name of the pass that measures a lane's clutter, and of its result."""
 SIZES = (1, 2, 4, 8, 12)
 """Numbers of scans at which training lanes are measured; a lane counts by the next lower one."""
@@ -78,13 +78,15 @@ class TrainingGround(Entries):
 
     lanes: Annotated[int, Field(ge=0)]
     #: of each lane, by how much its level departs from the mean of the others, dB
-    level: _Figures = []
+    level: _Figures = Field(default_factory=list)
     #: mean level of the images (channel, metre), dB over the mean of all
-    profile: list[list[Annotated[float, Field(ge=-300, le=300)]]] = []
-    sizes: list[OfSize] = []
-    tail: list[Annotated[float, Field(gt=0)]] = []  #: by metre, what 99.9 % of the chips lie below
+    profile: list[list[Annotated[float, Field(ge=-300, le=300)]]] = Field(default_factory=list)
+    sizes: list[OfSize] = Field(default_factory=list)
+    tail: list[Annotated[float, Field(gt=0)]] = Field(
+        default_factory=list
+    )  #: by metre, what 99.9 % of the chips lie below
     apart: Annotated[float, Field(ge=0)] = 0.0  #: distance of the scans that were looked at, m
-    free: list[FreeGround] = []  #: by lane
+    free: list[FreeGround] = Field(default_factory=list)  #: by lane
 
     @property
     def judges(self) -> bool:
@@ -307,7 +309,7 @@ def learn_clutter(
     Parameters
     ----------
     lanes : sequence of dict of str to ndarray
-        Results of the pass ``PASS``, each by what was learnt without its lane.
+        Results of the pass ``MEASURED``, each by what was learnt without its lane.
     whiteners : sequence of (metre, value, value) ndarray
         What whitens by what was learnt without each lane.
     """

@@ -12,7 +12,7 @@ from flgpr.engine import Arrays
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
-from flgpr.method.unlike import PASS, SIZES, chosen_scans, size_number
+from flgpr.method.unlike import MEASURED, SIZES, chosen_scans, size_number
 
 
 class LaneClutter(Pass):
@@ -22,7 +22,7 @@ class LaneClutter(Pass):
     number are those of the first ``SIZES`` scans that are looked at. ``scans`` is their number.
     """
 
-    name = PASS
+    name = MEASURED
     title = "clutter compared with the training"
     needs = ("gain",)
     all_scans = True
