@@ -1,8 +1,8 @@
-"""Nominal and realised false-alarm rates, with one site left out: the lanes of evidence/unlike_ground.toml, [rates].
+"""Nominal and realised false-alarm rates with one soil left out: the lanes of evidence/unlike_ground.toml, [rates].
 
-``python evidence/false_alarm_rate.py lanes OUT`` simulates the lanes, ``... run OUT`` trains a model without each site
-and detects on the lanes of that site, ``... tables OUT [--figure FILE]`` prints on how many lanes the realised rate is
-at most the nominal one, and draws both. Every step leaves out what is there.
+``python evidence/false_alarm_rate.py run OUT WORLD`` (plain, echo or solved) trains a model without each soil and
+detects on the lanes of that soil as `flgpr detect` does; what is there is left out. ``... tables OUT [--figure FILE]``
+prints on how many lanes the realised rate is at most the nominal one, and draws both.
 """
 
 from __future__ import annotations
@@ -16,220 +16,232 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).parent))
 from common import markdown, with_share
 from flgpr.commands.train import train
+from flgpr.method.detection import AS_LEARNT
 from flgpr.method.false_alarms import own_threshold, training_threshold
 from flgpr.method.method import detect
-from flgpr.method.model import load_model
-from flgpr.model import Lane, load_sensor
-from flgpr.proving_ground import load_ground
-from flgpr.recipe.make import fit_recipe
+from flgpr.method.model import Model, load_model
+from flgpr.model import Lane
+from flgpr.proving_ground import load_ground, packaged_entries
 from flgpr.recipe.schema import parse_recipe
 from flgpr.scoring import match
-from flgpr.simulate import Scene, Simulator, draw_world
-from flgpr.store import open_run, read_table, write_run, write_table
+from flgpr.simulate import Simulator, draw_world
+from flgpr.store import open_run, read_table, write_table
+from flgpr_ground.ground import Ground, GroundLane
 
 DECLARED = tomllib.loads(Path(__file__).with_name("unlike_ground.toml").read_text("utf-8"))
 RATES = DECLARED["rates"]
-NOMINAL = np.geomspace(0.01, 0.4, 17)
-SOURCES = {"training": "other sites' lanes", "lane": "the lane itself", "either": "the higher of both"}
+WORLDS = {
+    "plain": "new lanes, as simulated",
+    "echo": "new lanes with the ground's echo",
+    "solved": "solved lanes",
+}
+RANKED = {"kept": "as learnt, kept", "delivered": "as `flgpr detect` gives it"}
+NOMINAL = np.geomspace(0.05, 2.0, 25)
 
 
 class OneLane(NamedTuple):
-    """A lane of the list."""
+    """A lane that is tried."""
 
-    part: str
-    site: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return f"{self.part}-{self.site}-{self.seed}"
+    name: str
+    run: xr.Dataset
+    lane: Lane
+    truth: pd.DataFrame
 
 
-def lanes(part: str) -> Iterator[OneLane]:
-    """Yield the lanes of a part."""
-    count = RATES[part]["per_site"]
-    for number, site in enumerate(RATES["sites"]):
-        for copy in range(count):
-            yield OneLane(part, site, RATES[part]["first"] + number * count + copy)
+def ground() -> Ground:
+    """Return the ground of the training lanes."""
+    return load_ground(source=RATES["ground"])
 
 
-def borders() -> Lane:
-    """Return the borders of every lane."""
-    half = RATES["half_width"]
-    return Lane(-half, half, 0.0, RATES["length"])
+def of_row(row: str) -> list[GroundLane]:
+    """Return the ground's lanes of a row."""
+    return [
+        lane for lane in ground().lanes.values() if lane.name.rpartition("-")[0] == f"arid-{row}"
+    ]
 
 
-def scene_of(lane: OneLane) -> Scene:
-    """Return the scene of a lane."""
-    sorts = load_ground(source="full-wave-2").table.sorts
-    draws = []
-    for sort, depth, count in RATES["targets"]:
-        draws.append({"kind": sorts[sort].kind, "body": sorts[sort].body, "depth": depth, "count": count})
-    half = RATES["half_width"]
-    return Scene.model_validate(
-        {
-            "name": lane.name,
-            "site": lane.site,
-            "x_min": -half,
-            "x_max": half,
-            "length": RATES["length"],
-            "track": {"step": RATES["step"]},
-            "draws": draws,
-        }
-    )
+def lanes_of(world: str, soil: str) -> Iterator[OneLane]:
+    """Yield the lanes of a world over a soil."""
+    if world == "solved":
+        for number in RATES["solved"][soil]:
+            (lane,) = of_row(f"solved-{number}")
+            run = open_run(lane.stored[0])
+            # The declaration says which lanes are of which soil; it must be that of the rows.
+            solved = run.attrs["fullwave"]["soil"][0]["permittivity"]
+            trained = of_row(RATES["soils"][soil][0])[0].scene.soil.permittivity
+            if not np.isclose(solved, trained):
+                raise ValueError(
+                    f"solved lane {number} must be of permittivity {trained}, got {solved}"
+                )
+            yield OneLane(lane.name, run, lane.lane, lane.truth())
+        return
+    rows = RATES["soils"][soil]
+    first = RATES[world]["first"] + list(RATES["soils"]).index(soil) * RATES[world]["per_soil"]
+    for number in range(RATES[world]["per_soil"]):
+        lane = of_row(rows[number % len(rows)])[0]
+        sensor = lane.sensor
+        if world == "echo":
+            from full_wave_causes.lanes import with_echo
+
+            sensor = with_echo(sensor)
+        seed = first + number
+        run = Simulator(lane.scene, sensor, seed).run()
+        truth = draw_world(lane.scene, seed).truth()
+        yield OneLane(f"{world}-{soil}-{seed}", run, lane.lane, truth)
 
 
-def make_lanes(out: Path) -> None:
-    """Simulate the lanes that are not there yet."""
+def model_without(out: Path, soil: str) -> Path:
+    """Train the fitted recipe on the ground's training lanes of the other soils."""
     out.mkdir(parents=True, exist_ok=True)
-    sensor = load_sensor(RATES["sensor"]).model_copy(
-        update={"polarization": tuple(RATES["polarization"])}
-    )
-    for part in ("train", "test"):
-        for lane in lanes(part):
-            store = out / f"{lane.name}.zarr"
-            if store.exists():
-                continue
-            scene = scene_of(lane)
-            write_table(draw_world(scene, lane.seed).truth(), out / f"{lane.name}.csv")
-            write_run(Simulator(scene, sensor, lane.seed).run(), store)
-
-
-def model_without(out: Path, site: str) -> Path:
-    """Train the fitted recipe on the training lanes of the other sites."""
-    known = [lane for lane in lanes("train") if lane.site != site]
-    recipe = out / "fused.toml"
-    if not recipe.exists():
-        first = open_run(out / f"{known[0].name}.zarr")
-        recipe.write_text(fit_recipe(first, like="fused"), encoding="utf-8")
-    model = out / f"model-without-{site}"
+    model = out / f"model-without-{soil}"
+    (out / "fused.toml").write_text(packaged_entries(ground())["fused"].text, encoding="utf-8")
+    runs, truths = [], []
+    for other, rows in RATES["soils"].items():
+        if other == soil:
+            continue
+        for lane in [lane for row in rows for lane in of_row(row)]:
+            runs.append(out / f"{lane.name}.zarr")
+            truths.append(out / f"{lane.name}.csv")
+            if not runs[-1].exists():
+                write_table(lane.truth(), truths[-1])
+                lane.make(runs[-1])
     if not model.exists():
-        train(
-            [out / f"{lane.name}.zarr" for lane in known],
-            [out / f"{lane.name}.csv" for lane in known],
-            recipe,
-            model,
-            lanes=[borders()] * len(known),
-            label_radius=RATES["halo"],
-        )
+        train(runs, truths, out / "fused.toml", model, label_radius=RATES["halo"])
     return model
 
 
-def run(out: Path) -> None:
-    """Detect on the test lanes of every site by the model that never saw it."""
-    for site in RATES["sites"]:
-        model = load_model(model_without(out, site))
+def run(out: Path, world: str) -> None:
+    """Detect on the lanes of every soil by the model that never saw it."""
+    for soil in RATES["soils"]:
+        model = load_model(model_without(out, soil))
         recipe = parse_recipe((out / "fused.toml").read_text("utf-8"))
-        for lane in lanes("test"):
-            path = out / f"{lane.name}-alarms.csv"
-            if lane.site != site or path.exists():
-                continue
-            found = detect(open_run(out / f"{lane.name}.zarr"), recipe, borders(), model=model, unlike="keep")
-            write_table(found.alarms, path)
+        for lane in lanes_of(world, soil):
+            for ranked, unlike in (("kept", "keep"), ("delivered", "fallback")):
+                path = out / f"{world}.{soil}.{lane.name}.{ranked}.csv"
+                if path.exists():
+                    continue
+                found = detect(lane.run, recipe, lane.lane, model=model, unlike=unlike)
+                write_table(lane.truth, out / f"{world}.{soil}.{lane.name}.truth.csv")
+                write_table(found.alarms, path)
+
+
+def threshold_of(model: Model, alarms: pd.DataFrame, lane: Lane, nominal: float) -> float:
+    """Return the threshold that `flgpr detect --far` states."""
+    if AS_LEARNT in alarms:
+        inside = lane.contains(alarms["x"], alarms["y"])
+        confidence = alarms["confidence"].to_numpy()[inside]
+        return own_threshold(confidence, lane.area, nominal).threshold
+    return training_threshold(model.ground.free, nominal).threshold
 
 
 def realised(out: Path) -> pd.DataFrame:
-    """Return for every lane, nominal rate and source of the threshold the realised rate and mines found."""
+    """Return for every lane, ranking and nominal rate the false alarms and the mines found."""
     rows: list[dict[str, Any]] = []
-    for site in RATES["sites"]:
-        ground = load_model(out / f"model-without-{site}").ground
-        for lane in lanes("test"):
-            path = out / f"{lane.name}-alarms.csv"
-            if lane.site != site or not path.exists():
-                continue
-            alarms = read_table(path, "alarms")
-            truth = read_table(out / f"{lane.name}.csv", "truth")
-            matched = match(
-                alarms.assign(lane=lane.name),
-                truth.assign(lane=lane.name),
-                {lane.name: borders()},
-                RATES["halo"],
-            )
-            _, best, _ = matched.best()
-            inside = borders().contains(alarms["x"], alarms["y"])
-            confidence = alarms["confidence"].to_numpy()
-            for nominal in (*RATES["nominal"], *NOMINAL):
-                levels = {
-                    "training": training_threshold(ground.free, nominal).threshold,
-                    "lane": own_threshold(confidence[inside], borders().area, nominal).threshold,
+    borders = of_row("dry")[0].lane
+    models = {soil: load_model(out / f"model-without-{soil}") for soil in RATES["soils"]}
+    for path in sorted(out.glob("*.*.*.*.csv")):
+        world, soil, name, ranked = path.name.removesuffix(".csv").split(".")
+        if ranked not in RANKED:
+            continue
+        alarms = read_table(path, "alarms")
+        truth = read_table(out / f"{world}.{soil}.{name}.truth.csv", "truth")
+        matched = match(
+            alarms.assign(lane=name), truth.assign(lane=name), {name: borders}, RATES["halo"]
+        )
+        _, best, _ = matched.best()
+        for nominal in (*RATES["nominal"], *NOMINAL):
+            level = threshold_of(models[soil], alarms, borders, nominal)
+            rows.append(
+                {
+                    "world": world,
+                    "lane": name,
+                    "ranked": ranked,
+                    "spoke": AS_LEARNT in alarms,
+                    "nominal": float(nominal),
+                    "false": int((matched.false & (matched.confidence > level)).sum()),
+                    "area": borders.area,
+                    "found": int((best > level).sum()),
+                    "mines": len(truth),
                 }
-                levels["either"] = max(levels.values())
-                for source, level in levels.items():
-                    false = int((matched.false & (matched.confidence > level)).sum())
-                    rows.append(
-                        {
-                            "site": site,
-                            "lane": lane.name,
-                            "nominal": float(nominal),
-                            "source": source,
-                            "false": false,
-                            "realised": false / borders().area,
-                            "found": int((best > level).sum()),
-                            "mines": len(truth),
-                        }
-                    )
-    return pd.DataFrame(rows)
+            )
+    table = pd.DataFrame(rows)
+    return table.assign(realised=table["false"] / table["area"])
 
 
 def print_tables(table: pd.DataFrame) -> None:
-    """Print on how many lanes each source keeps the nominal rates."""
+    """Print on how many lanes the nominal rates are kept."""
     rows = []
-    for nominal in RATES["nominal"]:
-        for source, words in SOURCES.items():
-            some = table[(table["nominal"] == nominal) & (table["source"] == source)]
-            some = some.drop_duplicates("lane")
-            kept = some["realised"] <= nominal + 1e-9
-            by_site = [f"{kept[some['site'] == site].sum()}" for site in RATES["sites"]]
-            rows.append(
-                [
-                    f"{nominal:g}",
-                    words,
-                    with_share(int(kept.sum()), len(some)),
-                    ", ".join(by_site),
-                    f"{some['realised'].mean():.3f}",
-                    f"{some['found'].sum()} of {some['mines'].sum()}",
-                ]
-            )
+    for world, words in WORLDS.items():
+        for ranked, ranking in RANKED.items():
+            for nominal in RATES["nominal"]:
+                some = table[(table["world"] == world) & (table["ranked"] == ranked)]
+                some = some[some["nominal"] == nominal]
+                if not len(some):
+                    continue
+                kept = int((some["realised"] <= nominal + 1e-9).sum())
+                mean = some["false"].sum() / some["area"].sum()
+                found = f"{some['found'].sum()} of {some['mines'].sum()}"
+                spoke = str(int(some["spoke"].sum())) if ranked == "delivered" else ""
+                rows.append(
+                    [
+                        words,
+                        ranking,
+                        spoke,
+                        f"{nominal:g}",
+                        with_share(kept, len(some)),
+                        f"{mean:.3f}",
+                        found,
+                    ]
+                )
     head = [
+        "lanes",
+        "ranking",
+        "spoke",
         "nominal, per m²",
-        "threshold by",
         "lanes within it (95 % interval)",
-        "by site",
-        "mean realised, per m²",
-        "mines found",
+        "realised over all, per m²",
+        "mines above",
     ]
     print(markdown(head, rows))
 
 
 def draw(table: pd.DataFrame, path: Path) -> None:
-    """Draw the realised rate against the nominal one: every lane, their mean and 95 % of them."""
-    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
-    for axes, source in zip(panels, ("training", "lane"), strict=True):
-        some = table[(table["source"] == source) & table["nominal"].isin(NOMINAL)]
-        grouped = some.groupby("nominal")["realised"]
-        nominal = np.array(sorted(some["nominal"].unique()))
-        jitter = np.random.default_rng(0).uniform(0.96, 1.04, len(some))
-        lowest = 0.4 / borders().area  # where none was counted
-        axes.plot(
-            some["nominal"] * jitter, np.maximum(some["realised"], lowest), ".", color="0.7", ms=4,
-            label="a lane",
-        )  # fmt: skip
-        axes.plot(nominal, np.maximum(grouped.mean(), lowest), "o-", color="tab:blue", label="mean of lanes")
-        high = grouped.quantile(0.95, interpolation="higher")
-        axes.plot(nominal, np.maximum(high, lowest), "s-", color="tab:red", label="95 % of lanes are below")
-        axes.plot(nominal, nominal, "k--", label="realised = nominal")
-        axes.set(xscale="log", yscale="log", xlabel="nominal, per m²", title=f"threshold by {SOURCES[source]}")
+    """Draw the realised rate against the nominal one: mean of the lanes, and what 95 % of them keep below."""
+    worlds = [world for world in WORLDS if (table["world"] == world).any()]
+    figure = Figure(figsize=(3.4 * len(worlds) + 0.6, 4.0), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(worlds), sharey=True))
+    for axes, world in zip(panels, worlds, strict=True):
+        for ranked, colour in (("kept", "tab:red"), ("delivered", "tab:blue")):
+            some = table[(table["world"] == world) & (table["ranked"] == ranked)]
+            some = some[some["nominal"].isin(NOMINAL)]
+            grouped = some.groupby("nominal")["realised"]
+            high = grouped.quantile(0.95, interpolation="higher")
+            axes.plot(
+                high.index,
+                high,
+                "-",
+                drawstyle="steps-post",
+                color=colour,
+                label=f"95 % of lanes, {RANKED[ranked]}",
+            )
+            axes.plot(
+                high.index, grouped.mean(), ":", color=colour, label=f"mean, {RANKED[ranked]}"
+            )
+        axes.plot(NOMINAL, NOMINAL, "k--", lw=1, label="realised = nominal")
+        lanes = table[table["world"] == world]["lane"].nunique()
+        axes.set(xscale="log", xlabel="nominal, per m²", title=f"{WORLDS[world]} ({lanes})")
+        axes.set_ylim(-0.03, 1.0)
+        axes.title.set_fontsize(9)
         axes.grid(alpha=0.3)
-    panels[0].set_ylabel("realised false alarms per m² (none: lowest line)")
-    panels[0].legend(fontsize=8)
-    figure.savefig(path, dpi=100)
+    panels[0].set_ylabel("realised, false alarms per m²")
+    panels[0].legend(fontsize=7, loc="upper left")
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
@@ -237,19 +249,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("step", choices=("lanes", "run", "tables"))
+    parser.add_argument("step", choices=("run", "tables"))
     parser.add_argument("out", type=Path)
+    parser.add_argument("world", nargs="?", choices=tuple(WORLDS))
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args()
-    if given.step == "lanes":
-        make_lanes(given.out)
-    elif given.step == "run":
-        run(given.out)
-    else:
-        table = realised(given.out)
-        print_tables(table)
-        if given.figure is not None:
-            draw(table, given.figure)
+    if given.step == "run":
+        run(given.out, given.world)
+        return
+    table = realised(given.out)
+    print_tables(table)
+    if given.figure is not None:
+        draw(table, given.figure)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from flgpr.commands.train import train
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import engine_of
 from flgpr.method.model import load_model
-from flgpr.method.unlike import CHANCE, limit_of
+from flgpr.method.unlike import CHANCE, Trust, limit_of
 from flgpr.model import Lane
 from flgpr.proving_ground import load_ground, packaged_entries
 from flgpr.recipe.schema import parse_recipe
@@ -91,7 +91,7 @@ def measure(out: Path, name: str) -> None:
     for lane_name, run, lane in lanes_of(name):
         if lane_name in known:
             continue
-        setup = ImagedRun(run, recipe, lane, model, only_measures=True)
+        setup = ImagedRun(run, recipe, lane, model, trust=Trust(only_measures=True))
         engine_of(setup).run()
         begun = time.perf_counter()
         comparison = setup.comparison

@@ -21,7 +21,7 @@ from flgpr.engine import BLOCK
 from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.method.model import parse_model, read_model
 from flgpr.method.sections import Section
-from flgpr.method.unlike import UNLIKE_CHOICES
+from flgpr.method.unlike import Trust
 from flgpr.model import Lane
 from flgpr.recipe.fit import area_of
 from flgpr.recipe.schema import Recipe, parse_recipe
@@ -69,6 +69,11 @@ class LaneJob:
     far: float | None = None  #: false alarms per m² that a threshold is wanted for
     #: whether the passes end with what is compared with the training lanes
     only_measures: bool = False
+
+    @property
+    def trust(self) -> Trust:
+        """What is asked of the detection about how far it can be trusted."""
+        return Trust(self.unlike, self.far, self.only_measures)
 
     @property
     def folder(self) -> Path:
@@ -218,10 +223,7 @@ def make_job(
     ValueError
         If the recipe does not fit the run, or a run, the lane or the model is not valid.
     """
-    if unlike not in UNLIKE_CHOICES:
-        raise ValueError(f"unlike must be one of {', '.join(UNLIKE_CHOICES)}, got {unlike!r}")
-    if far is not None and not 0 < far <= 10:
-        raise ValueError(f"far must be above 0 and at most 10 per m², got {far!r}")
+    Trust(unlike, far)  # refuses what it cannot be
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
     area = area_of(open_run(run, options.max_memory), parsed, borders)

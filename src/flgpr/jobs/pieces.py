@@ -234,9 +234,7 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
         others=others,
         truth=truth,
         explains=job.explains,
-        unlike=job.unlike,
-        far=job.far,
-        only_measures=job.only_measures,
+        trust=job.trust,
     )
     return lane, work
 

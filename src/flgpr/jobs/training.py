@@ -371,7 +371,8 @@ class _Training:
             """Return the model without the clutter of a lane."""
             if stage is None:
                 return whole
-            learnt = stage.stage_class.without_lane(
+            mapper: Any = stage.stage_class
+            learnt = mapper.without_lane(
                 stage.settings, whole.stages[name], self._examples[name], number
             )
             return replace(whole, stages=whole.stages | {name: learnt})

@@ -26,8 +26,8 @@ from flgpr.method.sections import Section, kept_rows, lane_threshold
 from flgpr.method.steps import Steps, check_confidence
 from flgpr.method.unlike import (
     MEASURED,
-    UNLIKE_CHOICES,
     Comparison,
+    Trust,
     compare_clutter,
     compare_level,
     level_profile,
@@ -79,12 +79,8 @@ class ImagedRun:
     whole_background : bool
         Whether the background reaches as far as the images; by default it reaches as far ahead as
         counts and as the rows there depend on.
-    unlike : {"fallback", "keep", "refuse"}
-        What is done on ground that is unlike that of the model's training lanes.
-    far : float, optional
-        False alarms per m² that a threshold is wanted for.
-    only_measures : bool
-        Whether the passes end with what is compared with the training lanes.
+    trust : Trust, optional
+        What is done on ground that is unlike the training, and the false-alarm rate that is wanted.
 
     Attributes
     ----------
@@ -120,15 +116,9 @@ class ImagedRun:
         truth: pd.DataFrame | None = None,
         explains: bool = True,
         whole_background: bool = False,
-        unlike: str = "fallback",
-        far: float | None = None,
-        only_measures: bool = False,
+        trust: Trust | None = None,
     ) -> None:
-        if unlike not in UNLIKE_CHOICES:
-            raise ValueError(f"unlike must be one of {', '.join(UNLIKE_CHOICES)}, got {unlike!r}")
-        self.unlike = unlike
-        self.far = far
-        self.only_measures = only_measures
+        self.trust = trust or Trust()
         self.run = run
         self.recipe = recipe
         self.lane = lane
@@ -359,7 +349,7 @@ class ImagedRun:
         if self.mapper is None or not self.mapper.measures_clutter or self.untrained:
             return False
         ground = self.model.ground
-        return self.only_measures or (ground is not None and ground.judges)
+        return self.trust.only_measures or (ground is not None and ground.judges)
 
     @cached_property
     def learnt_clutter(self) -> NDArray[Any]:
@@ -408,12 +398,12 @@ class ImagedRun:
         ValueError
             If ground that is unlike the training is to be refused.
         """
-        if self.unlike == "keep" or self.untrained or self.only_measures:
+        if self.trust.unlike == "keep" or self.untrained or self.trust.only_measures:
             return ""
         comparison = self.comparison
         if comparison is None or not comparison.unlike:
             return ""
-        if self.unlike == "refuse":
+        if self.trust.unlike == "refuse":
             raise ValueError("; ".join(comparison.notes("it is refused, as asked for")))
         return comparison.substitute
 

@@ -137,7 +137,7 @@ def describe_unlike(lane: ImagedRun, detections: Sequence[Detection]) -> dict[st
         count = len(detections[1].alarms)
         more.append(f"all {count} alarms as learnt are in variants/{BESIDE}/alarms.csv")
     described = comparison.as_json(_DONE[substitute], more)
-    described |= {"choice": lane.unlike, "substitute": substitute}
+    described |= {"choice": lane.trust.unlike, "substitute": substitute}
     if len(detections) > 1:
         described["recipe"] = detections[0].recipe_text
     return described
@@ -149,19 +149,21 @@ def rate_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> RateThreshold:
     It is that of the training lanes, and the lane's own where nothing was learnt, or another
     ranking stands in for what was.
     """
-    if lane.far is None:
+    if lane.trust.far is None:
         raise ValueError("far must be given for a threshold, got None")
     if lane.model.detector is None or lane.substitute:
         inside = section_lane(lane.recipe, lane.lane, lane.section)
         counts = inside.contains(alarms["x"], alarms["y"])
-        return own_threshold(alarms["confidence"].to_numpy(float)[counts], inside.area, lane.far)
+        return own_threshold(
+            alarms["confidence"].to_numpy(float)[counts], inside.area, lane.trust.far
+        )
     ground = lane.model.ground
-    return training_threshold([] if ground is None else ground.free, lane.far)
+    return training_threshold([] if ground is None else ground.free, lane.trust.far)
 
 
 def mark_threshold(lane: ImagedRun, detection: Detection) -> Detection:
     """Return a detection whose alarms say whether they lie above the threshold for a rate."""
-    if lane.far is None:
+    if lane.trust.far is None:
         return detection
     threshold = rate_threshold(lane, detection.alarms).threshold
     above = detection.alarms["confidence"] > (np.inf if threshold is None else threshold)

@@ -44,6 +44,7 @@ from flgpr.method.passes.training import until_examples
 from flgpr.method.passes.traversal import plan
 from flgpr.method.passes.unlike import LaneClutter
 from flgpr.method.sections import Section
+from flgpr.method.unlike import Trust
 from flgpr.model import Lane
 from flgpr.progress import Track, silent
 from flgpr.recipe.fit import area_of
@@ -67,7 +68,7 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     # What tells whether the ground is unlike that of the training lanes (method/unlike.py).
     if lane.measures_clutter:
         passes.append(plan(lane, LaneClutter))
-    if lane.only_measures:
+    if lane.trust.only_measures:
         return passes
 
     # What a map needs to know of the whole lane, such as its clutter.
@@ -181,7 +182,7 @@ def detect(
     """
     area = area_of(run, recipe, lane)
     setup = ImagedRun(
-        run, recipe, area, model, section=section, others=others, unlike=unlike, far=far
+        run, recipe, area, model, section=section, others=others, trust=Trust(unlike, far)
     )
     engine_of(setup).run(track)
     return detections_of(setup)[0]

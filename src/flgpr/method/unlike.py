@@ -43,6 +43,7 @@ OWN_UP_TO = 0.1
 UNLIKE_CHOICES = ("fallback", "keep", "refuse")
 """What can be done on ground that is unlike the training."""
 SENTENCE = "this ground is unlike the training: the confidences do not hold"
+_HIGHEST_RATE = 10  # false alarms per m² that may be asked for
 _BEYOND = 1e-3  # share of the training's chips that lies beyond what the share is counted from
 # Least standard deviation of logarithms, as figures of few lanes may agree by chance, and what is added
 # before. Chips overlap, so that those beyond come in clusters: their share is coarse where there are few.
@@ -92,6 +93,26 @@ class TrainingGround(Entries):
     def judges(self) -> bool:
         """Whether there are enough lanes for limits."""
         return self.lanes >= LEAST_LANES and bool(self.level)
+
+
+@dataclass(frozen=True)
+class Trust:
+    """What is asked of a detection about how far it can be trusted."""
+
+    #: what is done on ground that is unlike the training: "fallback", "keep" or "refuse"
+    unlike: str = "fallback"
+    far: float | None = None  #: false alarms per m² that a threshold is wanted for
+    #: whether the passes end with what is compared with the training lanes
+    only_measures: bool = False
+
+    def __post_init__(self) -> None:
+        if self.unlike not in UNLIKE_CHOICES:
+            choices = ", ".join(UNLIKE_CHOICES)
+            raise ValueError(f"unlike must be one of {choices}, got {self.unlike!r}")
+        if self.far is not None and not 0 < self.far <= _HIGHEST_RATE:
+            raise ValueError(
+                f"far must be above 0 and at most {_HIGHEST_RATE} per m², got {self.far!r}"
+            )
 
 
 @dataclass(frozen=True)

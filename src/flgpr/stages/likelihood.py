@@ -328,7 +328,7 @@ class LikelihoodMap(MapStage):
         vectors, share = ground.signatures[group.signature]
         return ratio(white, vectors, share, self.settings.ratios)
 
-    def _ground(self, metre: int, substitute: str) -> WhitenedGround:
+    def _ground(self, metre: int, substitute: str = "") -> WhitenedGround:
         """Return what the chips of a metre are compared with."""
         if (metre, substitute) not in self._grounds:
             ground = self._learnt_ground(metre)

@@ -66,7 +66,7 @@ class RunView(Pass):
 
     def result(self) -> Arrays:
         """Return the run-view; ranges stand beside the sub-bands."""
-        arrays = {}
+        arrays: Arrays = {}
         values, looks = self._sums.result()
         polarizations = len(values)
         arrays["view"] = values.reshape(polarizations, -1, *values.shape[-2:])
