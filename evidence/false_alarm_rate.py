@@ -42,7 +42,7 @@ WORLDS = {
     "solved": "solved lanes",
 }
 RANKED = {"kept": "as learnt, kept", "delivered": "as `flgpr detect` gives it"}
-NOMINAL = np.geomspace(0.05, 2.0, 25)
+NOMINAL = np.geomspace(0.05, 0.5, 31)
 
 
 class OneLane(NamedTuple):
