@@ -90,7 +90,7 @@ def said(result):
 def test_a_model_keeps_what_it_needs_beside_arrays_that_are_what_they_were(home):
     model = load_model(home / "model")
     assert model.ground.lanes == LANES
-    assert [size.scans for size in model.ground.sizes] == [1, 2, 4, 8, 12]
+    assert [size.scans for size in model.ground.sizes] == [1, 2, 4, 8]
     assert all(len(size.divergence) == LANES for size in model.ground.sizes)
     assert len(model.ground.free) == LANES
     assert "ground" not in model.stages

@@ -1,6 +1,6 @@
 """Whether the ground that a vehicle drives over is unlike the training, scan by scan.
 
-The figures are those of ``method/unlike.py``, of the last scans: sums forget what lies more than a dozen
+The figures are those of ``method/unlike.py``, of the last scans: sums forget what lies more than eight
 looked-at scans behind. A verdict changes once three scans in a row agree on another one.
 """
 

@@ -30,7 +30,7 @@ from flgpr.stages.textured_clutter import SHAPES
 
 MEASURED = "unlike"
 """Name of the pass that measures a lane's clutter, and of its result."""
-SIZES = (1, 2, 4, 8, 12)
+SIZES = (1, 2, 4, 8)
 """Numbers of scans at which training lanes are measured; a lane counts by the next lower one."""
 MOST_SCANS = SIZES[-1]
 """Scans of a lane that are looked at, at even distances."""
