@@ -42,7 +42,7 @@ WORLDS = {
     "solved": "solved lanes",
 }
 RANKED = {"kept": "as learnt, kept", "delivered": "as `flgpr detect` gives it"}
-NOMINAL = np.geomspace(0.05, 0.5, 31)
+NOMINAL = np.linspace(0.02, 0.48, 47)
 
 
 class OneLane(NamedTuple):
@@ -235,8 +235,8 @@ def draw(table: pd.DataFrame, path: Path) -> None:
             )
         axes.plot(NOMINAL, NOMINAL, "k--", lw=1, label="realised = nominal")
         lanes = table[table["world"] == world]["lane"].nunique()
-        axes.set(xscale="log", xlabel="nominal, per m²", title=f"{WORLDS[world]} ({lanes})")
-        axes.set_ylim(-0.03, 1.0)
+        axes.set(xlabel="nominal, per m²", title=f"{WORLDS[world]} ({lanes})")
+        axes.set_ylim(-0.02, 0.5)
         axes.title.set_fontsize(9)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("realised, false alarms per m²")
