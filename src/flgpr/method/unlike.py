@@ -9,7 +9,7 @@ are looked at as ``MOST_SCANS``.
 
 The limit of a figure is the prediction limit of one more training lane: of figures whose logarithms
 are Gaussian, it is passed with probability ``CHANCE``. How ``CHANCE`` was fixed:
-docs/guide/when-not-to-trust.md.
+docs/evidence/unlike-ground.md.
 """
 
 from __future__ import annotations
