@@ -7,7 +7,7 @@ from flgpr.formats import explain_file, gpr_run, read_gpr
 from flgpr.geo import fit_anchor
 from flgpr_exchange.gpr.positions import cor_fixes, nmea_fixes, settle_fixes
 from io_geodesy import LANE, on_the_ellipsoid
-from io_gpr import STEP, gga, write_dt1, write_dzt
+from io_gpr import STEP, closed, gga, write_dt1, write_dzt
 from io_recordings import (
     ALONG,
     COUNTS,
@@ -53,9 +53,8 @@ def test_zero_north_zero_east_is_no_place(tmp_path):
 
 def test_rmc_serves_where_there_is_no_gga(tmp_path):
     path = tmp_path / "a.dzg"
-    path.write_text(
-        "$GSSIS,3,-1\n$GPRMC,120000.00,A,4700.0000,N,01100.0000,E,0.0,0.0,010120,,*00\n"
-    )
+    rmc = closed("$GPRMC,120000.00,A,4700.0000,N,01100.0000,E,0.0,0.0,010120,,")
+    path.write_text(f"$GSSIS,3,-1\n{rmc}\n")
     notes = []
     found = nmea_fixes(path, TRACES, notes)
     np.testing.assert_allclose(found.table, [[3, 11, 47, 0]])
@@ -108,7 +107,7 @@ def test_a_jump_that_no_vehicle_makes_is_told_by_info_and_left_out_of_a_run(evid
         second = k if evidence == "receiver" else 0
         lines += [
             f"$GSSIS,{trace},-1",
-            gga(lat, LONGITUDE[trace], 0).replace("120000", f"1200{second:02d}"),
+            gga(lat, LONGITUDE[trace], 0, clock=f"1200{second:02d}.00"),
         ]
     path.with_suffix(".dzg").write_text("\n".join(lines))
     told = "\n".join(explain_file(path).lines)

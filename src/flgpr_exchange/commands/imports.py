@@ -173,7 +173,14 @@ def import_gpr(
         ),
     ],
     output: Output,
-    channel: Annotated[int, Option(help="Channel of a file that has several, from 0.")] = 0,
+    channel: Annotated[
+        int | None,
+        Option(
+            help="Channel of a file that has several, from 0; by default all that the header "
+            "places, else the first.",
+            min=0,
+        ),
+    ] = None,
     step: Annotated[
         float | None, Option(help="Trace spacing, m, in place of the header's.")
     ] = None,
@@ -257,7 +264,7 @@ def import_gpr(
                 "line-spacing, zigzag and lines are of several lines, channel-x of --all-channels"
             )
         return import_line(files[0], output, channel, positions, memory, headers)
-    if channel:
+    if channel is not None:
         raise ValueError("channel is of a single line; a survey takes all channels")
     headers["channel_x"] = channel_x or None
     return import_lines(files, output, positions, memory, headers)

@@ -101,9 +101,8 @@ def gpr_run(
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
     notes = list(section.history)
     if channels > 1:
-        notes.append(
-            f"channel {channel} of {channels}: the file does not tell where their antennas are"
-        )
+        known = "the header tells" if section.offsets is not None else "the file does not tell"
+        notes.append(f"channel {channel} of {channels}: {known} where their antennas are")
     if section.gather:
         raise ValueError(
             f"{section.path}: its antennas move apart ({section.gather}): "
@@ -112,6 +111,9 @@ def gpr_run(
 
     delay = _delay(section.delay_of(channel), time_zero, window)
     half = _half_separation(section, separation, across, height, notes)
+    middle = np.zeros((1, 3))
+    if section.offsets is not None:
+        middle[0, :2] = section.offsets[channel]
     notes += _replaced(section, channel, step, time_zero, window, separation)
     nominal = section.frequencies[channel]
     chosen_band = _band(band, nominal, delay, notes)
@@ -122,7 +124,8 @@ def gpr_run(
 
     attrs = _attributes(section, delay, height, nominal, notes)
     time = None if section.time is None else section.time[traces]
-    return make_run(signal[:, None, None], tones, [polarization], -half, half, pose, time, attrs)
+    tx, rx = middle - half, middle + half
+    return make_run(signal[:, None, None], tones, [polarization], tx, rx, pose, time, attrs)
 
 
 def _attributes(
