@@ -150,7 +150,7 @@ def write_ids(path, counts, size=None, unsigned=0, lost=None, **entries):
     counted = struct.pack(
         "<11i", size, 1, samples, told["traces"], told["samples"], 0, 1, 1, 1, 1, unsigned
     )
-    measured = text(4e5, 1e8, 1e-3, told["window"], 500, 1e-3, 0.01, 0.01, STEP, 0.01)
+    measured = text(4e5, 1e8, 1e-3, told["window"], 500, 1e-3, STEP, 0.01, 0.01, 0.01)
     antennas = text(0, 0, 0) + b"500\0\0" + text(0, told["apart"], 0) + b"500\0\0"
     data = (b"V\4\0\0" + struct.pack("<H", size)).ljust(size, b"\0")
     data += record(b"I", b"meadow") + record(b"ATR", antennas) + record(b"H", counted + measured)

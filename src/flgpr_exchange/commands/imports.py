@@ -168,7 +168,8 @@ def import_gpr(
     file: Annotated[
         Paths,
         Argument(
-            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .su or .ogpr; "
+            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .seg, .su or "
+            ".ogpr; "
             "several make a survey."
         ),
     ],

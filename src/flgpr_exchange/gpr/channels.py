@@ -122,9 +122,7 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     return run
 
 
-def _placed(
-    section: GprSection, channel_x: Sequence[float] | None
-) -> tuple[GprSection, list[str]]:
+def _placed(section: GprSection, channel_x: Sequence[float] | None) -> tuple[GprSection, list[str]]:
     """Return a line with the x of each channel's antennas, m, that was given, and what it replaces.
 
     Others than one finite number for each channel are a ValueError.

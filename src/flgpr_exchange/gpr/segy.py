@@ -14,6 +14,7 @@ from flgpr_exchange.gpr.parts import (
     ZERO_ASSUMED,
     exact_floats,
     first_bytes,
+    interleaved_channels,
     read_records,
 )
 from flgpr_exchange.gpr.segy_layout import (
@@ -28,10 +29,11 @@ from flgpr_exchange.gpr.segy_layout import (
     revision_of,
     word_at,
 )
-from flgpr_exchange.gpr.segy_places import HeaderGeometry, geometry_of
+from flgpr_exchange.gpr.segy_places import geometry_of
 
 _IBM = 1
 _IEEE = 5
+_MOST_CHANNELS = 256
 _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 
 
@@ -61,28 +63,53 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
     traces = exact_floats(samples, notes)
     _check_trace_headers(table, layout.samples, interval, notes)
     _leave_dead_out(table, traces, notes)
-    geometry = geometry_of(table, _unit_of_length(raw, order, notes), notes)
-    return _entries(traces, layout.samples, interval, geometry, notes)
+    stated = word_at(raw, f"{order}H", 3212)
+    return _entries(table, traces, stated, interval, _unit_of_length(raw, order, notes), notes)
 
 
 def _entries(
+    table: NDArray[Any],
     traces: NDArray[np.floating[Any]],
-    samples: int,
+    stated: int,
     interval: float,
-    geometry: HeaderGeometry,
+    metre: float,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Return the entries of a section of traces (trace, sample) at an interval, s."""
+    """Return the entries of a section of traces (trace, sample) at an interval, s.
+
+    ``stated`` are the traces of an ensemble by the binary header, ``metre`` the unit of lengths.
+    """
+    counted = _channels_of(table)
+    by_channel = interleaved_channels(
+        traces, counted or stated, "the count of an ensemble's traces", notes
+    )
+    if counted:
+        by_channel = traces.reshape(-1, counted, traces.shape[1])
+    channels = by_channel.shape[1]
+    geometry = geometry_of(table[::channels][: len(by_channel)], metre, notes)
     return {
-        "traces": traces[:, None],
-        "delay": np.arange(samples) * interval,
+        "traces": by_channel,
+        "delay": np.arange(traces.shape[1]) * interval,
         "distance": geometry.distance,
         "fixes": geometry.fixes.table,
         "fix_time": geometry.fixes.time,
+        "frequencies": (None,) * channels,
         "separation": geometry.separation,
         "gather": geometry.gather,
         "history": tuple(notes),
     }
+
+
+def _channels_of(table: NDArray[Any]) -> int:
+    """Return how many channels trace headers count in each record (bytes 9-16); 0 if none."""
+    channel = table["channel"]
+    count = int(channel.max())
+    if not 1 < count <= _MOST_CHANNELS or len(table) % count or len(table) == count:
+        return 0
+    expected = 1 + np.arange(len(table)) % count
+    records = table["record"].reshape(-1, count)
+    is_one_record = (records == records[:, :1]).all() and (np.diff(records[:, 0]) != 0).all()
+    return count if is_one_record and (channel == expected).all() else 0
 
 
 def _leave_dead_out(
@@ -188,7 +215,7 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     traces = exact_floats(table["samples"], notes)
     _check_trace_headers(table, samples, interval, notes)
     _leave_dead_out(table, traces, notes)
-    return _entries(traces, samples, interval, geometry_of(table, 1.0, notes), notes)
+    return _entries(table, traces, 1, interval, 1.0, notes)
 
 
 def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:

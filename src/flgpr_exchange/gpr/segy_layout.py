@@ -49,6 +49,8 @@ _ORDERS = {b"\x01\x02\x03\x04": ">", b"\x04\x03\x02\x01": "<"}
 _MOST_HEADERS = 1000  # extra text headers, or extra headers of a trace
 _END_TEXT = re.compile(r"\s*\(\(\s*SEG\s*:\s*ENDTEXT\s*\)\)", re.IGNORECASE)
 _WORDS = {
+    "record": ("i4", 8),
+    "channel": ("i4", 12),
     "identification": ("i2", 28),
     "offset": ("i4", 36),
     "scalar": ("i2", 70),

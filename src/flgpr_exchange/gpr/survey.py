@@ -276,7 +276,7 @@ def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineL
         else:
             _move(run, number * spacing, 0.0, 0.0)
             end = length
-    if layout.spacing is None:
+    if layout.spacing is None and len(runs) > 1:
         return [f"{len(runs)} lines are put side by side, by the offsets of their headers"]
     manner = "all begin at y = 0"
     if layout.zigzag:
