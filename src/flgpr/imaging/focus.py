@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from flgpr.imaging.aperture import aperture_blocks, aperture_image
 from flgpr.imaging.view_axes import View, chosen_scans, view_axes
 from flgpr.model import LINE_STARTS, way_weights
+from flgpr.model.aperture import way_shares
 
 CHOSEN_PIXELS = 300_000
 """Pixels of an image, about, where no spacing is given."""
@@ -158,10 +159,8 @@ def scan_weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64
     weights = np.zeros(scans.size)
     for number in np.unique(line):
         on_line = line == number
-        steps = np.hypot(*np.diff(position[on_line, :2], axis=0).T)
-        mean_step = steps.mean() if steps.size else 0.0
-        # Weights of a line have the mean one, and lines of longer steps count more.
-        weights[on_line] = way_weights(position[on_line]) * mean_step
+        # Lines of longer steps count more.
+        weights[on_line] = way_shares(position[on_line])
     if not weights.sum() > 0:
         return np.ones(scans.size)
     return np.asarray(weights / weights.mean())
