@@ -191,6 +191,7 @@ class _Importer:
 
     def __post_init__(self) -> None:
         self.sources = Sources(self.files, self.mapping.join, self.limit)
+        self.record: dict[str, float] = {}  # attributes of samples that became tones
         self.notes = self.sources.notes
 
     def run(self) -> Imported:
@@ -225,6 +226,8 @@ class _Importer:
             "source": mapping.source,
             "import_notes": self.notes,
         }
+        if mapping.path_offset is None:
+            attrs |= self.record
         with faults_of(self.files[mapping.signal.file][0]):
             run = make_run(signal, tones, mapping.polarization, tx, rx, pose, time, attrs)
         return Imported(run, track, self.notes, self.sources.anchor)
@@ -356,7 +359,10 @@ class _Importer:
                 f"signals, and {100 * negative_share(signal):.3g} % of their power, at negative "
                 "frequencies, is left out"
             )
-        return impulse_to_frequency(signal, delay, band, spec.pad, carrier)
+        spectrum, tones = impulse_to_frequency(signal, delay, band, spec.pad, carrier)
+        window = float(np.diff(delay).mean()) * delay.size
+        self.record = {"time_window_s": window, "first_sample_s": float(delay[0])}
+        return spectrum, tones
 
     def _stated_tones(self, spec: Quantity, count: int) -> FloatArray:
         """Return the tones that the files state, Hz."""
