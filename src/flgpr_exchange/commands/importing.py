@@ -92,7 +92,7 @@ def import_line(
         run = gpr_run(section, channel or 0, anchor=anchor, **headers)
     run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
     run = finished_run(run, anchor)
-    save_run(run, target, resume=True)
+    save_run(run, target, resume=True, share_files=True)
     return run
 
 
@@ -160,7 +160,7 @@ def import_lines(
     # Nothing is measured from the end of a line to the beginning of the next: a jump is expected.
     doubts = judge_run(run).notes() if len(sections) == 1 else []
     run.attrs["import_notes"] = [*anchor_notes, *run.attrs["import_notes"], *doubts]
-    save_run(run, target, resume=True)
+    save_run(run, target, resume=True, share_files=True)
     return run
 
 

@@ -107,7 +107,7 @@ def import_gprmax(
     run = import_gprmax_files(sources, stated)
     for import_note in run.attrs["import_notes"]:
         log_note(import_note)
-    return [save_run(run, output, resume=True)]
+    return [save_run(run, output, resume=True, share_files=True)]
 
 
 def _run_lines(run: xr.Dataset, call: Arguments) -> Iterator[str | Path]:
@@ -145,7 +145,7 @@ def import_cphd(
     target = check_parent_folder(output)
     lane_anchor = read_optional_anchor(anchor)
     run = finished_run(read_cphd(file, lane_anchor), lane_anchor)
-    save_run(run, target, resume=True)
+    save_run(run, target, resume=True, share_files=True)
     return run
 
 
