@@ -13,7 +13,7 @@ import xarray as xr
 from flgpr.formats.section import GprSection
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr_exchange.gpr.files import read_gpr
-from flgpr_exchange.gpr.line_run import OCTAVE, ReasonedBand, frequency_words, gpr_run
+from flgpr_exchange.gpr.line_run import ReasonedBand, antennas_band, frequency_words, gpr_run
 
 _NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is viewed
 _LOWEST = 1e6  # Hz
@@ -160,15 +160,7 @@ def common_band(section: GprSection) -> ReasonedBand:
     if len(known) < section.traces.shape[1]:
         reason = "all that is recorded: an antenna's frequency is unknown"
         return ReasonedBand(lowest, highest, reason)
-    low = max(min(known) / 4, lowest)
-    high = min(2 * max(known), highest)
-    if high < OCTAVE * low:
-        reason = "all that is recorded, which hardly holds any of the antennas'"
-        return ReasonedBand(lowest, highest, reason)
-    reason = "a quarter of the lowest to twice the highest antenna's"
-    if low > min(known) / 4 or high < 2 * max(known):
-        reason += ", within what the records and their sampling hold"
-    return ReasonedBand(low, high, reason)
+    return antennas_band(known, lowest, highest)
 
 
 def _widest_band(section: GprSection) -> tuple[float, float]:

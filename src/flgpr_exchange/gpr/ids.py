@@ -21,6 +21,7 @@ from flgpr_exchange.gpr.parts import (
     interleaved_channels,
     numbers_in,
     read_records,
+    words_type,
 )
 
 _LARGEST_HEADER = 2**20  # bytes
@@ -28,14 +29,7 @@ _MARK = 4  # bytes at the begin of a record
 _ANTENNA_WIDTHS = [16, 16, 16, 5]
 """Bytes of x, y, z and frequency of an antenna; ATR holds transmitter and receiver, ATX and ARX one
 each."""
-_INTEGERS = np.dtype(
-    {
-        "names": ["traces", "samples", "zero"],
-        "formats": ["<i4"] * 3,
-        "offsets": [12, 16, 40],
-        "itemsize": 44,
-    }
-)
+_INTEGERS = words_type({"traces": ("<i4", 12), "samples": ("<i4", 16), "zero": ("<i4", 40)}, 44)
 """Integers of the record H; ten numbers of 16 letters follow."""
 _WINDOW = 3  # which of these is the time window
 _STEPS = (6, 8)  # and which may be the distance of the traces: the cell across stands there, too

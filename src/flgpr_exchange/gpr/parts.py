@@ -6,6 +6,7 @@ Every function that replaces, leaves out or assumes something notes it in ``note
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,30 @@ class Header:
             if self.values.get(name):
                 return self.values[name]
         return ""
+
+
+def words_type(words: Mapping[str, tuple[Any, int]], size: int) -> np.dtype[Any]:
+    """Return the type of a binary header, by a table of its words.
+
+    Parameters
+    ----------
+    words : mapping of str to (dtype, int)
+        Type and first byte of each word, by its name.
+    size : int
+        Bytes of the header.
+
+    Returns
+    -------
+    numpy.dtype
+        Of a record with a field for every word.
+    """
+    fields: Any = {
+        "names": list(words),
+        "formats": [kind for kind, _ in words.values()],
+        "offsets": [offset for _, offset in words.values()],
+        "itemsize": size,
+    }
+    return np.dtype(fields)
 
 
 def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
@@ -458,6 +483,29 @@ def measured_distance(
         steps = -steps
     _note_motion(steps, where, notes)
     return np.asarray(filled, dtype=np.float64)
+
+
+def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray | None:
+    """Return the distance (trace,) along positions (trace, 2 or 3), m, by x and y.
+
+    Parameters
+    ----------
+    positions : (trace, 2 or 3) ndarray
+        Positions, m.
+    what : str
+        Whose coordinates they are, for the notes.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    (trace,) ndarray or None
+        The distance, see :func:`measured_distance`.
+    """
+    steps = np.hypot(*np.diff(positions[:, :2], axis=0).T)
+    notes.append(f"the distance along the line is that of the traces' coordinates, {what}")
+    distance = np.append(0.0, steps.cumsum())
+    return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
 
 
 def between_neighbours(values: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:

@@ -59,26 +59,22 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
 
     record = record_type(layout, order, code)
     table = read_records(path, layout.start, record, None, notes, limit, layout.end)
-    samples = _ibm(table["samples"]) if code == _IBM else table["samples"]
-    traces = exact_floats(samples, notes)
-    _check_trace_headers(table, layout.samples, interval, notes)
-    _leave_dead_out(table, traces, notes)
     stated = word_at(raw, f"{order}H", 3212)
-    return _entries(table, traces, stated, interval, _unit_of_length(raw, order, notes), notes)
+    is_ibm = code == _IBM
+    unit = _unit_of_length(raw, order, notes)
+    return _entries(table, is_ibm, stated, interval, unit, notes)
 
 
 def _entries(
-    table: NDArray[Any],
-    traces: NDArray[np.floating[Any]],
-    stated: int,
-    interval: float,
-    metre: float,
-    notes: list[str],
+    table: NDArray[Any], is_ibm: bool, stated: int, interval: float, metre: float, notes: list[str]
 ) -> dict[str, Any]:
-    """Return the entries of a section of traces (trace, sample) at an interval, s.
+    """Return the entries of a section of traces at an interval, s.
 
     ``stated`` are the traces of an ensemble by the binary header, ``metre`` the unit of lengths.
     """
+    traces = exact_floats(_ibm(table["samples"]) if is_ibm else table["samples"], notes)
+    _check_trace_headers(table, traces.shape[1], interval, notes)
+    _leave_dead_out(table, traces, notes)
     counted = _channels_of(table)
     by_channel = interleaved_channels(
         traces, counted or stated, "the count of an ensemble's traces", notes
@@ -212,10 +208,7 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     ]
     layout = TraceLayout(0, TRACE_HEAD, samples)
     table = read_records(path, 0, record_type(layout, order, _IEEE), None, notes, limit)
-    traces = exact_floats(table["samples"], notes)
-    _check_trace_headers(table, samples, interval, notes)
-    _leave_dead_out(table, traces, notes)
-    return _entries(table, traces, 1, interval, 1.0, notes)
+    return _entries(table, False, 1, interval, 1.0, notes)
 
 
 def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:

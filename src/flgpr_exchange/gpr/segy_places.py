@@ -13,7 +13,7 @@ from flgpr_exchange.gpr.parts import (
     float64,
     gather_note,
     gather_of_separations,
-    measured_distance,
+    way_along,
 )
 from flgpr_exchange.gpr.positions import Fix, Fixes, settle_fixes
 
@@ -117,13 +117,7 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Heade
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
 
     points = _without_far_zeros(points, notes)
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    distance = np.append(0.0, steps.cumsum()) * metre
-    notes.append(
-        f"the distance along the line is that of the traces' coordinates, the {_COORDINATES[name]}"
-    )
-    where = "distances from trace to trace"
-    settled = measured_distance(distance, None, where, "the header", notes)
+    settled = way_along(points * metre, f"the {_COORDINATES[name]}", notes)
     separation = _separation(coordinates, metre, notes)
     for other in coordinates:
         gives_separation = other == "group" and separation is not None
