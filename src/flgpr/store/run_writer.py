@@ -283,8 +283,9 @@ class RunWriter:
 
     def _check_time(self, time: float) -> None:
         """Refuse a time that is infinite or before that of the last scan."""
-        before_it = [*self._journal.scans[-1:], *self._waiting[-1:]]
-        last = before_it[-1].time if before_it else None
+        last = self._journal.scans[-1].time if len(self) else None
+        if self._waiting:
+            last = self._waiting[-1].time
         decreases = last is not None and time < last
         if math.isinf(time) or decreases:
             before = "" if last is None else f" after {last:g}"
