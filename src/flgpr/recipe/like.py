@@ -165,7 +165,7 @@ class _Fitted:
         return "\n".join([*head, "", *toml_lines(self.tables, comments)]) + "\n"
 
     def _set(self, table: str, entry: str, value: Any, reason: str = "") -> None:
-        """Set an entry that follows from the run; one that is so already stays without a reason."""
+        """Set an entry that follows from the run."""
         name = f"{table}.{entry}"
         self.tables.setdefault(table, {})[entry] = value
         self.reasons[name] = reason or self.figures.reasons[name]

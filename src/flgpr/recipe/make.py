@@ -105,8 +105,9 @@ def recipe_or_fitted(
 def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = None) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
-    Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and
-    a comment beside every entry says how. The same run gives the same text. The recipe has the
+    Lengths that belong to a mine and its surroundings are those of Wang et al. 2007 for antennas 5 m
+    high, and shorter for lower ones; the rest follows from the run, and a comment beside every entry
+    says how. The same run gives the same text. The recipe has the
     table features where the run has HH, VV and HV or VH, and no lane: a detection searches the
     ground that the run sees. A radar that moves past what it looks at, farther than twice its
     array's width, gets an image over the whole run (``frames = "all"``).
@@ -145,7 +146,7 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = 
     >>> from flgpr.recipe.schema import parse_recipe
     >>> recipe = parse_recipe(fit_recipe(open_run(sample_lane() / "run.zarr")))
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
-    ((1.8, 8.45), 'HH', ['F1'])
+    ((1.2, 7.2), 'HH', ['F1'])
     """
     model = None if like is None else load_model_recipe(like)
     return _fitted_recipe(run, model, begins)
