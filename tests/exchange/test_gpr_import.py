@@ -142,7 +142,6 @@ def test_an_antenna_that_the_sampling_cannot_hold_makes_no_band(tmp_path):
     notes = run.attrs["import_notes"]
     assert any("an antenna of 400 MHz does not fit samples 4 ns apart" in note for note in notes)
     assert any(
-        "all that the sampling holds, which is hardly any of the antenna's" in note
-        for note in notes
+        "all that is recorded, which hardly holds any of the antenna's" in note for note in notes
     )
     assert np.ptp(run["frequency"].values) > 50e6

@@ -33,6 +33,7 @@ WRITERS = {
     "a.rd3": lambda path: write_mala(path, COUNTS),
     "a.iprb": lambda path: write_impulse(path, COUNTS),
     "a.sgy": lambda path: write_segy(path, COUNTS),
+    "a.seg": lambda path: write_segy(path, COUNTS),
     "a.dt": lambda path: write_ids(path, COUNTS),
     "a.rd7": lambda path: write_mala(path, COUNTS),
     "a.segy": lambda path: write_segy(path, COUNTS, code=5),

@@ -141,4 +141,4 @@ def _clock(head: Header, count: int, notes: list[str]) -> FloatArray | None:
     notes.append(
         f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
     )
-    return np.arange(count) * float(seconds)
+    return np.arange(count, dtype=np.float64) * seconds

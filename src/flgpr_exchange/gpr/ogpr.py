@@ -201,7 +201,7 @@ def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
 
 def _number(entries: dict[str, Any], name: str, low: float, high: float, kind: type = float) -> Any:
     """Return an entry that must be a number of a kind, int or float, within bounds."""
-    value = entries.get(name)
+    value: Any = entries.get(name)
     is_number = isinstance(value, int | kind) and not isinstance(value, bool)
     if not is_number or not low <= value <= high:
         words = "whole number" if kind is int else "number"
