@@ -184,7 +184,11 @@ def print_paths(lanes: list[Lane]) -> None:
                 cells = [f"{value + 0.0:+.1f}" for value in mean]
                 rows.append([title, label, world, *cells, f"{met} of {len(cells)}"])
     print("\nPower by path, full wave over twins (dB)\n")
-    print(markdown(["lanes", "", "twins", *(f"{p:g} m" for p in TOLD), "within 2 dB"], rows))
+    print(
+        markdown(
+            ["lanes", "polarization", "twins", *(f"{p:g} m" for p in TOLD), "within 2 dB"], rows
+        )
+    )
 
 
 def print_images(lanes: list[Lane]) -> None:
@@ -207,7 +211,7 @@ def print_images(lanes: list[Lane]) -> None:
                     rows.append([title, label, name, world, *told, f"{met} of {len(cells)}"])
     heads = [f"{low:g}-{high:g} m" for low, high in itertools.pairwise(CELLS)]
     print("\nPower of images by distance ahead, full wave over twins (dB)\n")
-    print(markdown(["lanes", "", "sub-band", "twins", *heads, "within 3 dB"], rows))
+    print(markdown(["lanes", "polarization", "sub-band", "twins", *heads, "within 3 dB"], rows))
 
 
 def print_covariances(lanes: list[Lane]) -> None:
@@ -256,7 +260,12 @@ def print_unit() -> None:
         turn = np.degrees(np.abs(np.angle((ratio / np.abs(ratio)).mean())))
         rows.append([label, f"{exponent:.2f}", f"{rest:.3f}", f"{turn:.0f}"])
     print("\nDirect wave of lane a over the closed form, pairs 0.2 to 0.6 m apart\n")
-    print(markdown(["", "power of frequency", "rest (dB, rms over tones)", "turned by (°)"], rows))
+    print(
+        markdown(
+            ["polarization", "power of frequency", "rest (dB, rms over tones)", "turned by (°)"],
+            rows,
+        )
+    )
 
 
 def gated(signal: np.ndarray, frequency: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ def section(count=40, scale=12000):
     return np.round(scale * ((1 - 2 * square) * np.exp(-square)).sum(axis=1)).astype(np.int32)
 
 
-def gga(lat, lon, height, quality=4):
+def gga(lat, lon, height, quality=4, clock="120000.00"):
     """NMEA's sentence of a position."""
 
     def cell(value, width):
@@ -39,7 +39,15 @@ def gga(lat, lon, height, quality=4):
 
     sides = "N" if lat >= 0 else "S", "E" if lon >= 0 else "W"
     place = f"{cell(lat, 2)},{sides[0]},{cell(lon, 3)},{sides[1]}"
-    return f"$GPGGA,120000.00,{place},{quality},9,0.9,{height:.3f},M,0.0,M,,*00"
+    return closed(f"$GPGGA,{clock},{place},{quality},9,0.9,{height:.3f},M,0.0,M,,")
+
+
+def closed(sentence):
+    """A sentence of NMEA with its checksum."""
+    total = 0
+    for letter in sentence[1:]:
+        total ^= ord(letter)
+    return f"{sentence}*{total:02X}"
 
 
 def write_dt1(
@@ -142,7 +150,7 @@ def write_ids(path, counts, size=None, unsigned=0, lost=None, **entries):
     counted = struct.pack(
         "<11i", size, 1, samples, told["traces"], told["samples"], 0, 1, 1, 1, 1, unsigned
     )
-    measured = text(4e5, 1e8, 1e-3, told["window"], 500, 1e-3, 0.01, 0.01, STEP, 0.01)
+    measured = text(4e5, 1e8, 1e-3, told["window"], 500, 1e-3, STEP, 0.01, 0.01, 0.01)
     antennas = text(0, 0, 0) + b"500\0\0" + text(0, told["apart"], 0) + b"500\0\0"
     data = (b"V\4\0\0" + struct.pack("<H", size)).ljust(size, b"\0")
     data += record(b"I", b"meadow") + record(b"ATR", antennas) + record(b"H", counted + measured)

@@ -53,7 +53,7 @@ ALLOWED = {
     "results": {"model", "store", "geo", "scoring", *METHOD},
     "design": {"model", "kernels", "imaging", "simulate", *METHOD},
     "report": {"model", "screen", "scoring", *METHOD, "results", "design"} | FILES,
-    "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live"},
+    "jobs": {"model", "jit", "store", *METHOD, "results", "report", "scoring", "simulate", "live"},
     "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
     "proving_ground": set(),
     "accessor": {"model", "imaging", "calibrate", "screen", *METHOD, "results"},

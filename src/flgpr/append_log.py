@@ -72,15 +72,19 @@ class AppendLog:
     ) -> None:
         self.close()
 
-    def append(self, line: bytes) -> None:
-        """Add a line so that it is on the disk; if that fails the log stays as it was."""
+    def append(self, line: bytes, settled: bool = True) -> None:
+        """Add a line so that it is on the disk; if that fails the log stays as it was.
+
+        One that is not ``settled`` is on the disk with the next that is.
+        """
         if b"\n" in line:
             raise ValueError("line must not hold the end of a line")
         if self.torn:
             self.keep(len(self.lines))
         try:
             write_all(self._file, line + b"\n")
-            os.fsync(self._file.fileno())
+            if settled:
+                os.fsync(self._file.fileno())
         except BaseException:
             self._file.truncate(self._ends[-1] if self._ends else 0)
             raise

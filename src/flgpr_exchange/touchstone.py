@@ -64,6 +64,11 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
 
     head, rows = _head_and_rows(text)
+    if not any(line.lstrip().startswith("#") for line in head):
+        notes.append(
+            "it has no option line: frequencies are taken in GHz, numbers as magnitude and degrees "
+            "of S, as the standard has it"
+        )
     ports = _ports_of(path)
     noise = 0
     while ports == 2 and len(rows) > 1 and len(rows[-1]) == _NOISE:

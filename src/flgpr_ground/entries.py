@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.simulate.scene.world import draw_track
 from flgpr.store import open_run
 from flgpr.toml_text import parse_toml
-from flgpr_ground.ground import Ground, packaged_text
+from flgpr_ground.ground import GROUNDS, Ground, packaged_text
 
 ORACLES = {
     "oracle": (
@@ -65,9 +66,7 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
             continue
         source = row["recipe"]
         if own_recipe and row.get("fitted"):
-            model = load_model_recipe(row["recipe"])
-            figures = figures_of(_array_of(ground), model.recipe)
-            text = like_text(figures, model, ground.table.sensor)
+            text = _fitted_text(ground, name, row["recipe"])
         elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
             continue  # made for another array
         else:
@@ -87,6 +86,20 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
         entries[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
     return entries
+
+
+def _fitted_text(ground: Ground, name: str, recipe: str) -> str:
+    """Return a packaged recipe fitted to the array of a ground.
+
+    Entries of a packaged ground that have run stay as they ran, whatever the rules are since.
+    """
+    frozen = f"fitted/{ground.title}-{name}.toml"
+    is_packaged = ground.title in GROUNDS and ground.text == packaged_text(f"{ground.title}.toml")
+    if is_packaged and (resources.files("flgpr_ground") / frozen).is_file():
+        return packaged_text(frozen)
+    model = load_model_recipe(recipe)
+    figures = figures_of(_array_of(ground), model.recipe)
+    return like_text(figures, model, ground.table.sensor)
 
 
 def _array_of(ground: Ground) -> RadarSetup:

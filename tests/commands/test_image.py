@@ -57,3 +57,11 @@ def test_another_file_is_no_picture_s_source(tmp_path):
         ValueError, match=r"a run or a recording \(.*\) can be drawn, got the ending '\.mat'"
     ):
         image(tmp_path / "a.mat", tmp_path / "a.png")
+
+
+@needs("flgpr_exchange")
+def test_options_that_would_be_dropped_are_refused(recording, tmp_path):
+    with pytest.raises(ValueError, match="window, points: a recording is drawn as it is"):
+        image(recording, tmp_path / "a.png", window="boxcar", points=3)
+    with pytest.raises(ValueError, match="anchor and points are of one picture"):
+        image(RUN, tmp_path / "a.png", depth=[0.1], points=3)

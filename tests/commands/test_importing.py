@@ -138,3 +138,13 @@ def test_tables_lie_beside_the_run_and_are_not_written_again(small_run, tmp_path
     assert store_with_tables(small_run, store, {"truth": truth}) == [store]
     with pytest.raises(FileExistsError):
         store_with_tables(small_run.assign_attrs(site="road"), store, {"truth": truth})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("clock_offset", 1.0), ("lever_arm", (0.0, 0.1, 0.0)), ("latency", 0.1), ("max_gap", 2.0),
+     ("axes", "x,-z,y"), ("body", "cart")],
+)  # fmt: skip
+def test_options_of_a_track_are_not_dropped_without_one(name, value, tmp_path):
+    with pytest.raises(ValueError, match=f"{name.replace('_', '-')}: these are of --track"):
+        import_mapped(tmp_path / "m.toml", tmp_path / "q.zarr", **{name: value})

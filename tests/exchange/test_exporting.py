@@ -191,3 +191,14 @@ def test_alarms_for_imsma_need_a_place_and_a_time(result, anchor, tmp_path):
     truth.write_text("target_id,x,y,kind,depth\na,0.1,3.0,metal,0.05\n")
     with pytest.raises(ValueError, match="must have the columns confidence"):
         export(truth, tmp_path / "no.csv", "imsma", anchor, time=time)
+
+
+def test_a_list_of_another_kind_names_the_option(anchor, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("x,y,confidence\n0.1,1.0,0.9\n")
+    with pytest.raises(ValueError, match="it reads as alarms, give --kind alarms"):
+        export(path, tmp_path / "a.geojson", "geojson", anchor)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="truth must have the columns") as told:
+        export(path, tmp_path / "a.geojson", "geojson", anchor)
+    assert "--kind" not in str(told.value)

@@ -268,7 +268,6 @@ def test_damaged_lists_of_alarms(data, tmp_path):
 @FUZZ
 @given(data=st.data())
 def test_damaged_nmea(data, tmp_path):
-    pytest.importorskip("pynmeagps")
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
     path = tmp_path / "t.nmea"
     path.write_bytes(damaged(NMEA, data.draw))

@@ -44,11 +44,11 @@ def test_a_common_band_that_the_sampling_cuts_is_told_so(tmp_path):
     """2600 MHz in samples 0.2 ns apart, which hold up to 2500 MHz."""
     path = write_dzt(tmp_path / "a.DZT", BOTH, names=("3101", "52600"))
     notes = channels_run(read_gpr(path)).attrs["import_notes"]
-    words = "antenna's, within what the records and their sampling hold)"
+    words = "antennas', within what record and sampling hold)"
     assert [note for note in notes if note.startswith("impulse data") and note.endswith(words)]
     whole = write_dzt(tmp_path / "b.DZT", BOTH, names=("50400", "3101"))
     notes = channels_run(read_gpr(whole)).attrs["import_notes"]
-    assert [note for note in notes if note.endswith("twice the highest antenna's)")]
+    assert [note for note in notes if note.endswith("a quarter to twice the antennas')")]
 
 
 def test_places_must_be_one_per_channel(line):

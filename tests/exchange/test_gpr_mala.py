@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from flgpr.formats import channels_run, read_gpr, survey_run
+from flgpr.geo.anchor import anchor_at
 from flgpr_exchange.gpr.mala import read_impulse, read_mala
 from io_gpr import INTERVAL, SAMPLES, STEP, ZERO, write_impulse, write_mala
 from io_recordings import ALONG, COUNTS, TRACES
@@ -55,3 +57,66 @@ def test_impulse_radars_time_zero_and_bits(tmp_path):
         read_impulse(write_impulse(tmp_path / "b.iprb", COUNTS, DATA_VERSION=24), LIMIT)
     unknown = read_impulse(write_impulse(tmp_path / "c.iprb", COUNTS, DATA_VERSION=""), LIMIT)
     assert has_note(unknown, "no DATA VERSION: samples are read as 16 bit")
+
+
+def side_by_side(*channels):
+    return np.stack(channels, axis=1).reshape(-1, SAMPLES)
+
+
+@pytest.mark.parametrize(("write", "name", "entry"), [
+    (write_mala, "a.rd3", "NUMBER_OF_CH"), (write_mala, "a.rd7", "NUMBER_OF_CH"),
+    (write_impulse, "a.iprb", "CHANNELS"),
+])  # fmt: skip
+def test_channels_of_one_file_come_apart(write, name, entry, tmp_path):
+    channels = [COUNTS, COUNTS // 2, -COUNTS]
+    path = write(tmp_path / name, side_by_side(*channels))
+    header = next(one for one in tmp_path.iterdir() if one != path)
+    header.write_text(
+        f"{header.read_text()}\n{entry}: 3\nCH_X_OFFSETS: -0.1 0.0 0.1\nCH_Y_OFFSETS: 0 0.02 0\n"
+    )
+    read = read_gpr(path)
+    for channel, counts in enumerate(channels):
+        np.testing.assert_array_equal(read.traces[:, channel], counts)
+    np.testing.assert_allclose(read.distance, ALONG)
+    np.testing.assert_allclose(read.offsets, [[-0.1, 0], [0, 0.02], [0.1, 0]])
+    assert any(f"{entry} tells 3 channels" in note for note in read.history)
+    run = channels_run(read)
+    np.testing.assert_allclose(run["tx_position"].values[:, 0], [-0.1, 0, 0.1])
+    moved = channels_run(read, [0, 1, 2])
+    np.testing.assert_allclose(moved["tx_position"].values[:, 0], [0, 1, 2])
+    assert any("in place of the file's, -0.1, 0, 0.1 m" in n for n in moved.attrs["import_notes"])
+
+
+def test_a_file_of_each_channel_stays_one_channel(tmp_path):
+    path = write_mala(tmp_path / "a.rd3", COUNTS, **{"NUMBER_OF_CH": 3, "CH_X_OFFSETS": "0 1 2"})
+    path.with_suffix(".RAD").write_text(
+        path.with_suffix(".RAD").read_text().replace("NUMBER OF CH", "NUMBER_OF_CH")
+    )
+    read = read_gpr(path)
+    np.testing.assert_array_equal(read.traces[:, 0], COUNTS)
+    assert any("recorders write that have a file for each" in note for note in read.history)
+
+
+def test_files_of_channels_share_positions_and_lie_side_by_side(tmp_path):
+    """A file for each channel, positions common to all: the survey is as wide as the antennas."""
+    sections = []
+    for k, x in enumerate((-0.3, 0.3)):
+        path = write_impulse(tmp_path / f"line_A{k + 1:02d}.iprb", COUNTS)
+        header = path.with_suffix(".iprh")
+        header.write_text(f"{header.read_text()}\nCH_X_OFFSET: {x}\nCH_Y_OFFSET: 0\n")
+        rows = [
+            f"{n + 1}\t2026-01-02\t10:00:{n:02d}\t{47 + 1e-5 * n}\tN\t11\tE\t5" for n in range(9)
+        ]
+        (tmp_path / "line.cor").write_text("\n".join(rows))
+        sections.append(read_gpr(path))
+    assert [len(one.fixes) for one in sections] == [9, 9]
+    assert any("line.cor, common to the channels" in note for note in sections[0].history)
+    run = survey_run(sections)
+    count = len(COUNTS)
+    np.testing.assert_allclose(run["pose"].values[:count, 0], -0.3)
+    np.testing.assert_allclose(run["pose"].values[count:, 0], 0.3)
+    np.testing.assert_allclose(run["tx_position"].values[:, 0], 0)
+    anchor = anchor_at((11.0, 47.0, 0.0), np.pi / 2)
+    placed = survey_run(sections, anchor=anchor)["pose"].values
+    np.testing.assert_allclose(placed[:9, 0] - placed[9:18, 0], 0, atol=1e-6)
+    np.testing.assert_allclose(placed[:9, 1] - placed[9:18, 1], -0.6, atol=1e-6)

@@ -373,6 +373,7 @@ def test_ids(unsigned, lost, stated, cut, tmp_path):
         f"counts taken as {'unsigned' if unsigned else 'signed'}, by their smaller leaps",
         NO_ZERO,
         f"equal steps of {STEP:g} m, by the header's step",
+        "two numbers of H may be the distance of the traces",
         None if lost is None else "1 traces without data, as their marks say",
         CUT if cut else None,
         stated_note(stated, count),

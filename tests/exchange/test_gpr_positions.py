@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from flgpr.formats import explain_file, gpr_run, read_gpr
-from flgpr.geo import fit_anchor
+from flgpr.geo import anchor_from_fixes, fit_anchor
 from flgpr_exchange.gpr.positions import cor_fixes, nmea_fixes, settle_fixes
 from io_geodesy import LANE, on_the_ellipsoid
-from io_gpr import STEP, gga, write_dt1, write_dzt
+from io_gpr import STEP, closed, gga, write_dt1, write_dzt, write_mala
 from io_recordings import (
     ALONG,
     COUNTS,
@@ -53,9 +53,8 @@ def test_zero_north_zero_east_is_no_place(tmp_path):
 
 def test_rmc_serves_where_there_is_no_gga(tmp_path):
     path = tmp_path / "a.dzg"
-    path.write_text(
-        "$GSSIS,3,-1\n$GPRMC,120000.00,A,4700.0000,N,01100.0000,E,0.0,0.0,010120,,*00\n"
-    )
+    rmc = closed("$GPRMC,120000.00,A,4700.0000,N,01100.0000,E,0.0,0.0,010120,,")
+    path.write_text(f"$GSSIS,3,-1\n{rmc}\n")
     notes = []
     found = nmea_fixes(path, TRACES, notes)
     np.testing.assert_allclose(found.table, [[3, 11, 47, 0]])
@@ -108,7 +107,7 @@ def test_a_jump_that_no_vehicle_makes_is_told_by_info_and_left_out_of_a_run(evid
         second = k if evidence == "receiver" else 0
         lines += [
             f"$GSSIS,{trace},-1",
-            gga(lat, LONGITUDE[trace], 0).replace("120000", f"1200{second:02d}"),
+            gga(lat, LONGITUDE[trace], 0, clock=f"1200{second:02d}.00"),
         ]
     path.with_suffix(".dzg").write_text("\n".join(lines))
     told = "\n".join(explain_file(path).lines)
@@ -141,3 +140,39 @@ def test_a_spacing_that_the_receiver_contradicts_is_told(tmp_path):
     )
     told = "\n".join(explain_file(path).lines)
     assert "where the traces' own distance is 29 m: is their spacing right?" in told
+
+
+@pytest.mark.parametrize(("form", "ending"), [("dt1", ".gps"), ("gp2", ".gp2"), ("dzt", ".dzg")])
+def test_a_sentence_that_fails_its_checksum_is_not_used(form, ending, tmp_path):
+    """A digit of the longitude changed: 7 m aside, within what a vehicle reaches."""
+    lines = gps_lines(range(9), LATITUDE[:9], LONGITUDE[:9], form).split("\r\n")
+    number = next(k for k, line in enumerate(lines) if "GGA" in line) + (1 if form == "gp2" else 0)
+    place = lines[number].index(",E,") - 4
+    digit = str((int(lines[number][place]) + 5) % 10)
+    lines[number] = lines[number][:place] + digit + lines[number][place + 1 :]
+    path = tmp_path / f"a{ending}"
+    path.write_text("\r\n".join(lines))
+    notes = []
+    found = nmea_fixes(path, TRACES, notes)
+    assert len(found.table) == 8
+    np.testing.assert_allclose(
+        found.table[:, 1], LONGITUDE[found.table[:, 0].astype(int)], atol=1e-8
+    )
+    assert f"1 of 9 sentences of a{ending} are left out" in "\n".join(notes)
+
+
+@pytest.mark.parametrize("bad", [0, 11, 29])
+def test_a_changed_digit_of_a_cor_does_not_turn_the_line(bad, tmp_path):
+    path = write_mala(tmp_path / "a.rd3", COUNTS)
+    rows = []
+    for k in range(TRACES):
+        latitude = 47 + 4e-7 * k + (3e-5 if k == bad else 0)
+        rows.append(f"{k + 1}\td\t12:00:00\t{latitude:.9f}\tN\t{11 + 6e-7 * k:.9f}\tE\t0")
+    path.with_suffix(".cor").write_text("\n".join(rows))
+    section = read_gpr(path)
+    anchor, notes = anchor_from_fixes(section.fixes[:, 1:], section.fixes[:, 0])
+    assert np.degrees(anchor.azimuth) == pytest.approx(45.7, abs=0.5)
+    assert "1 of 30 fixes are not plausible" in "\n".join(notes)
+    run = gpr_run(section, anchor=anchor)
+    np.testing.assert_allclose(run["pose"].values[:, 0], 0, atol=1e-3)
+    assert "lie aside of a way that goes on behind them" in "\n".join(run.attrs["import_notes"])

@@ -91,3 +91,77 @@ def test_coordinates_that_never_change_are_told(tmp_path):
     assert notes_with(
         read, "source coordinates (bytes 73-80) are the same in all traces: they are not used"
     )
+
+
+def float_words(**values):
+    """Words of a trace header as IEEE floats: name=(offset, function of the trace)."""
+    return {name: (offset, ">f", value) for name, (offset, value) in values.items()}
+
+
+@pytest.mark.parametrize("offset", [72, 80, 180])
+@pytest.mark.parametrize("step", [0.7, 0.03125])
+def test_coordinates_as_floats_are_known_by_their_size(offset, step, tmp_path):
+    path = write_segy(tmp_path / "a.sgy", COUNTS, scalar=1, place=[(0, 0)] * TRACES)
+    x = (offset, lambda k: 565_000 + step * k)
+    y = (offset + 4, lambda k: 6_020_000.5)
+    segy_words(path, TRACES, **float_words(x=x, y=y))
+    read = read_gpr(path)
+    np.testing.assert_allclose(read.distance, step * np.arange(TRACES), atol=0.04)
+    assert notes_with(read, "are read as floating point, as some programs write them")
+
+
+def test_degrees_as_floats_place_a_line(tmp_path):
+    path = write_segy(tmp_path / "a.sgy", COUNTS, scalar=1, unit=3, place=[(0, 0)] * TRACES)
+    words = float_words(x=(72, lambda k: 11 + 1e-4 * k), y=(76, lambda k: -47.5))
+    segy_words(path, TRACES, **words)
+    read = read_gpr(path)
+    np.testing.assert_allclose(read.fixes[:, 1], 11 + 1e-4 * np.arange(TRACES), atol=1e-6)
+    np.testing.assert_allclose(read.fixes[:, 2], -47.5)
+
+
+def test_whole_numbers_that_are_places_stay_whole_numbers(tmp_path):
+    """Numbers beyond 1e9 that their scalar makes an easting and a northing."""
+    place = [(1_100_000_000 + round(1000 * STEP * k), 1_200_000_000) for k in range(TRACES)]
+    read = read_gpr(write_segy(tmp_path / "a.sgy", COUNTS, scalar=-1000, place=place))
+    np.testing.assert_allclose(read.distance, ALONG, atol=1e-6)
+    assert not notes_with(read, "floating point")
+
+
+@pytest.mark.parametrize(
+    ("offset", "scalar", "apart", "manner"),
+    [(334, -1000, 0.334, "scaled as the coordinates are"), (2, 1, 2.0, "scaled"),
+     (334, 1, 0.334, "in millimetres"), (-50, -100, 0.5, "scaled")],
+)  # fmt: skip
+def test_the_distance_from_source_to_receiver_is_the_separation(
+    offset, scalar, apart, manner, tmp_path
+):
+    path = write_segy(tmp_path / "a.sgy", COUNTS, scalar=scalar)
+    segy_words(path, TRACES, offset=(36, ">i", offset))
+    read = read_gpr(path)
+    assert read.separation == pytest.approx(apart)
+    assert notes_with(read, manner)
+
+
+def test_a_distance_that_no_antennas_have_is_told(tmp_path):
+    path = write_segy(tmp_path / "a.sgy", COUNTS)
+    segy_words(path, TRACES, offset=(36, ">i", 99_999_999))
+    read = read_gpr(path)
+    assert read.separation is None
+    assert notes_with(read, "is none of antennas and not used")
+
+
+def test_channels_that_trace_headers_count_come_apart(tmp_path):
+    both = np.stack([COUNTS, -2 * COUNTS], axis=1).reshape(2 * TRACES, -1)
+    place = [(round(100 * STEP * (k // 2)), 0) for k in range(2 * TRACES)]
+    path = write_segy(tmp_path / "a.seg", both, code=2, place=place)
+    segy_words(
+        path,
+        2 * TRACES,
+        width=4,
+        record=(8, ">i", lambda k: 1 + k // 2),
+        channel=(12, ">i", lambda k: 1 + k % 2),
+    )
+    read = read_gpr(path)
+    np.testing.assert_array_equal(read.traces[:, 0], COUNTS)
+    np.testing.assert_array_equal(read.traces[:, 1], -2 * COUNTS)
+    np.testing.assert_allclose(read.distance, ALONG)

@@ -240,7 +240,6 @@ def with_checksum(sentence):
 @FUZZ
 @given(poor=some(1, ROWS - 2), repeated=some(1, ROWS - 2), turned=st.booleans())
 def test_nmea(poor, repeated, turned, tmp_path):
-    pytest.importorskip("pynmeagps")
     lines = []
     good = 0
     for k in range(ROWS):
@@ -261,7 +260,7 @@ def test_nmea(poor, repeated, turned, tmp_path):
     again = len(repeated - poor)
     check_notes(
         track.attrs["notes"],
-        "pitch and roll are taken as 0: NMEA tells none",
+        "pitch and roll are taken as 0, which NMEA does not tell",
         None if turned else "no sentence tells a heading: it is the direction of the way",
         f"{unused} of {fixes} fixes are not of quality (4,) and not used" if unused else None,
         f"{again} fixes whose time does not go on are not used" if again else None,

@@ -57,3 +57,13 @@ def test_version_2_says_itself_where_noise_begins(tmp_path):
         ValueError, match="it holds 4 tones, of which the scikit-rf library reads 3"
     ):
         open_arrays(path)
+
+
+def test_a_file_without_an_option_line_tells_what_is_taken(tmp_path):
+    path = tmp_path / "a.s2p"
+    path.write_text(touchstone([1, 2], option="! none"))
+    opened = open_arrays(path)
+    np.testing.assert_allclose(opened.read("frequency"), [1e9, 2e9])
+    assert any("it has no option line: frequencies are taken in GHz" in n for n in opened.notes)
+    path.write_text(touchstone([1, 2]))
+    assert not open_arrays(path).notes

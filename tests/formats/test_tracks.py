@@ -120,7 +120,6 @@ WAY = np.array([[0.5, y, 0] for y in (0.0, 1.0, 2.0, 3.0)])
 
 
 def test_nmea_positions_over_midnight(anchor, tmp_path):
-    pytest.importorskip("pynmeagps")
     places = on_the_ellipsoid(WAY)
     log = "".join(gga(86398.5 + k, *place) for k, place in enumerate(places))
     track = read_nmea(put(log + sentence("GPGSV,1,1,00"), tmp_path / "n.nmea"), anchor)
@@ -131,7 +130,6 @@ def test_nmea_positions_over_midnight(anchor, tmp_path):
 
 
 def test_nmea_heading_of_a_dual_antenna_is_turned_to_the_lane(anchor, tmp_path):
-    pytest.importorskip("pynmeagps")
     north = math.degrees(AZIMUTH) + 20
     log = "".join(
         gga(k, *place) + sentence(f"GPHDT,{north:.3f},T")
@@ -142,7 +140,6 @@ def test_nmea_heading_of_a_dual_antenna_is_turned_to_the_lane(anchor, tmp_path):
 
 
 def test_nmea_of_poor_quality_or_damaged(anchor, tmp_path):
-    pytest.importorskip("pynmeagps")
     places = on_the_ellipsoid(WAY)
     poor = put(
         "".join(gga(k, *place, quality=1) for k, place in enumerate(places)), tmp_path / "n.nmea"
@@ -151,7 +148,7 @@ def test_nmea_of_poor_quality_or_damaged(anchor, tmp_path):
         read_nmea(poor, anchor)
     assert len(read_nmea(poor, anchor, quality=(1,))) == 4
     bad = put(gga(1, *places[0]).replace("M,47", "M,48"), tmp_path / "b.nmea")
-    with pytest.raises(ValueError, match="line 1 is no valid NMEA sentence"):
+    with pytest.raises(ValueError, match=r"got 0 .*1 of 1 sentences of b\.nmea are left out"):
         read_nmea(bad, anchor)
     flat = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02)
     with pytest.raises(ValueError, match="height must be given"):

@@ -129,3 +129,72 @@ def test_anchor_files_that_are_wrong(tmp_path, old, new, words):
 def test_no_anchor_file(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_anchor(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:3460"])
+@pytest.mark.parametrize("azimuth", [90.0, 0.0, 215.0])
+@pytest.mark.parametrize("start", [179.9998, 180.0, -179.9999])
+def test_a_lane_across_180_degrees(crs, azimuth, start):
+    from pyproj import Geod, Transformer
+
+    geod = Geod(ellps="WGS84")
+    end = geod.fwd(start, -17.0, azimuth, 60.0)
+    lonlat = np.array([[start, -17.0], end[:2]])
+    to = Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+    position = np.stack(to.transform(*lonlat.T), axis=-1)
+    anchor = fit_anchor([[0, 0, 0], [0, 60.0, 0]], position, crs, 0.05, [100.0, 100.0])
+    middle = geod.fwd(start, -17.0, azimuth, 30.0)
+    right = geod.fwd(*middle[:2], azimuth + 90, 1.5)
+    found = anchor.to_geodetic([[1.5, 30.0, 0.0]])
+    assert geod.inv(found[0, 0], found[0, 1], right[0], right[1])[2] < 1e-3
+    assert found[0, 2] == pytest.approx(100, abs=1e-2)
+    assert anchor.residuals[0] < 1e-3
+    assert abs(anchor.origin[0]) <= 180
+    assert anchor.utm() in ("EPSG:32701", "EPSG:32760")
+
+
+@pytest.fixture
+def notes(caplog):
+    caplog.set_level("INFO", "flgpr.notes")
+    return caplog
+
+
+def test_points_outside_of_the_area_of_a_system_are_told(notes):
+    points = [[540_000.0, 5_500_000.0], [540_000.0, 5_500_050.0]]
+    fit_anchor([[0, 0, 0], [0, 50.0, 0]], points, "EPSG:32633", 0.5)
+    assert not notes.messages
+    points = [[1_540_000.0, 5_500_000.0], [1_540_000.0, 5_500_050.0]]
+    with pytest.raises(ValueError, match="must fit one another"):  # its scale is none there
+        fit_anchor([[0, 0, 0], [0, 50.0, 0]], points, "EPSG:32633", 0.05)
+    (note,) = notes.messages
+    assert "degrees outside of the area of use of EPSG:32633" in note
+    assert "is it the right system?" in note
+
+
+def test_a_system_whose_area_passes_180_degrees(notes):
+    points = [[179.9, -17.0], [-179.9, -17.0]]
+    fit_anchor([[0, 0, 0], [0, 21_292.0, 0]], points, "EPSG:4748", 50.0)
+    assert not notes.messages
+
+
+@pytest.mark.parametrize("code", [2053, 5513])
+@pytest.mark.parametrize("negative", [False, True])
+def test_axes_to_west_and_south(code, negative, notes):
+    """A westing as such, or as a negative easting: the lane lies where its points are."""
+    from pyproj import Geod, Transformer
+
+    lon, lat = (28.6, -26.0) if code == 2053 else (15.0, 50.0)
+    end = Geod(ellps="WGS84").fwd(lon, lat, 30.0, 50.0)
+    lonlat = np.array([[lon, lat], end[:2]])
+    position = np.stack(
+        Transformer.from_crs("EPSG:4326", f"EPSG:{code}", always_xy=True).transform(*lonlat.T),
+        axis=-1,
+    )
+    if code == 5513:
+        position = position[:, ::-1]  # its first axis points to the south
+    position = -position if negative else position
+    lane = [[0, 0, 0], [0, 50.0, 0]]
+    anchor = fit_anchor(lane, position, f"EPSG:{code}", 0.1)
+    assert distance(anchor.to_geodetic([[0, 0, 0]])[:, :2], lonlat[:1]).max() < 0.01
+    assert math.degrees(anchor.azimuth) == pytest.approx(30.0, abs=0.05)
+    assert any("the axes of EPSG" in note for note in notes.messages)

@@ -173,7 +173,6 @@ def test_a_vehicles_run_lies_in_a_lane_of_its_own_track(tmp_path):
 
 
 def test_a_receivers_log_places_a_run_without_an_anchor(tmp_path):
-    pytest.importorskip("pynmeagps")
     fixes = write_drive(tmp_path, '[time]\nvariable = "t"\nunit = "s"\n')
     lines = [
         gga(lat, lon, height).replace("120000.00", f"0000{k:02d}.00")

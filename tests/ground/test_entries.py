@@ -40,8 +40,12 @@ def test_fused_enters_the_full_wave_track_fitted_to_its_array():
         warnings.simplefilter("error")
         check_fit(run, recipe)
     assert (recipe.map.settings.sensor, recipe.map.settings.antennas) == ("run", "full-wave")
+    assert recipe.image.y[0] == 1.8  # as it ran, 1.2 antenna heights ahead
+    described = FULLWAVE.text.replace("version = 1", "version = 99")
     own = parse_recipe(fit_recipe(run, like="fused"))
-    assert recipe == own.model_copy(update={"description": recipe.description})
+    fitted = parse_recipe(find_entry("fused", load_ground(source=described)).text)
+    assert fitted == own.model_copy(update={"description": fitted.description})
+    assert fitted.image.y[0] == 1.2
     others = {"fuse2018-wang2007", "cosgrove2004", "flsar2004-rvm", "low-rank"}
     assert not others & set(packaged_entries(FULLWAVE))
     assert packaged_entries(FIRST[False])["fused"].text.strip() == recipe_text("fused").strip()

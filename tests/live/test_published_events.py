@@ -11,6 +11,7 @@ from flgpr.live.events import (
     alarm_event,
     anew_event,
     as_line,
+    ground_event,
     position_events,
     problem_event,
     view_event,
@@ -19,6 +20,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
+from flgpr.method.unlike import Comparison, Figure
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import Scan, describe_for_live, encode_scan
 from live_lane import make_lane_run, small_recipe
@@ -78,7 +80,8 @@ def test_a_live_session_keeps_to_the_schema_with_events_of_every_kind(tmp_path):
     assert kinds == {
         "start", "scan", "view", "alarm", "anew", "problem", "counts", "resume", "end",
     }  # fmt: skip
-    assert len(kinds) == len(maker().EVENTS) - 1  # a position is a problem, too
+    # A position is a problem, too, and without a model nothing is said of the ground.
+    assert len(kinds) == len(maker().EVENTS) - 2
     assert any("kind" in line for line in lines if line["event"] == "problem")
     assert any({"latitude", "margin_m"} <= line.keys() for line in lines)
 
@@ -97,11 +100,12 @@ def events():
     anew = anew_event(5, LiveUpdate("taken", [], anew=True, released=released), POSE)
     view = view_event(2, np.ones((3, 4), np.float32))
     problem = problem_event("a.scan", "frame has a wrong checksum")
-    made = [alarm, position, anew, view, problem]
+    ground = ground_event(7, Comparison((Figure("divergence", 0.9, 0.4),)))
+    made = [alarm, position, anew, view, problem, ground]
     return {name: json.loads(as_line(event)) for name, event in zip(NAMES, made, strict=True)}
 
 
-NAMES = ("alarm", "position", "anew", "view", "problem")
+NAMES = ("alarm", "position", "anew", "view", "problem", "ground")
 
 
 @pytest.mark.parametrize("name", NAMES)

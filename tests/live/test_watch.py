@@ -15,10 +15,11 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from damage import CASES, MACHINE
 from flgpr.door import Folder
 from flgpr.live import watch
+from flgpr.live.intake import Intake
 from flgpr.live.source import Arrival, ArrivalQueue, Inbox
 from flgpr.live.watch import FolderWatch
 from flgpr.model import make_run
-from flgpr.store import describe_for_live, encode_scan
+from flgpr.store import ScanFileError, describe_for_live, encode_scan
 from flgpr.store.scan_file import scan_name
 
 """The folder that is watched and the queue of arrivals: every file once, in order, and no end of memory."""
@@ -47,6 +48,8 @@ class WatchMachine(RuleBasedStateMachine):
         self.whole = {}
         self.torn = {}
         self.handed = set()
+        # handed over as torn: read once more when they grow
+        self.cut = set()
         self.ended = False
         self.start(None)
 
@@ -69,6 +72,7 @@ class WatchMachine(RuleBasedStateMachine):
         (self.folder / "new").write_bytes(self.frame(number))
         (self.folder / "new").rename(path)
         self.torn.pop(path.name, None)
+        self.grows(path.name)
         self.whole[path.name] = self.frame(number)
 
     @rule(number=FEW, share=st.floats(0, 1, exclude_max=True))
@@ -76,8 +80,16 @@ class WatchMachine(RuleBasedStateMachine):
         path = self.folder / scan_name(number)
         frame = self.frame(number)
         if path.name not in self.whole:
+            before = path.stat().st_size if path.exists() else -1
             path.write_bytes(frame[: int(share * len(frame))])
             self.torn.setdefault(path.name, None)
+            if path.stat().st_size != before:
+                self.grows(path.name)
+
+    def grows(self, name):
+        if name in self.cut:
+            self.cut.remove(name)
+            self.handed.discard(name)
 
     @precondition(lambda self: self.torn)
     @rule(data=st.data())
@@ -88,6 +100,7 @@ class WatchMachine(RuleBasedStateMachine):
             file.write(frame[file.tell() :])
         del self.torn[name]
         self.whole[name] = frame
+        self.grows(name)
 
     @precondition(lambda self: self.whole or self.torn)
     @rule(data=st.data(), again=st.booleans())
@@ -104,6 +117,7 @@ class WatchMachine(RuleBasedStateMachine):
         (self.folder / name).unlink()
         self.whole.pop(name, None)
         self.torn.pop(name, None)
+        self.cut.discard(name)
 
     @rule(what=st.sampled_from(["link.scan", "folder.scan", "notes.txt"]))
     def lay_down_something_else(self, what):
@@ -129,6 +143,7 @@ class WatchMachine(RuleBasedStateMachine):
         """Another process goes on from a snapshot that may not know of the last files."""
         self.handed -= set(sorted(self.handed)[len(self.handed) - lose :])
         self.torn = dict.fromkeys(self.torn)
+        self.cut = set()
         self.start(set(self.handed))
 
     @rule(times=st.integers(1, 2))
@@ -160,6 +175,7 @@ class WatchMachine(RuleBasedStateMachine):
         for one in frames:
             assert one.data == self.whole.get(one.name, one.data)
         self.handed.update(due)
+        self.cut |= given_up
         waiting = {*self.torn} - self.handed
         ends = self.ended and not due and not waiting and not self.ended_told
         assert [one.kind for one in arrivals if one.kind != "frame"] == ["end"] * ends
@@ -175,6 +191,30 @@ def test_a_file_that_was_taken_away_may_come_again():
     for step in (machine.write, machine.take_away_one, machine.write):
         step(3)
         machine.look_once()
+    machine.teardown()
+
+
+def test_a_scan_in_two_halves_seconds_apart_is_read_when_it_is_whole():
+    """The first half is handed over as damaged after a second; the rest comes after four."""
+    machine = WatchMachine()
+    frame = machine.frame(3)
+    path = machine.folder / scan_name(3)
+    path.write_bytes(frame[: len(frame) // 2])
+    machine.watch._check()
+    machine.ahead += 2.0
+    machine.watch._check()
+    machine.ahead += 2.0
+    machine.watch._check()
+    with path.open("ab") as file:
+        file.write(frame[len(frame) // 2 :])
+    machine.watch._check()
+    arrivals = machine.watch.inbox.arrivals
+    data = [arrivals.get().data for _ in range(arrivals.qsize())]
+    assert data == [b"", frame[: len(frame) // 2], frame]
+    intake = Intake(TINY)
+    with pytest.raises(ScanFileError):
+        intake.admit(data[1])
+    assert intake.admit(data[2]).number == 3
     machine.teardown()
 
 

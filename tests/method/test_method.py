@@ -76,7 +76,7 @@ def test_a_map_surveys_the_whole_lane_before_the_first_map(run, recipe, setup):
 
         return sum_accumulator(sums, add)
 
-    other.mapper = SimpleNamespace(surveys=True, survey=survey)
+    other.mapper = SimpleNamespace(surveys=True, survey=survey, measures_clutter=False)
     passes = {planned.name: planned for planned in passes_of(other)}
     assert list(passes) == ["signature", "gain", "survey", *ORDER[2:]]
     assert passes["survey"].all_scans

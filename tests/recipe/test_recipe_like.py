@@ -21,10 +21,10 @@ from systems.lanes import SENSOR
 LOW_TONES = 0.45e9 + 5e6 * np.arange(130)
 ARRAY_ENTRIES = {
     "image": {"x", "y", "spacing", "subbands"},
-    "background": {"self_signature", "median_step"},
-    "map": {"sensor", "antennas", "polarizations"},
+    "background": {"self_signature", "median_step", "mean"},
+    "map": {"sensor", "antennas", "polarizations", "step", "clear", "guard", "outer"},
     "run_view": {"x", "spacing", "y_max"},
-    "prescreen": {"subband"},
+    "prescreen": {"subband", "radius", "count"},
     "contrast": {"polarization", "subband", "size", "spacing", "inner", "guard"},
 }
 """Entries of fused that a run may change."""
@@ -59,7 +59,7 @@ def test_fused_fits_every_packaged_array_and_its_method_stays(name):
     model = load_recipe("fused").model_dump(mode="json")
     fitted = recipe.model_dump(mode="json")
     for part, entries in model.items():
-        if part in ("name", "description") or entries is None:
+        if part in ("name", "description", "clutter") or entries is None:
             continue
         own, models = fitted[part], entries
         if part == "map":
@@ -74,18 +74,26 @@ def test_fused_fits_every_packaged_array_and_its_method_stays(name):
 def test_the_papers_array_gets_nearly_what_fused_has():
     recipe = fused_for(run_of(load_sensor("sri-array")))
     model = load_recipe("fused")
-    assert recipe.image.subbands == model.image.subbands
+    assert list(recipe.image.subbands.values()) == [
+        (0.45e9, 1.5e9),
+        (0.45e9, 1.05e9),
+        (0.9e9, 1.5e9),
+    ]
     assert (recipe.image.x, recipe.image.spacing) == (model.image.x, model.image.spacing)
-    assert recipe.contrast == model.contrast
-    assert recipe.run_view.y_max == pytest.approx(model.run_view.y_max, abs=1.5)
+    assert recipe.contrast == model.contrast.model_copy(update={"subband": "F0"})
+    assert recipe.prescreen.radius == model.prescreen.radius
+    table, of_model = recipe.map.settings, model.map.settings
+    for entry in ("clear", "inner", "guard", "outer", "blur", "own"):
+        assert getattr(table, entry) == getattr(of_model, entry), entry
 
 
 def test_comments_tell_what_was_taken_from_the_run():
     text = fit_recipe(open_run(sample_lane() / "run.zarr"), like="fused")
     lines = {line.split(" = ")[0]: line for line in text.splitlines() if " = " in line}
-    for entry in ("x", "y", "self_signature", "sensor", "antennas", "y_max", "median_step"):
+    fitted = ("x", "y", "self_signature", "sensor", "antennas", "y_max", "median_step", "clutter")
+    for entry in (*fitted, "step", "clear", "guard", "outer", "mean", "radius", "count", "size"):
         assert "  # run: " in lines[entry], entry
-    for entry in ("window", "kinds", "depths", "blur", "falloff", "radius", "halo", "estimator"):
+    for entry in ("window", "kinds", "depths", "blur", "falloff", "density", "halo", "estimator"):
         assert "#" not in lines[entry], entry
     assert 'antennas = "full-wave"' in lines["antennas"]
     assert "flgpr recipe for --like fused" in text
@@ -144,32 +152,139 @@ def test_a_single_transmitter_gets_a_recipe():
     pose[:, 2] = 2.0
     signal = np.zeros((6, 2, 8, LOW_TONES.size), np.complex64)
     run = make_run(signal, LOW_TONES, ["HH", "VV"], [[0.0, 0.0, 0.0]] * 8, receivers, pose)
-    assert list(fused_for(run).image.subbands) == ["B0", "B1", "B2"]
+    assert list(fused_for(run).image.subbands) == ["F0", "F1", "F2"]
     sensor = sensor_for(run)
     assert (len(sensor.tx), len(sensor.rx), sensor.scanned) == (1, 8, False)
 
 
+ALL_LOW = {"F0": (0.45, 1.095), "F1": (0.45, 0.8186), "F2": (0.7264, 1.095)}
+
+
 @pytest.mark.parametrize(
-    ("tones", "bands"),
+    ("height", "tones", "bands"),
     [
-        (LOW_TONES, {"B0": (0.45, 0.6), "B1": (0.6, 0.8), "B2": (0.8, 1.05)}),
-        (0.9e9 + 5e6 * np.arange(400), {"B0": (0.9, 1.194), "B1": (1.194, 1.583), "B2": (1.583, 2.1)}),
-        (8e9 + 5e6 * np.arange(80), {"B0": (8.0, 8.195), "B1": (8.195, 8.395)}),
-        (1e9 + 5e6 * np.arange(20), {"B0": (1.0, 1.095)}),
-        (1e9 + 30e6 * np.arange(12), {"B0": (1.0, 1.33)}),
-        (np.append(0.3e9 + 5e6 * np.arange(40), 2e9 + 5e6 * np.arange(40)), {"B0": (0.45, 0.495)}),
+        (5.0, LOW_TONES, ALL_LOW),
+        (2.0, LOW_TONES, ALL_LOW),
+        (2.0, 0.9e9 + 5e6 * np.arange(500), {"F0": (0.9, 3.0), "F1": (0.9, 2.1), "F2": (1.8, 3.0)}),
+        (0.8, 0.9e9 + 5e6 * np.arange(400), {"F0": (0.9, 2.895), "F1": (0.9, 2.04), "F2": (1.755, 2.895)}),
+        (2.0, 8e9 + 5e6 * np.arange(80), {"F0": (8.0, 8.395)}),
+        (2.0, 1e9 + 5e6 * np.arange(20), {"F0": (1.0, 1.095)}),
+        (0.7, 1e9 + 30e6 * np.arange(12), {"F0": (1.0, 1.33)}),
+        (2.0, np.append(0.3e9 + 5e6 * np.arange(40), 2e9 + 5e6 * np.arange(40)), {"F0": (0.45, 0.495)}),
     ],
-    ids=["its own", "higher", "high and narrow", "narrow", "coarse", "in two pieces"],
+    ids=["its own", "its own, low", "higher", "higher, very low", "high and narrow", "narrow", "coarse",
+         "in two pieces"],
 )  # fmt: skip
-def test_sub_bands_are_fuseds_or_the_lowest_of_the_tones(tones, bands):
-    height = 0.7 if tones[1] - tones[0] > 20e6 else 2.0
+def test_sub_bands_are_the_lowest_tones_and_their_parts_where_these_are_wide_enough(
+    height, tones, bands
+):
     recipe = fused_for(bare_run(height, ("HH", "VV"), tones))
     found = {name: np.array(band) / 1e9 for name, band in recipe.image.subbands.items()}
     assert list(found) == list(bands)
     for name, band in bands.items():
         np.testing.assert_allclose(found[name], band, atol=5e-4)
-    assert recipe.prescreen.subband == ("all" if len(bands) > 1 else "B0")
+    assert recipe.prescreen.subband == ("all" if len(bands) > 1 else "F0")
     assert recipe.contrast.subband in bands
+
+
+@pytest.mark.parametrize("height", [0.8, 1.5, 3.0, 5.0, 8.0])
+@pytest.mark.parametrize("start", [0.3e9, 0.45e9, 0.75e9])
+def test_a_range_cell_is_shorter_than_the_gap_after_the_grounds_echo(height, start):
+    run = bare_run(height, ("HH", "VV"), start + 5e6 * np.arange(500))
+    recipe = fused_for(run)
+    assert recipe.image.y[0] == pytest.approx(0.8 * height, abs=0.03)
+    gap = 2 * (np.hypot(height, 0.8 * height) - height)
+    narrowest = min(high - low for low, high in recipe.image.subbands.values())
+    cell = 299792458.0 / narrowest
+    assert cell <= min(gap, 2 * recipe.map.settings.outer)
+    assert f"range cells of at most {cell:.2g} m, shorter than the gap" in fit_recipe(
+        run, like="fused"
+    )
+
+
+def test_a_band_too_narrow_for_the_gap_is_said_and_keeps_what_it_had():
+    run = bare_run(2.0, ("HH", "VV"), 1e9 + 5e6 * np.arange(20), step=0.1)
+    text = fit_recipe(run, like="fused")
+    recipe = parse_recipe(text)
+    assert "range cells of at most 3.2 m, but not shorter, for want of band, than the gap" in text
+    assert (recipe.background.self_signature, recipe.clutter) == ("none", ())
+    assert recipe.image.y[0] == pytest.approx(1.2 * 2.0)
+    assert "not 0.8: nothing takes the ground's echo out" in text
+
+
+@pytest.mark.parametrize(
+    ("height", "expected"),
+    [
+        (5.0, (0.5, 1.2, 0.65, 1.55, 2.55, 2.5)),
+        (1.5, (0.375, 0.6, 0.4, 0.65, 1.25, 1.3)),
+        (0.8, (0.35, 0.5, 0.35, 0.45, 1.25, 1.3)),
+        (9.0, (0.5, 1.2, 0.65, 1.55, 2.55, 2.5)),
+    ],
+)
+def test_lengths_follow_the_height_from_fuseds_to_those_of_the_miniature(height, expected):
+    recipe = fused_for(bare_run(height, ("HH", "VV"), 0.45e9 + 5e6 * np.arange(250)))
+    table = recipe.map.settings
+    patch = recipe.contrast.size * recipe.contrast.spacing
+    lengths = (
+        recipe.prescreen.radius,
+        table.clear,
+        table.guard,
+        table.outer,
+        recipe.background.mean,
+    )
+    assert lengths == pytest.approx(expected[:5])
+    assert patch == pytest.approx(expected[5], abs=1.01 * recipe.contrast.spacing)
+    assert table.inner == load_recipe("fused").map.settings.inner
+    if height == 1.5:
+        miniature = load_recipe("miniature")
+        own = (miniature.prescreen.radius, miniature.background.mean)
+        assert (recipe.prescreen.radius, recipe.background.mean) == own
+
+
+def test_the_ground_s_echo_is_taken_out_where_no_self_signature_is():
+    stands = bare_run(1.5, ("HH", "VV"), LOW_TONES, step=0.1)
+    drives = bare_run(1.5, ("HH", "VV"), LOW_TONES, step=1.0)
+    for like in ("fused", "wang2007", None):
+        run = stands if like != "wang2007" else stands.isel(polarization=[0])
+        recipe = parse_recipe(fit_recipe(run, like=like))
+        assert [stage.stage for stage in recipe.clutter] == ["early"]
+        assert recipe.background.self_signature == "none"
+        assert not parse_recipe(fit_recipe(drives, like=like)).clutter
+
+
+def test_a_model_that_takes_early_echoes_out_does_so_where_it_has_to(tmp_path):
+    path = tmp_path / "early.toml"
+    path.write_text(recipe_text("fused") + '\n[[clutter]]\nstage = "early"\n')
+    stands = bare_run(1.5, ("HH", "VV"), LOW_TONES, step=0.1)
+    recipe = parse_recipe(fit_recipe(stands, like=path))
+    assert [stage.stage for stage in recipe.clutter] == ["early"]
+    assert not parse_recipe(fit_recipe(bare_run(1.5, ("HH", "VV"), LOW_TONES), like=path)).clutter
+    path.write_text(recipe_text("fused") + '\n[[clutter]]\nstage = "early"\npath = 3.0\n')
+    with pytest.raises(ValueError, match=r"clutter\.early: its path is that of its own array"):
+        fit_recipe(stands, like=path)
+
+
+@pytest.mark.parametrize(("tones", "step"), [(0.3e9, 0.15), (0.75e9, 0.1), (3e9, 0.1)])
+def test_the_step_of_a_chip_is_half_a_wavelength(tones, step):
+    recipe = fused_for(bare_run(5.0, ("HH", "VV"), tones + 5e6 * np.arange(250)))
+    assert recipe.map.settings.step == step
+
+
+def test_images_are_as_wide_as_the_antennas_are_high():
+    for height, half, view in ((0.8, 1.8, 1.8), (1.5, 1.8, 1.8), (3.0, 3.6, 3.0), (9.0, 6.0, 3.0)):
+        recipe = fused_for(bare_run(height, ("HH", "VV"), LOW_TONES))
+        assert recipe.image.x == pytest.approx((-half, half))
+        assert recipe.run_view.x == pytest.approx((-view, view))
+
+
+def test_lengths_of_a_model_whose_array_is_not_known_stay(tmp_path):
+    run = bare_run(1.5, ("HH", "VV"), LOW_TONES)
+    path = tmp_path / "own.toml"
+    path.write_text(fit_recipe(bare_run(3.0, ("HH", "VV"), LOW_TONES), like="fused"))
+    model = load_recipe(path)
+    recipe = parse_recipe(fit_recipe(run, like=path))
+    assert model.prescreen.radius == recipe.prescreen.radius == 0.425
+    assert model.map.settings.outer == recipe.map.settings.outer
 
 
 def test_too_few_tones_are_refused_with_the_rule():
@@ -305,7 +420,16 @@ def test_recipe_train_and_detect_on_lanes_of_the_runs_own_array(tmp_path):
     for name in ("tx_position", "rx_position", "frequency"):
         np.testing.assert_allclose(open_run(lane)[name].values, open_run(field)[name].values)
     truth = tmp_path / "a-truth.csv"
-    flgpr("train", lane, "--truth", truth, "--recipe", own, "-o", tmp_path / "model")
+    train = ("train", lane, "--truth", truth, "--recipe", own, "-o", tmp_path / "model")
+    assert "simulated lanes" not in flgpr(*train, "--no-check")
+    assert "simulated lanes" not in flgpr("info", tmp_path / "model")
+    bundle = (tmp_path / "model" / "model.bundle").read_bytes()
+    told = flgpr(*train)  # the model is there; it is checked now
+    assert "simulated lanes of your array this recipe finds" in told
+    assert (tmp_path / "model" / "model.bundle").read_bytes() == bundle
+    sentence = next(line for line in told.splitlines() if "simulated lanes" in line)
+    assert f"  check          {sentence}\n" in flgpr("info", tmp_path / "model")
+    assert sentence in flgpr(*train)
     flgpr("detect", tmp_path / "own.zarr", "--recipe", own, "--model", tmp_path / "model",
           "-o", tmp_path / "result")  # fmt: skip
     alarms = read_table(tmp_path / "result" / "alarms.csv", "alarms")
@@ -313,3 +437,16 @@ def test_recipe_train_and_detect_on_lanes_of_the_runs_own_array(tmp_path):
     off = np.hypot(mines["x"] - alarms["x"][0], mines["y"] - alarms["y"][0])
     assert off.min() < 1.0
     assert len(alarms) > 3
+
+
+def test_the_sensor_of_a_low_array_sees_the_ground_below_it():
+    low = sensor_for(bare_run(1.0, ("HH", "VV"), LOW_TONES))
+    assert low.has_specular_echo
+    assert low.has_direct_wave
+    left, right, behind, ahead = low.ground_in_view
+    auto = low.model_copy(update={"footprint": "auto"}).ground_in_view
+    assert (left <= auto[0], right >= auto[1]) == (True, True)
+    assert behind == auto[2] < 0 < 4 < ahead
+    high = sensor_for(bare_run(4.0, ("HH", "VV"), LOW_TONES))
+    assert not high.has_specular_echo
+    assert high.ground_in_view[2] > 0

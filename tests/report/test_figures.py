@@ -64,3 +64,16 @@ def test_a_plane_has_one_panel_and_a_volume_three():
     assert panels == [2, 6]  # by polarization
     assert plane.get_suptitle() == "a line, z = 0 m"
     assert solid.get_suptitle() == "a line"
+
+
+def test_places_of_a_raster_do_not_hide_the_picture():
+    places = np.zeros((1600, 6))
+    places[:, :2] = np.stack(
+        np.meshgrid(np.linspace(0, 1.5, 40), np.linspace(0, 2, 40)), -1
+    ).reshape(-1, 2)
+    peaks = pd.DataFrame({"x": [], "y": [], "z": [], "level": []})
+    dots = image_figure(volume([0.0]), peaks, places).axes[0].lines[0]
+    assert 100 < len(dots.get_xdata()) <= 300
+    way = places[:40]
+    dots = image_figure(volume([0.0]), peaks, way).axes[0].lines[0]
+    assert len(dots.get_xdata()) == 40

@@ -218,6 +218,14 @@ def test_horns_beside_each_other_meet_by_their_sides():
     np.testing.assert_allclose(np.abs(received[[0, 3], 0]), [want, want], rtol=1e-5)
 
 
+def test_horns_that_touch_couple_as_half_a_metre_apart():
+    places = [(0.06, 0.0, 0.0), (0.5, 0.0, 0.0), (1.0, 0.0, 0.0)]
+    sensor = low_array("horn", tx=((0.0, 0.0, 0.0),), rx=tuple(places), tilt=0.0)
+    level = np.abs(Simulator(scene_of(), sensor, 1, errors=False)._direct[3])
+    np.testing.assert_allclose(level[0], level[1], rtol=1e-5)
+    np.testing.assert_allclose(level[2], level[1] / 2, rtol=1e-5)
+
+
 def test_the_direct_wave_is_that_of_the_packaged_lane():
     """Lane a has it, on a scale of its own: pairs 0.4 to 1.5 m apart agree to 0.05 dB, in VV, at its delay."""
     run = open_run(sample_lane() / "run.zarr")

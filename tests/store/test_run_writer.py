@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flgpr.model import make_run
 from flgpr.store import RunStoreError, RunWriter, open_run, save_run
 from flgpr.store.run_writer import RunExistsError, is_stored
 
@@ -79,3 +80,48 @@ def test_a_run_needs_a_scan_and_attributes_that_json_can_hold(fixed, tmp_path):
         pass
     with pytest.raises(ValueError, match="attrs must be writable as JSON"):
         RunWriter(tmp_path / "b.zarr", *fixed, {"site": {1, 2}})
+
+
+def raster_run(count):
+    rng = np.random.default_rng(0)
+    signal = rng.normal(size=(count, 1, 1, 6)) + 1j * rng.normal(size=(count, 1, 1, 6))
+    place = np.zeros((1, 3))
+    pose = np.zeros((count, 6))
+    pose[:, 0] = np.arange(count)
+    return make_run(signal, 1e9 + 1e7 * np.arange(6), ["VV"], place, place, pose, np.arange(count))
+
+
+def test_small_scans_share_files_and_are_read_one_by_one(tmp_path):
+    run = raster_run(3000)
+    path = save_run(run, tmp_path / "a.zarr", share_files=True)
+    assert len([one for one in path.rglob("*") if one.is_file()]) < 30
+    stored = open_run(path)
+    np.testing.assert_array_equal(stored["signal"].values, run["signal"].values)
+    one = open_run(path)["signal"][1999].values
+    np.testing.assert_array_equal(one, run["signal"].values[1999])
+    np.testing.assert_array_equal(stored["pose"].values, run["pose"].values)
+
+
+def test_a_stopped_writer_of_shared_files_goes_on_after_the_last_whole_one(tmp_path):
+    run = raster_run(25)
+    fixed = (
+        tmp_path / "a.zarr",
+        run["frequency"].values,
+        ["VV"],
+        np.zeros((1, 3)),
+        np.zeros((1, 3)),
+    )
+    options = {"inputs": {"a": 1}, "together": 10}
+    writer = RunWriter.resumed(*fixed, **options)
+    for scan in range(17):
+        writer.append(run["signal"].values[scan], run["pose"].values[scan], scan)
+    writer.__exit__(RuntimeError, RuntimeError(), None)
+    with RunWriter.resumed(*fixed, **options) as writer:
+        assert len(writer) == 10
+        for scan in range(len(writer), 25):
+            writer.append(run["signal"].values[scan], run["pose"].values[scan], scan)
+    stored = open_run(tmp_path / "a.zarr")
+    np.testing.assert_array_equal(stored["signal"].values, run["signal"].values)
+    np.testing.assert_array_equal(stored["time"].values, np.arange(25))
+    whole = save_run(run, tmp_path / "b.zarr")
+    np.testing.assert_array_equal(open_run(whole)["signal"].values, run["signal"].values)

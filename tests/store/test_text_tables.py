@@ -73,3 +73,9 @@ def test_blocks_have_names(read):
 def test_what_could_be_read_otherwise_is_refused(read, text, rule):
     with pytest.raises(ValueError, match=rule):
         read(text)
+
+
+def test_comments_in_quotes_are_comments(read):
+    text = '"! a program"\n"! 3 January"\n"!"\n"Frequency","S21:Re","S21:Im"\n1e9,1,2\n2e9,3,4\n'
+    np.testing.assert_array_equal(read(text)["S21:Im"], [2, 4])
+    np.testing.assert_array_equal(read('"# of scans","x"\n1,2\n')["# of scans"], [1])

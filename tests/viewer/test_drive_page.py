@@ -287,6 +287,26 @@ def test_what_another_look_is_worth_is_told_while_it_may_be_waited_for(driving):
     assert "look again" not in screen.says()["drive-margin"]
 
 
+def test_ground_unlike_the_training_takes_the_place_of_the_probability(driving):
+    screen, feeder = driving
+    one = alarm("alarm-1", 0.5, 16.0, 0.5, 1) | {"p": 0.622, "next_p": [0.396, 0.704]}
+    words = "this ground is unlike the training: the confidences do not hold"
+    unlike = {"event": "ground", "scan": 2, "unlike": True, "words": [words, "0.9 (limit 0.4)"]}
+    like = {"event": "ground", "scan": 3, "unlike": False, "words": ["like the training again"]}
+
+    def shown_after(number, *events):
+        feeder.give(scan(number, float(number)), *events)
+        screen.alive()
+        screen.pass_time(400)
+        return screen.page.inner_text("#drive-chances")
+
+    assert shown_after(1, one).startswith("p 62 %")
+    assert shown_after(2, unlike) == "Ground unlike the training"
+    assert "the confidences do not hold" in screen.page.locator("#live-unlike").text_content()
+    assert shown_after(3, like).startswith("p 62 %")
+    assert screen.page.locator("#live-unlike").count() == 0
+
+
 def test_a_slow_radar_has_its_own_rhythm(driving):
     screen, feeder = driving
     for number in range(1, 12):

@@ -204,6 +204,9 @@ export class App implements Page {
   // ---------------------------------------------------------------- thresholds, subsets, counts
 
   detectionChanged(): void {
+    const { unlike = [] } = this.source.index;
+    el("unlike").hidden = !unlike.length;
+    el("unlike").textContent = unlike.map((words) => `${words[0]?.toUpperCase() ?? ""}${words.slice(1)}.`).join(" ");
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
     const border = curve ? null : (this.detection?.border ?? null);

@@ -203,7 +203,9 @@ export class Drive {
     el("drive-head").textContent = nearest && !stale && live.besideLane(nearest.alarm) ? "Beside lane" : "Nearest";
     const aside = nearest ? live.aside(nearest.alarm) : 0;
     el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
-    el("drive-chances").textContent = stale || !nearest ? "" : chances(nearest.alarm);
+    const unlike = live.unlike.length > 0;
+    el("drive-chances").classList.toggle("unlike", unlike);
+    el("drive-chances").textContent = stale ? "" : unlike ? "Ground unlike the training" : nearest ? chances(nearest.alarm) : "";
     const spare = verdict === "go" && nearest!.alarm.wait ? ", look again" : " to spare";
     const words = { blind: "Stop", free: "–", unknown: "Speed?", halt: "Cannot stop", go: "Can stop" };
     el("drive-verdict").textContent = words[verdict];

@@ -34,7 +34,8 @@ interface Event {
   rows?: number;
   median_db?: number;
   halves?: string;
-  words?: string;
+  words?: string | string[];
+  unlike?: boolean;
   kind?: string;
   [count: string]: unknown;
 }
@@ -125,6 +126,8 @@ export class Live {
   ended = false;
   caughtUp = false;
   counts: Record<string, number> = {};
+  /** What is said of ground that is unlike that of the model's training; empty where confidences hold. */
+  unlike: string[] = [];
   private told: number | null = null;
   private offset = 0;
   private scans = new Set<number>();
@@ -256,6 +259,7 @@ export class Live {
     this.scans.clear();
     this.bad = 0;
     this.counts = {};
+    this.unlike = [];
     this.problem = "";
     this.wrong = null;
     this.past = new Set();
@@ -274,6 +278,7 @@ export class Live {
       for (const name of Object.keys(FAULTS)) if (number(event[name])) this.counts[name] = event[name];
       this.ended ||= event.event === "end";
     } else if (event.event === "problem") this.takeProblem(event);
+    else if (event.event === "ground") this.unlike = event.unlike === true && Array.isArray(event.words) ? event.words.map(String) : [];
     else if (event.event === "anew") this.moved();
     else if (event.event === "resume") this.ended = false;
     else this.bad++;
@@ -411,6 +416,8 @@ export class Live {
     const words = `${this.scans.size} scans, ${this.alarms.size} alarms${late}${here ? `; vehicle at y ${fixed(here.y, 1)} m` : ""}${missing}${this.ended ? "; ended" : ""}`;
     const parts: (Node | string)[] = [make("h2", {}, `Live ${this.title}`), make("p", { id: "live-words" }, words)];
     if (this.at) parts.push(make("p", { id: "live-then" }, `Gone back to scan ${this.at.scan}: vehicle, alarms and run-view as they were then`));
+    const [unlike, ...differences] = this.unlike;
+    if (unlike) parts.push(make("p", { id: "live-unlike", title: differences.join("; ") }, make("em", {}, `${unlike.charAt(0).toUpperCase()}${unlike.slice(1)}.`)));
     if (this.stopping !== null) parts.push(make("p", { class: "soft" }, `Stopping distance ${fixed(this.stopping, 1)} m`));
     const faults = Object.entries(FAULTS).flatMap(([name, what]) => (this.counts[name] ? [`${this.counts[name]} ${what}`] : []));
     if (faults.length) parts.push(make("p", { id: "live-faults", class: "soft", title: this.problem }, `Scans: ${faults.join(", ")}`));

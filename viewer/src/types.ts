@@ -51,6 +51,8 @@ export interface Index {
   /** Whether the images are of all scans, taken as one aperture. */
   aperture?: boolean;
   georeference: Georeference | null;
+  /** What is said of ground that is unlike that of the model's training, or that nobody can tell. */
+  unlike?: string[];
   detections: Detection[];
   run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number]; notes: string[]; recording: boolean };
 }

@@ -34,10 +34,10 @@ def image_peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
     level = np.abs(image.values[0]).astype(np.float64)
     axes = {axis: image[axis].values for axis in ("z", "y", "x")}
     pixels = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
-    median = float(np.median(level))
     top = float(level.max())
     if top == 0:
         return pd.DataFrame(columns=["x", "y", "z", "level", "over_median"])
+    median = float(np.median(level[level > 0]))  # of the pixels that were imaged
 
     band = image.attrs["band_hz"]
     # Twice the range resolution c/2B; of a narrow band that of a quarter of its highest tone.

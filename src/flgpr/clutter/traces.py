@@ -26,7 +26,11 @@ _LEAST_LEVEL = 1e-4  # of a trace's greatest level: an automatic gain amplifies 
 def shift_time(run: xr.Dataset, delay: float) -> xr.Dataset:
     """Move time zero ``delay`` (s) later: every echo then comes that much earlier."""
     signal = lengthen(run["signal"].values, run["frequency"].values, -SPEED_OF_LIGHT * delay)
-    return with_signal(run, signal)
+    shifted = with_signal(run, signal)
+    first = run.attrs.get("first_sample_s")
+    if first is None:
+        return shifted
+    return shifted.assign_attrs(first_sample_s=float(first) - delay)
 
 
 def dewow(run: xr.Dataset, length: float) -> xr.Dataset:

@@ -144,7 +144,7 @@ def tie_lane(
         write_new(Path(outline), json.dumps(geojson, indent=1) + "\n")
     if run is not None and output is not None:
         tied = open_run(run).assign_attrs(georeference=lane_anchor.georeference())
-        save_run(tied, output, resume=True)
+        save_run(tied, output, resume=True, share_files=True)
     return fit
 
 

@@ -98,7 +98,7 @@ class Calibration:
         if isinstance(fit, BiasFit):
             run = remove_range_bias(run, fit.bias)
             figures["range_bias_m"] = fit.bias
-        save_run(run.assign_attrs(calibration=figures), output, resume=True)
+        save_run(run.assign_attrs(calibration=figures), output, resume=True, share_files=True)
 
 
 def read_reflectors(path: PathLike) -> FloatArray:

@@ -81,6 +81,8 @@ def _lines_of_result(result: Result) -> Iterator[str]:
     yield from run.get("searched", {}).get("notes", [])
     if run.get("trained_on_this_run"):
         yield TRAINED_ON_THIS_RUN
+    yield from run.get("unlike", {}).get("notes", [])
+    yield from run.get("far", {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
 
@@ -100,6 +102,8 @@ def _summary(result: Result) -> dict[str, Any]:
         "implausible_scans": run.get("motion", {}).get("scans", []),
         "searched": run.get("searched", {}),
         "trained_on_this_run": bool(run.get("trained_on_this_run", False)),
+        "unlike": run.get("unlike", {}),
+        "far": run.get("far", {}),
         "result": str(result.folder),
     }
 
@@ -110,6 +114,7 @@ def _summary(result: Result) -> dict[str, Any]:
     lines_before=_before,
     panels={
         "Recipe and lane": ("recipe", "model", "lane", "others"),
+        "Trust": ("unlike", "far"),
         "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
     },
     resumes=True,
@@ -142,6 +147,16 @@ def detect(
         float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
     ] = None,
     others: With = (),
+    unlike: Annotated[
+        str,
+        Option(
+            help="On ground unlike the model's training: rank by contrast (fallback), keep, or refuse."
+        ),
+    ] = "fallback",
+    far: Annotated[
+        float | None,
+        Option(help="False alarms per m² to state a threshold for; alarms above it are marked."),
+    ] = None,
     overwrite: Overwrite = True,
     *,
     report: Annotated[bool, "Whether to write report.html now; scoring writes it anew."] = True,
@@ -167,7 +182,8 @@ def detect(
     Raises
     ------
     ValueError
-        If a recipe does not fit a run, or an option breaks its rule; nothing is written then.
+        If a recipe does not fit a run, or an option breaks its rule; nothing is written then. With
+        ``unlike="refuse"``, if the ground is unlike the training.
     FileExistsError
         If another result is there, and it is not to be overwritten, or something that is no result.
     """
@@ -190,7 +206,16 @@ def detect(
     def job_of(number: int, run: PathLike, text: str, to: Path, beside: Any) -> LaneJob:
         """Return the job of a run, by its number, whose result goes into a folder."""
         return make_job(
-            run, text, lanes[number], to, report, model=model, others=beside, options=options
+            run,
+            text,
+            lanes[number],
+            to,
+            report,
+            model=model,
+            others=beside,
+            options=options,
+            unlike=unlike,
+            far=far,
         )
 
     if len(run_list) == 1:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from flgpr.commands.radargram import Radargram
     from flgpr.commands.slices import Slices
 
+_POINTS = 5  # brightest points that are listed
+
 
 def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
     """Yield the text about what was drawn, and the files."""
@@ -93,7 +95,7 @@ def image(
         Option(help="Largest distance of an antenna from the pixels it contributes to, m."),
     ] = None,
     anchor: Annotated[PathLike | None, anchor_option("for .tif")] = None,
-    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
+    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = _POINTS,
     depth: Annotated[
         Sequence[float] | None,
         Option(help="Depth slices in place of z: a depth below z = 0, m; may repeat."),
@@ -156,6 +158,8 @@ def image(
             ("reach", reach),
             ("anchor", anchor),
             ("depth", depth or None),
+            ("window", None if window == "hann" else window),
+            ("points", None if points == _POINTS else points),
         )
         refused = [name for name, value in for_runs if value is not None]
         if refused:
@@ -206,6 +210,8 @@ def image(
     )
 
     if depth:
+        if anchor is not None or points != _POINTS:
+            raise ValueError("anchor and points are of one picture, not of depth slices")
         return make_slices(run, depth, view, outputs, track or silent)
     return make_picture(run, view, outputs, anchor, points, track or silent)
 

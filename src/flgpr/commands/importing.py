@@ -72,7 +72,8 @@ def store_with_tables(
                 write_table(table, path)
                 write_geojson(table, path.with_suffix(".json"))
                 written.append(path)
-    save_run(run, store, resume=True)  # takes away what a killed writer left in a whole store
+    # ``resume`` takes away what a killed writer left in a whole store.
+    save_run(run, store, resume=True, share_files=True)
     return written
 
 
@@ -123,4 +124,4 @@ def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None
     # The track is written before the run, which marks a complete import.
     if imported.track is not None and not is_stored(run, store):
         write_table(imported.track, store.with_name(f"{store.stem}-track.csv"))
-    save_run(run, store, resume=True)
+    save_run(run, store, resume=True, share_files=True)

@@ -123,6 +123,8 @@ def model_lines(report: dict[str, Any]) -> list[str]:
     if isinstance(report["notes"], dict):
         for name, value in report["notes"].items():
             lines.append(f"  note           {_quoted(name)}: {_quoted(value)}")
+    for sentence in report.get("check", []):
+        lines.append(f"  check          {sentence}")
     for array in report["arrays"]:
         kind = f"{_quoted(array['name'])} {_quoted(array['dtype'])}"
         lines.append(f"  array          {kind} {array['shape']}")

@@ -44,6 +44,7 @@ class Picture:
     peaks: pd.DataFrame
     spacing: float  #: of pixels, m
     scans: int  #: number of scans that were summed
+    notes: tuple[str, ...] = ()  #: what was left out, and what may be wrong, in words
 
     def lines(self) -> Iterator[str]:
         """Yield scans and pixels, then a line for each of the brightest points."""
@@ -60,6 +61,8 @@ class Picture:
                 f"{number:3}  ({row['x']:.3f}, {row['y']:.3f}, {row['z']:.3f}) m  "
                 f"{row['level']:6.1f} dB, {row['over_median']:.1f} dB over the median{width}"
             )
+        for note in self.notes:
+            yield f"note: {note}"
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the picture."""
@@ -67,6 +70,7 @@ class Picture:
             "spacing_m": self.spacing,
             "scans": self.scans,
             "shape": dict(self.image.sizes),
+            "notes": list(self.notes),
             "peaks": json.loads(self.peaks.to_json(orient="records")),
         }
 
@@ -165,7 +169,7 @@ def picture_of(
     """
     focused = focus(run, view, track, title, pixels)
     peaks = image_peaks(focused.image, points)
-    return Picture(focused.image, peaks, focused.spacing, focused.scans)
+    return Picture(focused.image, peaks, focused.spacing, focused.scans, focused.notes)
 
 
 def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:

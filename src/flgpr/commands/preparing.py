@@ -204,5 +204,5 @@ def prepare_run(
     for step in steps:
         history.append(step.model_dump(exclude_none=True, mode="json"))
     prepared = prepared.assign_attrs(stored.attrs, history=history)
-    save_run(prepared, output, resume=True)
+    save_run(prepared, output, resume=True, share_files=True)
     return prepared

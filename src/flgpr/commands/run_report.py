@@ -184,15 +184,19 @@ def model_info(folder: PathLike) -> dict[str, Any]:
     """Return what a model, or the model of a result, holds, without loading it.
 
     It is the dict of :func:`flgpr.method.model.describe_model`; for a result, ``result`` is its
-    folder. A result that was made without a model is a ValueError.
+    folder. A result that was made without a model is a ValueError. ``check`` has sentences about
+    what the model finds on simulated lanes, where it was checked.
     """
     # Loads the detectors, which reports of runs do without.
     from flgpr.method.model import MODEL_FILE, describe_model
+    from flgpr.method.model_check import check_sentences
     from flgpr.results.result import MODEL
 
     path = Path(folder)
     if (path / MODEL_FILE).is_file():
-        return describe_model(path)
+        described = describe_model(path)
+        check = check_sentences(path)
+        return {**described, "check": check} if check else described
     files = Folder(path)
     if not files.has(f"{MODEL}/{MODEL_FILE}"):
         raise ValueError(

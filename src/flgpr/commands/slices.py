@@ -35,12 +35,15 @@ class Slices:
     image: xr.DataArray  #: complex64 (polarization, z, y, x); z is minus the depth below z = 0, m
     spacing: float  #: of pixels, m
     scans: int  #: number of scans that were summed
+    notes: tuple[str, ...] = ()  #: what was left out, and what may be wrong, in words
 
     def lines(self) -> Iterator[str]:
         """Yield scans, slices and pixels."""
         sizes = self.image.sizes
         pixels = f"{sizes['x']} x {sizes['y']} pixels of {self.spacing:g} m"
         yield f"{self.scans} scans, {sizes['z']} slices of {pixels}"
+        for note in self.notes:
+            yield f"note: {note}"
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the slices."""
@@ -49,6 +52,7 @@ class Slices:
             "depths_m": (-self.image["z"].values).tolist(),
             "spacing_m": self.spacing,
             "shape": dict(self.image.sizes),
+            "notes": list(self.notes),
         }
 
 
@@ -112,7 +116,8 @@ def make_slices(
 
     for path in files:
         write_drawing(path, figure, lambda: image_arrays(image))
-    return Slices(image, planes[0].spacing, planes[0].scans)
+    notes = dict.fromkeys(note for plane in planes for note in plane.notes)
+    return Slices(image, planes[0].spacing, planes[0].scans, tuple(notes))
 
 
 def _checked_depths(depths: Sequence[float]) -> NDArray[np.float64]:

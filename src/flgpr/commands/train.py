@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,15 +23,24 @@ from flgpr.commands.options import (
     runs_by_name,
 )
 from flgpr.commands.runs import run_options
-from flgpr.commands.shell import command
+from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.method.model import Model
 
 
+def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:  # noqa: ARG001
+    """Yield what was written, and what the check on simulated lanes found."""
+    from flgpr.method.model_check import check_sentences
+
+    yield call.output
+    yield from check_sentences(Path(call.output))
+
+
 @command(
+    lines=_train_lines,
     panels={
-        "Recipe and lanes": ("truths", "recipe", "features", "lanes", "others"),
+        "Recipe and lanes": ("truths", "recipe", "features", "lanes", "others", "check"),
         "Work": ("workers", "scheduler", "max_memory"),
     },
     resumes=True,
@@ -58,6 +67,14 @@ def train(
         str | int, Option(help="Memory of each process; a lane that takes more is refused.")
     ] = "2GB",
     overwrite: Overwrite = True,
+    check: Annotated[
+        bool,
+        Option(
+            "--check/--no-check",
+            help="Whether a recipe with signatures of the run's own array is then compared with "
+            "the contrast on simulated lanes.",
+        ),
+    ] = True,
     *,
     label_radius: Annotated[
         float, "Largest distance of an alarm from the target that it hits, m."
@@ -69,6 +86,10 @@ def train(
     ] = None,
 ) -> Model:
     """Train a recipe on runs with truth. An interrupted training resumes.
+
+    A recipe that ``flgpr recipe for --like fused`` fitted to the array is then tried on simulated
+    lanes of this array, whose truth is known. What it finds there, and what the contrast finds, is
+    printed and stands beside the model, for ``flgpr info`` to show.
 
     Returns
     -------
@@ -83,9 +104,11 @@ def train(
     FileExistsError
         If another model is there and is not to be overwritten.
     """
+    from flgpr.jobs.check_on_twins import check_model
     from flgpr.jobs.job import make_job
     from flgpr.jobs.training import learns_detector, train_on_lanes
     from flgpr.recipe.schema import parse_recipe, recipe_text
+    from flgpr.store import open_run
 
     if len(runs) != len(truths) or not runs:
         raise ValueError(
@@ -120,7 +143,12 @@ def train(
         return train_on_lanes(jobs, target, features, label_radius, options, overwrite)
 
     if output is not None:
-        return train_at(Path(output))
+        target = Path(output)
+        model = train_at(target)
+        if check:
+            run = open_run(runs[0], options.max_memory)
+            check_model(target, run, parsed, model, options.track)
+        return model
     # Without an output nothing can resume: what is written on the way is temporary.
     with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
         return train_at(Path(folder) / "model")

@@ -43,6 +43,7 @@ _PATIENCE = 120.0  # s
 # Times the largest array that all arrays of an archive may take: they are read one by one.
 _ALL_ARRAYS = 8
 _COMPLEX_PAIRS = [{*pair} for pair in PAIRS]
+_MOST_SAVED = 1000  # arrays in one file of NumPy
 _SPARE = 2**29  # bytes that a child may take besides what it reads
 _MATLAB = "MATLAB_class"
 """Attribute of HDF5 arrays that MATLAB wrote, with the order of the dimensions reversed."""
@@ -315,19 +316,31 @@ def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> O
     return infos, read
 
 
-def _open_npy(path: Path, *_: Any) -> Opened:
-    """Open a single array of NumPy."""
+def _open_npy(path: Path, _: int, about: list[str], *_notes: list[str]) -> Opened:
+    """Open the arrays of a file of NumPy: one, or several that were saved one after the other."""
+    arrays: dict[str, ArrayInfo] = {}
+    begins: dict[str, int] = {}
     with open_named(path) as file:
-        shape, dtype, head = npy_header(file)
         size = file.seek(0, os.SEEK_END)
-    if head + array_bytes(shape, dtype) != size:
-        raise ValueError(f"the file holds {size} bytes, its header tells {shape} {dtype}")
+        end = 0
+        while end < size or not arrays:
+            file.seek(end)
+            shape, dtype, head = npy_header(file)
+            name = f"array_{len(arrays) + 1}" if arrays else "array"
+            arrays[name] = ArrayInfo(name, shape, str(dtype))
+            begins[name] = end
+            end += head + array_bytes(shape, dtype)
+            if end > size or len(arrays) > _MOST_SAVED:
+                raise ValueError(f"the file holds {size} bytes, its header tells {shape} {dtype}")
+    if len(arrays) > 1:
+        about.append(f"{len(arrays)} arrays, saved one after the other")
 
-    def read(name: str) -> Any:  # noqa: ARG001
+    def read(name: str) -> Any:
         with open_named(path) as file:
+            file.seek(begins[name])
             return np.load(file, allow_pickle=False)
 
-    return {"array": ArrayInfo("array", shape, str(dtype))}, read
+    return arrays, read
 
 
 def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> Opened:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import NamedTuple
 
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.draft_units import small_values
@@ -11,6 +12,8 @@ from flgpr.model import POLARIZATIONS
 
 _NO_FIELD = re.compile(r"covariance|orientation|rotation")
 _COMPLEX = re.compile(r"complex|.*(\('r(eal)?'|\('re')", re.DOTALL)
+_PHASE = re.compile(r"phase|(?<![a-z])ang(?:le)?(?![a-z])|(?<![a-z])arg(?![a-z])")
+_MAGNITUDE = re.compile(r"mag|(?<![a-z])db|amp|(?<![a-z])abs")
 _IMAGINARY = (("real", "imag"), ("re", "im"), ("_i", "_q"))
 """What names of real parts hold, and those of imaginary parts in its stead."""
 
@@ -46,6 +49,42 @@ def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
         if is_table and not _NO_FIELD.search(info.name):
             large.append(info)
     return (_largest(large) if large else None), None
+
+
+class PolarSignal(NamedTuple):
+    """A measured field as network analysers export it: magnitude and phase apart."""
+
+    magnitude: ArrayInfo
+    phase: ArrayInfo
+    form: str  #: of the magnitude: "dB" or "linear"
+    unit: str  #: of the phase: "deg" or "rad"
+
+
+def find_polar(opened: ArrayFile) -> PolarSignal | None:
+    """Find a magnitude and a phase by their names: the first of a file whose shapes agree.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+
+    Returns
+    -------
+    PolarSignal or None
+        The arrays; None if there is no such pair.
+    """
+    for phase in opened.arrays.values():
+        beside = _PHASE.split(phase.name.lower(), maxsplit=1)
+        if len(beside) != 2 or math.prod(phase.shape) < 2:
+            continue
+        for info in opened.arrays.values():
+            name = info.name.lower()
+            is_pair = info.shape == phase.shape and _MAGNITUDE.search(name)
+            if is_pair and info is not phase and name.startswith(beside[0].rstrip(" _:")):
+                form = "dB" if "db" in name or "log" in name else "linear"
+                unit = "rad" if "rad" in phase.name.lower() else "deg"
+                return PolarSignal(info, phase, form, unit)
+    return None
 
 
 def _largest(infos: list[ArrayInfo]) -> ArrayInfo:

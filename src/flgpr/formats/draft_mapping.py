@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from flgpr.formats.array_file import ArrayFile
-from flgpr.formats.draft_arrays import find_signal
+from flgpr.formats.draft_arrays import find_polar, find_signal
 from flgpr.formats.draft_groups import ArraySource, FileGroup
 from flgpr.formats.draft_names import TIME
 from flgpr.formats.draft_places import Antennas, Places
@@ -43,7 +43,7 @@ def draft_of_file(opened: ArrayFile) -> str:
         The mapping, TOML; empty if no array of the file can be the signal.
     """
     signal, _ = find_signal(opened)
-    if signal is None:
+    if signal is None and find_polar(opened) is None:
         return ""
     roles = Roles([FileGroup("data", [opened.path], opened)])
     return MappingDraft(roles, opened.path.parent).text()
@@ -132,9 +132,18 @@ class MappingDraft:
         entries: dict[str, Any] = {"variable": roles.signal.name}
         if roles.imaginary:
             entries["imaginary"] = roles.imaginary
+        if roles.polar is not None:
+            entries |= {
+                "magnitude": f"{roles.polar.form}?",
+                "phase": roles.polar.phase.name,
+                "phase_unit": f"{roles.polar.unit}?",
+            }
+            self.comments["signal.magnitude"] = "dB (decibels) or linear"
         self._add_table("signal", "", **entries, dims=dims)
         comment = f"of {' x '.join(map(str, roles.sizes))}"
-        is_complex = roles.imaginary is not None or roles.signal.dtype.startswith("complex")
+        is_complex = bool(roles.imaginary or roles.polar) or roles.signal.dtype.startswith(
+            "complex"
+        )
         if roles.axis is None and not is_complex:
             comment += "; interleaved = true if real and imaginary parts alternate"
             comment += ", shape = [-1, 1] of a flat record"

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.formats.array_file import ArrayInfo
-from flgpr.formats.draft_arrays import find_signal, labels_of
+from flgpr.formats.draft_arrays import PolarSignal, find_polar, find_signal, labels_of
 from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup
 from flgpr.formats.draft_names import (
     ANTENNA,
@@ -58,6 +58,7 @@ class _Signal(NamedTuple):
     group: FileGroup
     info: ArrayInfo
     imaginary: str | None
+    polar: PolarSignal | None = None
 
 
 class Roles:
@@ -68,11 +69,12 @@ class Roles:
 
     def __init__(self, groups: list[FileGroup]) -> None:
         self.groups = groups
-        self.data, self.signal, self.imaginary = self._find_signal()
+        self.data, self.signal, self.imaginary, self.polar = self._find_signal()
         self.data.key = "data"
         source = ArraySource(self.data, self.signal)
         self.topic = source.topic  #: of the signal in a recording
-        self.used = {("data", name) for name in (self.signal.name, self.imaginary) if name}
+        phase = self.polar.phase.name if self.polar else None
+        self.used = {("data", name) for name in (self.signal.name, self.imaginary, phase) if name}
         self.sizes = list(self.signal.shape)
         self.frequency = self.find_axis(FREQUENCY, self.sizes)
         self.samples, self.are_samples = self._find_samples()
@@ -90,7 +92,12 @@ class Roles:
         candidates: list[tuple[int, _Signal]] = []
         for group in self.groups:
             info, imaginary = find_signal(group.opened)
-            if info is not None:
+            is_complex = info is not None and (imaginary or info.dtype.startswith("complex"))
+            polar = None if is_complex else find_polar(group.opened)
+            if polar is not None:
+                size = _COMPLEX_WEIGHT * math.prod(polar.magnitude.shape) * len(group.paths)
+                candidates.append((size, _Signal(group, polar.magnitude, None, polar)))
+            elif info is not None:
                 size = math.prod(info.shape) * len(group.paths)
                 if imaginary is not None or info.dtype.startswith("complex"):
                     size *= _COMPLEX_WEIGHT

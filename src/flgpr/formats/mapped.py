@@ -41,6 +41,8 @@ _FILE_ORDER = ("scan", "polarization", "pair", "tx", "rx", "frequency")
 """Order of the axes before those of transmitters and receivers become pairs."""
 _HIGHEST_FREQUENCY = 1e12
 _TWO_WAY = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
+_ONE_SIGN = 0.99  # share of real parts that have one sign, as magnitudes and decibels do
+_BOTH_SIGNS = 0.1  # share of imaginary parts of either sign, at least, as phases have
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
 
 
@@ -191,6 +193,7 @@ class _Importer:
 
     def __post_init__(self) -> None:
         self.sources = Sources(self.files, self.mapping.join, self.limit)
+        self.record: dict[str, float] = {}  # attributes of samples that became tones
         self.notes = self.sources.notes
 
     def run(self) -> Imported:
@@ -225,6 +228,8 @@ class _Importer:
             "source": mapping.source,
             "import_notes": self.notes,
         }
+        if mapping.path_offset is None:
+            attrs |= self.record
         with faults_of(self.files[mapping.signal.file][0]):
             run = make_run(signal, tones, mapping.polarization, tx, rx, pose, time, attrs)
         return Imported(run, track, self.notes, self.sources.anchor)
@@ -244,7 +249,7 @@ class _Importer:
         spec = self.mapping.signal
         with self.sources.entry("signal", spec.file):
             blocks = self._signal_blocks(spec)
-            dims = list(spec.dims)
+            dims = [name for name in spec.dims if name != "complex"]
             for block in blocks:
                 if block.ndim != len(dims):
                     raise ValueError(
@@ -263,12 +268,44 @@ class _Importer:
         if spec.imaginary is not None:
             imaginary = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
             _same_shape(blocks, imaginary, "signal.imaginary")
+            self._note_polar(blocks, imaginary)
             blocks = [a + 1j * b for a, b in zip(blocks, imaginary, strict=True)]
+        if spec.phase is not None:
+            phases = self.sources.arrays(spec.file, spec.phase, "signal.phase")
+            _same_shape(blocks, phases, "signal.phase")
+            blocks = [_of_polar(a, b, spec) for a, b in zip(blocks, phases, strict=True)]
         if spec.interleaved:
             blocks = [_complex(block) for block in blocks]
         if spec.shape is not None:
             blocks = [_shaped(block, spec.shape) for block in blocks]
+        if "complex" in spec.dims:
+            blocks = [_of_parts(block, spec.dims) for block in blocks]
+        is_real = not any(np.iscomplexobj(block) for block in blocks)
+        if self.mapping.frequency is not None and is_real:
+            raise ValueError(
+                "signal.variable must hold complex tones: without a phase nothing can be focused, "
+                f"got real numbers ({blocks[0].dtype}): name signal.imaginary, or magnitude (dB or "
+                'linear) with phase and phase_unit; interleaved = true, or "complex" in dims, where '
+                "real and imaginary parts are one array"
+            )
         return blocks
+
+    def _note_polar(self, real: list[NDArray[Any]], imaginary: list[NDArray[Any]]) -> None:
+        """Note parts that look like magnitudes and phases: of one sign, and of a turn at most."""
+        magnitude = np.concatenate([part.ravel() for part in real])
+        phase = np.concatenate([part.ravel() for part in imaginary])
+        if np.iscomplexobj(magnitude) or np.iscomplexobj(phase) or not phase.size:
+            return
+        is_one_sign = max(np.mean(magnitude >= 0), np.mean(magnitude <= 0)) > _ONE_SIGN
+        has_both = _BOTH_SIGNS < np.mean(phase > 0) < 1 - _BOTH_SIGNS
+        largest = float(np.nanmax(np.abs(phase), initial=0.0))
+        for unit, half_turn in (("degrees", 180.0), ("radians", np.pi)):
+            if is_one_sign and has_both and 0.8 * half_turn < largest <= 1.001 * half_turn:
+                self.notes.append(
+                    f"real parts are of one sign and imaginary parts reach {largest:.4g}: are they "
+                    f"magnitudes, or decibels, and a phase in {unit}? Then give magnitude, phase "
+                    "and phase_unit in place of imaginary"
+                )
 
     def _ordered(
         self, signal: NDArray[Any], dims: list[str]
@@ -356,7 +393,10 @@ class _Importer:
                 f"signals, and {100 * negative_share(signal):.3g} % of their power, at negative "
                 "frequencies, is left out"
             )
-        return impulse_to_frequency(signal, delay, band, spec.pad, carrier)
+        spectrum, tones = impulse_to_frequency(signal, delay, band, spec.pad, carrier)
+        window = float(np.diff(delay).mean()) * delay.size
+        self.record = {"time_window_s": window, "first_sample_s": float(delay[0])}
+        return spectrum, tones
 
     def _stated_tones(self, spec: Quantity, count: int) -> FloatArray:
         """Return the tones that the files state, Hz."""
@@ -520,6 +560,30 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
         return single.view(np.complex64)
     double = np.ascontiguousarray(values.astype(np.float64))
     return double.view(np.complex128)
+
+
+def _of_polar(magnitude: NDArray[Any], phase: NDArray[Any], spec: Signal) -> NDArray[Any]:
+    """Return complex numbers of a magnitude, in dB or as it is, and a phase."""
+    if np.iscomplexobj(magnitude) or np.iscomplexobj(phase):
+        raise ValueError("signal.magnitude and signal.phase must hold real numbers")
+    size = magnitude.astype(np.float64)
+    if spec.magnitude == "dB":
+        with np.errstate(over="ignore"):  # what is too large is refused with the signal
+            size = 10.0 ** (size / 20)
+    angle = np.radians(phase) if spec.phase_unit == "deg" else phase
+    return np.asarray(size * np.exp(1j * angle.astype(np.float64)), dtype=np.complex128)
+
+
+def _of_parts(values: NDArray[Any], dims: list[str]) -> NDArray[Any]:
+    """Return complex numbers of an axis that holds real and imaginary parts, which goes."""
+    axis = dims.index("complex")
+    if np.iscomplexobj(values) or values.ndim != len(dims) or values.shape[axis] != 2:
+        raise ValueError(
+            "signal.dims: the axis called complex must hold two real numbers, of "
+            f"{len(dims)} axes, got {values.dtype} {values.shape}"
+        )
+    real, imaginary = np.moveaxis(values, axis, 0)
+    return np.asarray(real + 1j * imaginary)
 
 
 def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from flgpr.model.faults import parse_entries
 from flgpr.model.units import UNITS
 from flgpr.store.files import existing
 
-DIMS = ("scan", "polarization", "pair", "tx", "rx", "frequency", "sample", "single")
+DIMS = ("scan", "polarization", "pair", "tx", "rx", "frequency", "sample", "complex", "single")
 """What an axis of the signal can be."""
 
 
@@ -115,9 +115,13 @@ class Signal(_Table):
     variable: str
     imaginary: str | None = None
     #: what each of its axes is: scan (more than once for a raster, whose scans then follow in C
-    #: order), polarization, pair (or tx and rx), frequency (or sample for impulse data); "single"
-    #: for an axis of length one that is nothing
+    #: order), polarization, pair (or tx and rx), frequency (or sample for impulse data); "complex"
+    #: for an axis of real and imaginary part; "single" for an axis of length one that is nothing
     dims: list[str]
+    #: what the variable is where it is no complex number: a magnitude in dB, or as it is
+    magnitude: Literal["dB", "linear"] | None = None
+    phase: str | None = None  #: the array of the phase beside a magnitude
+    phase_unit: Literal["deg", "rad"] | None = None
     #: True where real and imaginary parts alternate along the variable's last axis
     interleaved: bool = False
     #: shape that the values of a file, complex if they are interleaved, are brought to in C order;
@@ -134,8 +138,16 @@ class Signal(_Table):
                 f"dims must be of {', '.join(DIMS)}, none but scan and single twice, "
                 f"got {self.dims}"
             )
-        if self.interleaved and self.imaginary is not None:
-            raise ValueError("give either imaginary or interleaved")
+        polar = (self.magnitude is not None, self.phase is not None, self.phase_unit is not None)
+        if any(polar) and not all(polar):
+            raise ValueError("magnitude, phase and phase_unit go together")
+        forms = (
+            self.interleaved, self.imaginary is not None, any(polar), "complex" in self.dims
+        )  # fmt: skip
+        if sum(forms) > 1:
+            raise ValueError(
+                "give one of imaginary, interleaved, magnitude with phase, or complex in dims"
+            )
         if ("frequency" in self.dims) == ("sample" in self.dims):
             raise ValueError(f"dims must hold either frequency or sample, got {self.dims}")
         one_of_two = ("tx" in self.dims) != ("rx" in self.dims)

@@ -96,19 +96,21 @@ class NmeaLog(Reader):
 
     kind = "NMEA 0183 log"
 
-    def owns(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
-        """Return whether the file begins with a sentence."""
-        return re.match(rb"\s*\$[A-Z]{2}[A-Z]{3},", head) is not None
+    def owns(self, path: Path, head: bytes) -> bool:
+        """Return whether the file begins with a sentence, or holds one and calls itself a log."""
+        sentence = rb"\$[A-Z]{2}[A-Z]{3},"
+        is_log = path.suffix.lower() in (".nmea", ".nma") and re.search(sentence, head)
+        return bool(is_log or re.match(rb"\s*" + sentence, head))
 
     def explain(self, path: Path, limit: int) -> Explanation:  # noqa: ARG002
         """Return how many sentences of each kind the log holds."""
         kinds: Counter[str] = Counter()
         for line in read_named(path, MAX_MEMORY).splitlines():
-            sentence = re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
+            sentence = re.search(rb"\$[A-Z]{2}([A-Z]{3}),", line)
             if sentence is not None:
                 kinds[sentence[1].decode()] += 1
         counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
-        needs = "GGA gives positions, HDT headings; read as a track with an anchor"
+        needs = "GGA gives positions, HDT or THS headings; read as a track with an anchor"
         return Explanation(path, self.kind, [counts, needs], needs_mapping=False)
 
 

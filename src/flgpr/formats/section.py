@@ -45,6 +45,9 @@ class GprSection:
     max_memory: int = MAX_MEMORY  #: bytes that a run made of it may take: what it was read with
     #: what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
     gather: str = ""
+    #: (channel, 2) where each channel's antennas are across and along the line, m; None if the
+    #: header does not state it
+    offsets: FloatArray | None = None
 
     def delay_of(self, channel: int) -> FloatArray:
         """Return the two-way delay (sample,) of a channel, s."""

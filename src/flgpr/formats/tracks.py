@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,11 +13,18 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.door import read_named
+from flgpr.formats.nmea import (
+    HEADINGS,
+    Position,
+    SentenceCounts,
+    heading_of,
+    position_of,
+    sentences_of,
+)
 from flgpr.formats.reader import reader_of
 from flgpr.geo.anchor import Anchor
 from flgpr.model.faults import faults_of
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
-from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
@@ -34,7 +41,7 @@ FIXED = (4,)
 class _NmeaLog(NamedTuple):
     """What an NMEA log states."""
 
-    fixes: list[tuple[float, float, float, float]]  # time, s, longitude, latitude, height, m
+    fixes: list[tuple[float, Position]]  # time, s, and position
     headings: list[tuple[float, float]]  # time, s, and heading, rad
     qualities: Counter[int]  # of all GGA, used or not
 
@@ -191,9 +198,9 @@ def read_nmea(
 ) -> pd.DataFrame:
     """Read a track of a satellite receiver's antenna from NMEA 0183 sentences.
 
-    Positions are from GGA, headings from HDT (dual antenna) where there are any, else from the
-    course. Time is in seconds of the day (UTC), continued over midnight. Pitch and roll are zero:
-    NMEA has no standard sentence for them. For lever arm and latency see
+    Positions are from GGA, headings from HDT, THS, PASHR or PTNL,AVR (dual antenna) where there are
+    any, else from the course. Time is in seconds of the day (UTC), continued over midnight. Pitch
+    and roll are zero: NMEA has no standard sentence for them. For lever arm and latency see
     :func:`flgpr.model.track.reference_track`.
 
     Parameters
@@ -210,29 +217,32 @@ def read_nmea(
     Returns
     -------
     pandas.DataFrame
-        The track (:func:`flgpr.model.track.make_track`); fixes not used are counted in
-        ``attrs["notes"]``.
+        The track (:func:`flgpr.model.track.make_track`); sentences and fixes that are not used are
+        counted in ``attrs["notes"]``.
 
     Raises
     ------
     ValueError
-        If a sentence is damaged, there are fewer than two fixes, or a height is needed.
+        If there are fewer than two fixes, a height is needed, or heights over the sea alone meet an
+        anchor that was surveyed.
     """
     path = existing(path)
     if height is None and not anchor.heights_known:
         raise ValueError("height must be given, the anchor's points have none")
     notes: list[str] = []
     log = _read_log(path, quality, notes)
-    if len(log.fixes) < 2:
+    is_own_anchor = math.isnan(anchor.sigma)
+    places = _places_of(log, path.name, notes, height is None, is_own_anchor)
+    if len(places) < 2:
+        reasons = "".join(f"; {note}" for note in notes)
         raise ValueError(
             f"{path}: two fixes of quality {quality} or more are needed, "
-            f"got {len(log.fixes)} (all: {dict(log.qualities)})"
+            f"got {len(places)} (all: {dict(log.qualities)}){reasons}"
         )
 
-    table = np.array(log.fixes)
-    is_later = np.append(True, np.diff(table[:, 0]) > 0)
-    time = table[is_later, 0]
-    position = anchor.from_geodetic(table[is_later, 1:])
+    is_later = np.append(True, np.diff(places[:, 0]) > 0)
+    time = places[is_later, 0]
+    position = anchor.from_geodetic(places[is_later, 1:])
     if height is not None:
         position[:, 2] = height
     heading = _headings(time, position, log.headings, anchor.azimuth)
@@ -244,7 +254,7 @@ def read_nmea(
         notes.append(f"{not_later} fixes whose time does not go on are not used")
     if not log.headings:
         notes.append("no sentence tells a heading: it is the direction of the way")
-    notes.append("pitch and roll are taken as 0: NMEA tells none")
+    notes.append("pitch and roll are taken as 0, which NMEA does not tell")
     track.attrs["notes"] = notes
     return track
 
@@ -260,43 +270,90 @@ def _note_unused(log: _NmeaLog, quality: tuple[int, ...], notes: list[str]) -> N
 
 
 def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLog:
-    """Read the GGA of some qualities and the HDT of a log."""
+    """Read the GGA of some qualities and the headings of a log; count what is not used."""
+    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    counts = SentenceCounts()
     log = _NmeaLog([], [], Counter())
+    headings: dict[str, list[tuple[float, float]]] = {kind: [] for kind in HEADINGS}
     now = -math.inf
-
-    def take(message: Any) -> None:
-        nonlocal now
-        if message.msgID == "GGA":
-            log.qualities[message.quality] += 1
-            if message.quality in quality:
-                now = _continued_time(message.time, now)
-                log.fixes.append((now, *_place_of(message)))
-        elif message.msgID == "HDT" and math.isfinite(now):
-            log.headings.append((now, math.radians(float(message.headingT))))
-
-    _read_sentences(path, notes, take)
+    without_fix = 0
+    without_heading = 0
+    for _, _, sentence in sentences_of([text], ("GGA", *HEADINGS), counts):
+        if sentence.kind == "GGA":
+            position = position_of(sentence)
+            if position is None or math.isnan(position.time):
+                without_fix += 1
+                continue
+            log.qualities[position.quality] += 1
+            if position.quality in quality:
+                now = _continued_time(position.time, now)
+                log.fixes.append((now, position))
+        elif math.isfinite(now):
+            heading = heading_of(sentence)
+            if heading is None:
+                without_heading += 1
+            else:
+                headings[sentence.kind].append((now, math.radians(heading)))
+    notes += counts.notes(path.name)
+    if without_fix:
+        notes.append(f"{without_fix} GGA sentences tell no position or no time and are not used")
+    if without_heading:
+        notes.append(
+            f"{without_heading} sentences tell no heading: it goes on evenly between the others"
+        )
+    stated = [kind for kind in HEADINGS if headings[kind]]
+    if stated:
+        log.headings.extend(headings[stated[0]])
+    if len(stated) > 1:
+        notes.append(f"headings are those of {stated[0]}; {', '.join(stated[1:])} are not used")
     return log
 
 
-def _read_sentences(path: Path, notes: list[str], take: Callable[[Any], None]) -> None:
-    """Hand on the sentences of a log one by one; a damaged one is a ValueError with its line."""
-    library = optional("pynmeagps", "gnss")
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip():
-            continue
-        sentence = line.strip().encode("latin-1", "replace") + b"\r\n"
-        try:
-            take(library.NMEAReader.parse(sentence))
-        except Exception as error:
-            message = " ".join(str(error).split())[:120]
-            raise ValueError(
-                f"{path}: line {number} is no valid NMEA sentence: {message}"
-            ) from None
+def _places_of(
+    log: _NmeaLog, name: str, notes: list[str], needs_height: bool, is_own_anchor: bool
+) -> FloatArray:
+    """Return time, s, longitude, latitude, degrees, and ellipsoidal height, m, of fixes (fix, 4).
+
+    Heights over the sea alone are good for an anchor that the log makes itself. Where heights are
+    not needed, what is missing is taken as 0.
+    """
+    rows = []
+    for time, fix in log.fixes:
+        rows.append((time, fix.longitude, fix.latitude, fix.altitude, fix.separation))
+    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    if not needs_height:
+        table[:, 3:] = np.nan_to_num(table[:, 3:])
+    has_height = np.isfinite(table[:, 3])
+    missing = np.count_nonzero(~has_height)
+    if missing:
+        notes.append(f"{missing} of {len(table)} fixes tell no height and are not used")
+    table = table[has_height]
+    unknown = np.isnan(table[:, 4])
+    if unknown.any():
+        table[unknown, 4] = _separation_of_others(table[~unknown, 4], name, is_own_anchor)
+        of_others = "0 m is taken" if unknown.all() else "that of the others is taken"
+        notes.append(
+            f"{np.count_nonzero(unknown)} of {len(table)} fixes of {name} tell no separation of "
+            f"the geoid from the ellipsoid: {of_others}"
+        )
+    return np.column_stack([table[:, :3], table[:, 3] + table[:, 4]])
+
+
+def _separation_of_others(known: FloatArray, name: str, is_own_anchor: bool) -> float:
+    """Return the separation of the geoid, m, for fixes that state none."""
+    if known.size:
+        return float(np.median(known))
+    if is_own_anchor:
+        return 0.0
+    raise ValueError(
+        f"{name}: no GGA tells the separation of the geoid from the ellipsoid, so that its heights "
+        "over the sea do not fit the anchor's over the ellipsoid, by up to 100 m: let the receiver "
+        "write it, or make the anchor of the log itself (--anchor-from-track)"
+    )
 
 
 def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
-    """Read the positions of an NMEA log's GGA sentences.
+    """Read the positions of an NMEA log's GGA sentences; those that cannot be used are left out.
 
     Parameters
     ----------
@@ -309,25 +366,9 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[n
     -------
     (fix, 3) ndarray
         Longitude, latitude (degrees) and ellipsoidal height (m).
-
-    Raises
-    ------
-    ValueError
-        If a sentence is damaged.
     """
-    places: list[tuple[float, float, float]] = []
-
-    def take(message: Any) -> None:
-        if message.msgID == "GGA" and message.quality in quality:
-            places.append(_place_of(message))
-
-    _read_sentences(existing(path), [], take)
-    return np.array(places, dtype=np.float64).reshape(-1, 3)
-
-
-def _place_of(message: Any) -> tuple[float, float, float]:
-    """Return longitude, latitude, degrees, and ellipsoidal height, m, of a GGA sentence."""
-    return message.lon, message.lat, float(message.alt) + float(message.sep)
+    path = existing(path)
+    return _places_of(_read_log(path, quality, []), path.name, [], True, True)[:, 1:]
 
 
 def _headings(
@@ -341,14 +382,13 @@ def _headings(
     return np.asarray(np.angle(np.exp(1j * in_lane)), dtype=np.float64)
 
 
-def _continued_time(clock: Any, last: float) -> float:
+def _continued_time(clock: float, last: float) -> float:
     """Return a time of the day, s, continued over midnight from the ``last`` one."""
-    now = clock.hour * 3600 + clock.minute * 60 + clock.second + clock.microsecond * 1e-6
     if math.isfinite(last):
-        now += _DAY * math.floor(last / _DAY)
-        if now < last - _DAY / 2:
-            now += _DAY
-    return float(now)
+        clock += _DAY * math.floor(last / _DAY)
+        if clock < last - _DAY / 2:
+            clock += _DAY
+    return clock
 
 
 def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> FloatArray:

@@ -29,6 +29,9 @@ from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
 
+_TURN = 360.0
+_HALF_TURN = 180.0
+
 
 @dataclass(frozen=True)
 class Anchor:
@@ -425,7 +428,7 @@ def fit_anchor(
     heights_known = _all_known(height)
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
     lonlat, crs_accuracy = to_wgs84(system, surveyed)
-    origin = (float(lonlat[:, 0].mean()), float(lonlat[:, 1].mean()), float(up.mean()))
+    origin = (_mean_longitude(lonlat[:, 0]), float(lonlat[:, 1].mean()), float(up.mean()))
     xyz = np.stack(transformer_of(GEODETIC, GEOCENTRIC).transform(*lonlat.T, up), axis=-1)
     enu = (xyz - geocentric(origin)) @ east_north_up(origin).T
     if azimuth is None:
@@ -458,6 +461,14 @@ def fit_anchor(
         crs_accuracy=crs_accuracy,
         heights_known=heights_known,
     )
+
+
+def _mean_longitude(longitude: FloatArray) -> float:
+    """Return the mean of longitudes, degrees, on the shorter way round where they pass 180."""
+    if np.ptp(longitude) <= _HALF_TURN:
+        return float(longitude.mean())
+    mean = float((longitude % _TURN).mean())
+    return mean - _TURN if mean > _HALF_TURN else mean
 
 
 def _check_points(local: FloatArray, surveyed: FloatArray, accuracy: float) -> None:

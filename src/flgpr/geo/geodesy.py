@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.model.arrays import FloatArray
+from flgpr.store.notes import log_note
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -20,6 +21,8 @@ _FILE_IN_WKT = re.compile(
     re.IGNORECASE,
 )
 """WKT of a system whose points are shifted by a grid in a file; ``@null`` is none."""
+_TURN = 360.0
+_ON_EDGE = 0.05  # degrees outside of a system's area that are still on its edge
 GEODETIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
 
@@ -201,6 +204,58 @@ def system_of_kind(crs: str, geographic: bool | None) -> CRS:
     return system
 
 
+def axes_of(system: CRS) -> tuple[str, str]:
+    """Return where the axes of a reference system point, in the order of its transformations.
+
+    Parameters
+    ----------
+    system : pyproj.CRS
+        The system.
+
+    Returns
+    -------
+    tuple of str
+        "east" and "north" of nearly all; of others "west", "south", or another direction.
+    """
+    first, second = (axis.direction for axis in system.axis_info[:2])
+    # Transformations put an easting first; other axes stay in their order.
+    is_swapped = (first, second) == ("north", "east")
+    return ("east", "north") if is_swapped or system.is_geographic else (first, second)
+
+
+def _degrees_outside(system: CRS, lonlat: FloatArray) -> float:
+    """Return how far points (point, 2), degrees, are outside of the area of use of a system."""
+    area = system.area_of_use
+    if area is None:
+        return 0.0
+    middle = lonlat[0]
+    width = (area.east - area.west) % _TURN or _TURN
+    past_west = (middle[0] - area.west) % _TURN
+    aside = 0.0 if past_west <= width else min(past_west - width, _TURN - past_west)
+    above = max(area.south - middle[1], middle[1] - area.north, 0.0)
+    return float(max(aside, above))
+
+
+def _note_area(system: CRS, lonlat: FloatArray) -> None:
+    """Log a note if points lie outside of the area for which a system is made."""
+    outside = _degrees_outside(system, lonlat)
+    if outside > _ON_EDGE:
+        area = system.area_of_use
+        log_note(
+            f"points at {lonlat[0, 1]:.4f} N {lonlat[0, 0]:.4f} E lie {outside:.2g} degrees outside "
+            f"of the area of use of {system.to_string()} ({area.name[:60]}): is it the right system?"
+        )
+
+
+def _note_axes(system: CRS, along: tuple[str, str]) -> None:
+    """Log a note if the axes of a system point elsewhere than to east and north."""
+    if along != ("east", "north"):
+        log_note(
+            f"the axes of {system.to_string()} point to {along[0]} and {along[1]}: easting and "
+            "northing are read as it counts them, or as negative ones where that lies in its area"
+        )
+
+
 def to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
     """Return longitude and latitude of points, and the stated accuracy of this.
 
@@ -226,17 +281,32 @@ def to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
     from pyproj.exceptions import ProjError
 
     transformer = transformer_of(system, "EPSG:4326")
-    try:
-        lon, lat = transformer.transform(points[:, 0], points[:, 1], errcheck=True)
-    except ProjError as error:
+    along = axes_of(system)
+    candidates = [points]
+    if along != ("east", "north"):
+        # Some give a westing as such, others as a negative easting.
+        signs = [-1 if axis in ("west", "south") else 1 for axis in along]
+        ordered = points[:, ::-1] if along[0] in ("north", "south") else points
+        candidates = [ordered, (points * sorted(signs))[:, :: 1 if ordered is points else -1]]
+    fault: Exception | None = None
+    found: list[FloatArray] = []
+    for candidate in candidates:
+        try:
+            lon, lat = transformer.transform(candidate[:, 0], candidate[:, 1], errcheck=True)
+        except ProjError as error:
+            fault = error
+            continue
+        lonlat = np.stack([lon, lat], axis=-1)
+        if np.isfinite(lonlat).all() and np.abs(lonlat[:, 1]).max() <= 89.9:
+            found.append(lonlat)
+    if not found:
+        reason = f": {fault}" if fault else f", got {points[0]}"
         raise ValueError(
-            f"anchor points must lie where {system.to_string()} holds: {error}"
+            f"anchor points must lie where {system.to_string()} holds{reason}"
         ) from None
-    lonlat = np.stack([lon, lat], axis=-1)
-    if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 89.9:
-        raise ValueError(
-            f"anchor points must lie where {system.to_string()} holds, got {points[0]}"
-        )
+    lonlat = min(found, key=lambda one: _degrees_outside(system, one))
+    _note_axes(system, along)
+    _note_area(system, lonlat)
     accuracy = transformer.accuracy
     if accuracy is None or accuracy < 0:
         return lonlat, math.nan

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.geo.anchor import Anchor
-from flgpr.geo.geodesy import transform_lonlat
+from flgpr.geo.geodesy import axes_of, reference_system, transform_lonlat
 from flgpr.geo.points import STATEMENT
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
@@ -77,6 +77,12 @@ def write_geotiff(
     x = _axis(view, "x")
     y = _axis(view, "y")
     crs = crs or anchor.utm()
+    axes = axes_of(reference_system(crs))
+    if axes != ("east", "north"):
+        raise ValueError(
+            f"crs of a GeoTIFF must have axes to east and north, got {crs}, whose axes point to "
+            f"{axes[0]} and {axes[1]}"
+        )
     bands = view.values.reshape(-1, y.size, x.size)[:, ::-1].astype(np.float32)
     transform, misfit = _geotransform(x, y, anchor, crs, rasterio)
     names = ["run-view"] * len(bands)

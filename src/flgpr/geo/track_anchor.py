@@ -13,6 +13,10 @@ from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
 
 FloatArray = NDArray[np.float64]
+_LEAST_JUDGED = 5  # fixes, to tell one that lies astray
+_ASIDE = 3  # times the usual step, and
+_LEAST_ASIDE = 0.5  # m, by which a fix between others lies astray
+_END_ASIDE = 20  # times the usual step, of the first and the last, which may follow a gap
 _LEAST_REACH = 0.5  # distance that a track must reach from its first fix to have a direction, m
 
 
@@ -61,8 +65,10 @@ def anchor_from_fixes(
     limits = MotionLimits(scans=int(LARGEST))  # any number of traces may lie between two fixes
     motion = judge_poses(pose, None, limits, numbers[is_finite])
 
-    plausible = finite[motion.plausible]
-    plausible_local = local[motion.plausible]
+    is_used = motion.plausible.copy()
+    is_used[is_used] = ~is_astray(local[is_used])
+    plausible = finite[is_used]
+    plausible_local = local[is_used]
     offset = plausible_local - plausible_local[0]
     distance = np.hypot(offset[:, 0], offset[:, 1])
     farthest = int(distance.argmax())
@@ -87,6 +93,36 @@ def anchor_from_fixes(
             f"{left_out} of {len(points)} fixes are not plausible and do not enter the lane's place"
         )
     return anchor_at(start.origin, azimuth), notes
+
+
+def is_astray(position: FloatArray) -> NDArray[np.bool_]:
+    """Return which positions lie aside of a way that goes on behind them.
+
+    One digit that a disk or a line changed is within what a vehicle reaches; it is told by steps
+    there and back that are far longer than the others, and than the way past it.
+
+    Parameters
+    ----------
+    position : (fix, 3) ndarray
+        Positions in their order, m.
+
+    Returns
+    -------
+    (fix,) ndarray of bool
+        Whether each lies astray.
+    """
+    place = position[:, :2]
+    astray = np.zeros(len(place), bool)
+    if len(place) < _LEAST_JUDGED:
+        return astray
+    step = np.hypot(*np.diff(place, axis=0).T)
+    past = np.hypot(*(place[2:] - place[:-2]).T)
+    usual = float(np.median(step))
+    least = np.minimum(step[:-1], step[1:])
+    astray[1:-1] = (least > _ASIDE * usual + _LEAST_ASIDE) & (least > 2 * past)
+    ends = np.array([step[0], step[-1]])
+    astray[[0, -1]] = (ends > _END_ASIDE * usual + _LEAST_ASIDE) & ~astray[[1, -2]]
+    return astray
 
 
 def _median_position(points: FloatArray) -> tuple[float, float, float]:

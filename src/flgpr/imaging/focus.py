@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,10 +11,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.imaging.aperture import aperture_blocks, aperture_image
+from flgpr.imaging.aperture import aperture_blocks, aperture_image, record_of
 from flgpr.imaging.view_axes import View, chosen_scans, view_axes
-from flgpr.model import LINE_STARTS, way_weights
+from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane, way_weights
+from flgpr.model.aperture import way_shares
 
+_LEAST_DISTANCE = 1e-6  # m, of a pixel from a scan, level with the ground
+_ON_TOP = 1e-6  # m, of rounding
+_LEVEL = 0.01  # m, within which antennas are on level ground, whose surface is at 0 or their height
 CHOSEN_PIXELS = 300_000
 """Pixels of an image, about, where no spacing is given."""
 
@@ -25,6 +30,7 @@ class FocusedImage:
     image: xr.DataArray  #: complex64 (polarization, z, y, x)
     spacing: float  #: of pixels, m
     scans: int  #: number of scans that were summed
+    notes: tuple[str, ...] = ()  #: what was left out, and what may be wrong, in words
 
 
 def _unshown(items: Any, label: str, total: int) -> Iterable[Any]:  # noqa: ARG001
@@ -86,6 +92,15 @@ def focus(
     shown_blocks = track(blocks, "scans focused", len(blocks))
     values = aperture_image(run, grid, shown_blocks, weights, view.reach, **options)
 
+    notes = _fold_notes(run, view, chosen, grid)
+    if run.attrs.get("sounding") == "ground-coupled":
+        in_air = _is_above_antennas(run, pose, grid, spacing / 2)
+        values[:, in_air] = 0
+        if in_air.any():
+            notes.append(
+                f"{np.count_nonzero(in_air)} of {in_air.size} pixels lie above the antennas, which "
+                "are on the ground: they are not imaged"
+            )
     image = xr.DataArray(
         values,
         dims=("polarization", "z", "y", "x"),
@@ -93,7 +108,56 @@ def focus(
         attrs=_attributes(run, view, chosen.size, title),
         name="image",
     )
-    return FocusedImage(image, spacing, chosen.size)
+    return FocusedImage(image, spacing, chosen.size, tuple(notes))
+
+
+def _is_above_antennas(
+    run: xr.Dataset, pose: NDArray[np.float64], grid: NDArray[np.float64], margin: float
+) -> NDArray[np.bool_]:
+    """Return which pixels of a grid (z, y, x, 3), m, are above the antennas that passed there.
+
+    They are so by more than a margin, m.
+
+    The height at a pixel is that of the two nearest scans, by their distances: below a line, the
+    one on the line between them.
+    """
+    from scipy.spatial import cKDTree  # slow to load
+
+    middle = (run["tx_position"].values + run["rx_position"].values) / 2
+    antennas = vehicle_to_lane(middle, pose).reshape(-1, 3)
+    level = np.unique(grid[..., :2].reshape(-1, 2), axis=0)
+    tree = cKDTree(antennas[:, :2])
+    distance, nearest = tree.query(level, k=min(2, len(antennas)))
+    distance = distance.reshape(len(level), -1)
+    nearness = 1 / np.maximum(distance, _LEAST_DISTANCE)
+    heights = antennas[nearest.reshape(distance.shape), 2]
+    surface = (heights * nearness).sum(axis=1) / nearness.sum(axis=1)
+    _, column = np.unique(grid[..., :2].reshape(-1, 2), axis=0, return_inverse=True)
+    top = surface[column.ravel()].reshape(grid.shape[:-1])
+    if np.ptp(antennas[:, 2]) < _LEVEL:
+        top = np.maximum(top, 0.0)
+    return np.asarray(grid[..., 2] > top + margin + _ON_TOP)
+
+
+def _fold_notes(
+    run: xr.Dataset, view: View, scans: NDArray[np.intp], grid: NDArray[np.float64]
+) -> list[str]:
+    """Return a note if tones repeat within the image, and no record says what is beyond them."""
+    record = record_of(run)
+    if record is None or np.isfinite(record.end) or scans.size < 2:
+        return []
+    reach = SPEED_OF_LIGHT * record.period / (2 * math.sqrt(view.permittivity or 1.0))
+    low = grid.reshape(-1, 3).min(axis=0)
+    high = grid.reshape(-1, 3).max(axis=0)
+    place = run["pose"].values[scans, :3]
+    farthest = np.linalg.norm(np.maximum(np.abs(place - low), np.abs(high - place)), axis=1).max()
+    if min(float(farthest), view.reach) <= reach:
+        return []
+    return [
+        f"tones {1e-6 / record.period:.6g} MHz apart repeat after {reach:.4g} m: from antennas "
+        f"farther from a pixel than that, nearer echoes fold into it; --reach {reach:.3g} leaves "
+        "them out"
+    ]
 
 
 def _attributes(run: xr.Dataset, view: View, scans: int, title: str) -> dict[str, Any]:
@@ -158,10 +222,8 @@ def scan_weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64
     weights = np.zeros(scans.size)
     for number in np.unique(line):
         on_line = line == number
-        steps = np.hypot(*np.diff(position[on_line, :2], axis=0).T)
-        mean_step = steps.mean() if steps.size else 0.0
-        # Weights of a line have the mean one, and lines of longer steps count more.
-        weights[on_line] = way_weights(position[on_line]) * mean_step
+        # Lines of longer steps count more.
+        weights[on_line] = way_shares(position[on_line])
     if not weights.sum() > 0:
         return np.ones(scans.size)
     return np.asarray(weights / weights.mean())

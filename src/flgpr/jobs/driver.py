@@ -349,6 +349,7 @@ def _section_of(lane: ImagedRun, job: LaneJob, work: Checkpoint) -> ImagedRun:
         results=work.with_shared(job.shared),
         section=job.section,
         others=lane.setup.others,
+        trust=job.trust,
     )
 
 

@@ -21,6 +21,7 @@ from flgpr.engine import BLOCK
 from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.method.model import parse_model, read_model
 from flgpr.method.sections import Section
+from flgpr.method.unlike import Trust
 from flgpr.model import Lane
 from flgpr.recipe.fit import area_of
 from flgpr.recipe.schema import Recipe, parse_recipe
@@ -63,6 +64,16 @@ class LaneJob:
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
     #: folder of passes that jobs of other recipes share (``jobs/pass_cache.py``); "" for none
     pass_cache: str = ""
+    #: what is done on ground that is unlike the training: "fallback", "keep" or "refuse"
+    unlike: str = "fallback"
+    far: float | None = None  #: false alarms per m² that a threshold is wanted for
+    #: whether the passes end with what is compared with the training lanes
+    only_measures: bool = False
+
+    @property
+    def trust(self) -> Trust:
+        """What is asked of the detection about how far it can be trusted."""
+        return Trust(self.unlike, self.far, self.only_measures)
 
     @property
     def folder(self) -> Path:
@@ -108,6 +119,8 @@ class LaneJob:
             "others": {name: digest for name, _, digest in self.others},
             "truth": self.truth[1],
             "explains": self.explains,
+            "unlike": self.unlike,
+            "far": self.far,
         }
 
     @property
@@ -117,7 +130,12 @@ class LaneJob:
         Neither the versions of the program nor the machine are part of it.
         """
         identity = self.identity
-        return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
+        lasting = {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
+        if self.unlike != "fallback":
+            lasting["unlike"] = self.unlike
+        if self.far is not None:
+            lasting["far"] = self.far
+        return lasting
 
 
 def choose_lane(
@@ -164,6 +182,8 @@ def make_job(
     others: Mapping[str, PathLike] | None = None,
     truth: PathLike | None = None,
     options: RunOptions = DEFAULTS,
+    unlike: str = "fallback",
+    far: float | None = None,
 ) -> LaneJob:
     """Check that a recipe fits a stored run, and describe the detection as plain values.
 
@@ -188,6 +208,10 @@ def make_job(
         File of a training lane's targets.
     options : RunOptions
         Memory of a process, and the folder of passes that jobs of other recipes share.
+    unlike : {"fallback", "keep", "refuse"}
+        What is done on ground that is unlike that of the model's training lanes.
+    far : float, optional
+        False alarms per m² that a threshold is wanted for.
 
     Returns
     -------
@@ -199,6 +223,7 @@ def make_job(
     ValueError
         If the recipe does not fit the run, or a run, the lane or the model is not valid.
     """
+    Trust(unlike, far)  # refuses what it cannot be
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
     area = area_of(open_run(run, options.max_memory), parsed, borders)
@@ -225,6 +250,8 @@ def make_job(
         truth=truth_and_digest,
         lane_source=lane_source,
         pass_cache="" if options.pass_cache is None else absolute(options.pass_cache),
+        unlike=unlike,
+        far=far,
     )
 
 

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,8 +22,10 @@ from flgpr.engine import Arrays, Engine, block_name, worker_state
 from flgpr.jobs.checkpoint import BlockCheckpoint, Checkpoint
 from flgpr.jobs.job import LaneJob, code_versions, processor
 from flgpr.jobs.workers import Report
+from flgpr.method.detection import MAIN, Detection
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.method import detection_of, engine_of
+from flgpr.method.instead import describe_threshold, describe_unlike
+from flgpr.method.method import detections_of, engine_of
 from flgpr.method.model import parse_model, read_model, trained_on
 from flgpr.method.searched import searched_ground
 from flgpr.method.sections import section_lane, section_note
@@ -119,15 +122,15 @@ def do_finish(job: LaneJob) -> Report:
     begun = _now()
     with _ONE_AT_A_TIME:
         lane, _, _ = _open(job)
-        detection = detection_of(lane)
+        detections = detections_of(lane)
         borders = section_lane(lane.recipe, lane.lane, lane.section)
         section = section_note(lane.lane, lane.section) if job.section else None
         folder = write_result(
             job.folder,
-            [detection],
+            _with_recipes(detections, job.recipe),
             job.recipe,
             borders,
-            _describe_runs(job, lane),
+            _describe_runs(job, lane, detections),
             lane.model,
             section,
         )
@@ -135,21 +138,35 @@ def do_finish(job: LaneJob) -> Report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # frees the memory of the run-views
         done = report(job.name, "finish", -1, begun, 0)
-        return done | {"alarms": len(detection.alarms)}
+        return done | {"alarms": len(detections[0].alarms)}
 
 
-def _describe_runs(job: LaneJob, lane: ImagedRun) -> dict[str, Any]:
+def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -> dict[str, Any]:
     """Return what a manifest says of the run, and of those taken together with it."""
     described = describe_run(lane.run, job.run, lane.recipe.motion)
     searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
     described["searched"] = searched.as_json()
     if trained_on(lane.model, job.store_sha256):
         described["trained_on_this_run"] = True
+    if job.far is not None:
+        described["far"] = describe_threshold(lane, detections[0].alarms)
+    unlike = describe_unlike(lane, detections)
+    if unlike is not None:
+        described["unlike"] = unlike
     if job.others:
         described["others"] = {}
         for name, path, digest in job.others:
             described["others"][name] = {"path": path, "store_sha256": digest}
     return described
+
+
+def _with_recipes(detections: list[Detection], text: str) -> list[Detection]:
+    """Return detections that know their recipe: those beside the result's own are of its recipe."""
+    known = []
+    for detection in detections:
+        is_own = detection.name == MAIN or detection.recipe_text
+        known.append(detection if is_own else replace(detection, recipe_text=text))
+    return known
 
 
 def _open(job: LaneJob) -> tuple[ImagedRun, Engine, Checkpoint]:
@@ -217,6 +234,7 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
         others=others,
         truth=truth,
         explains=job.explains,
+        trust=job.trust,
     )
     return lane, work
 

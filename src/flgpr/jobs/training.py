@@ -6,13 +6,14 @@ import glob
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from flgpr.door import refuse_links
@@ -28,6 +29,7 @@ from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
 from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.method.detection import rank_alarms
 from flgpr.method.estimators import train_estimator
+from flgpr.method.false_alarms import free_ground
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import (
     MODEL_FILE,
@@ -37,10 +39,19 @@ from flgpr.method.model import (
     load_model,
     save_model,
 )
+from flgpr.method.unlike import (
+    LEAST_LANES,
+    MEASURED,
+    FreeGround,
+    TrainingGround,
+    chosen_scans,
+    learn_clutter,
+    learn_levels,
+)
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, parse_recipe
 from flgpr.recipe.tables import DetectorTable
-from flgpr.stages import TrainingView
+from flgpr.stages import FloatArray, TrainingView
 from flgpr.stages.too_few import (
     TooFewExamplesError,
     cannot_be_trained,
@@ -59,6 +70,8 @@ from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 
 PathLike = str | Path
+FOLDS = 10
+"""Most detectors that are trained on some of the lanes, for thresholds on the others."""
 
 
 def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
@@ -131,6 +144,7 @@ def train_on_lanes(
         if learns_detector(recipe, features):
             training.train_detector(features, label_radius)
             training.learn_forecast()
+        training.learn_ground()
         save_model(training.model, partial, notes)
     _clear_work_folders(output, options)
     return training.model
@@ -211,6 +225,9 @@ class _Training:
         self._executor = executor
         self._options = options
         self._views: list[TrainingView] = []
+        self._examples: dict[str, list[Any]] = {}  # of maps that measure clutter, by stage
+        self._profiles: list[FloatArray] = []  # level of the images, by lane
+        self._free: list[FreeGround] = []  # alarms at no target, by lane
         self._step = 0
 
     @property
@@ -232,6 +249,8 @@ class _Training:
                 examples = []
                 for setup, _ in self._imaged_lanes(truth=True):
                     examples.append(dict(setup.results[f"learn.{name}"]))
+            if getattr(stages[name].stage_class, "measures_clutter", False):
+                self._examples[name] = examples
             with self._counted(name):
                 arrays, notes = self._fit(name, examples)
             self.model = replace(
@@ -270,6 +289,7 @@ class _Training:
             name = f"{number}:{lane.name}"
             ranked = rank_alarms(setup)
             lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
+            self._profiles.append(setup.level_profile())
             raised += len(setup.alarms())
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         first_features = lanes[0][2]
@@ -279,17 +299,27 @@ class _Training:
         with self._counted("detector"):
             spent = self._spent()
             spent_by_lane = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]
-            examples = make_training_set(lanes, label_radius, columns, spent_by_lane)
-            detector: Detector
-            try:
+
+            def fit(chosen: Sequence[int]) -> Detector:
+                """Train the detector on some lanes, by their numbers."""
+                examples = make_training_set(
+                    [lanes[number] for number in chosen],
+                    label_radius,
+                    columns,
+                    [spent_by_lane[number] for number in chosen] if spent_by_lane else [],
+                )
                 if table.estimator == "fisher":
-                    detector = train(examples, columns)
-                else:
-                    detector = train_estimator(examples, table, columns)
+                    return train(examples, columns)
+                return train_estimator(examples, table, columns)
+
+            try:
+                detector = fit(range(len(lanes)))
             except TooFewExamplesError as error:
                 steps = count_alarm_steps(lanes, raised, spent, columns, label_radius)
                 raise steps.error(error, self.recipe, table.on) from None
-        self.model = replace(self.model, detector=detector)
+            self.model = replace(self.model, detector=detector)
+            if len(lanes) >= LEAST_LANES:
+                self._free = _free_ground(lanes, label_radius, fit)
 
     def learn_forecast(self) -> None:
         """Learn what becomes of the alarms that live detection raises on the lanes.
@@ -314,6 +344,53 @@ class _Training:
         notes_of_stages = self.model.notes | {forecast.NAME: notes}
         self.model = replace(self.model, stages=stages, notes=notes_of_stages)
 
+    def learn_ground(self) -> None:
+        """Learn what tells whether other ground is unlike that of the lanes (``method/unlike.py``).
+
+        The clutter of a lane is compared with what was learnt without it.
+        """
+        known: dict[str, Any] = {"lanes": len(self.lanes)}
+        if len(self.lanes) >= LEAST_LANES:
+            name = next(iter(self._examples), "")
+            if name or not self._profiles:
+                known |= self._measured_clutter(name)
+            known["level"], known["profile"] = learn_levels(self._profiles)
+            known["free"] = self._free
+        self.model = replace(self.model, ground=TrainingGround(**known))
+
+    def _measured_clutter(self, name: str) -> dict[str, Any]:
+        """Return what is known of the clutter of all lanes, by the map of a name; "" for none."""
+        whole = self.model
+        stage = self.recipe.named()[name] if name else None
+        measured: list[Any] = []
+        whiteners = []
+        apart = []
+        profiles = []
+
+        def without(number: int) -> Model:
+            """Return the model without the clutter of a lane."""
+            if stage is None:
+                return whole
+            mapper: Any = stage.stage_class
+            learnt = mapper.without_lane(
+                stage.settings, whole.stages[name], self._examples[name], number
+            )
+            return replace(whole, stages=whole.stages | {name: learnt})
+
+        for setup, _ in self._imaged_lanes(truth=False, model_of=without, only_measures=True):
+            profiles.append(setup.level_profile())
+            if stage is not None:
+                measured.append(
+                    {key: np.array(array) for key, array in setup.results[MEASURED].items()}
+                )
+                whiteners.append(setup.learnt_clutter)
+                apart.append(_metres_apart(setup))
+        self._profiles = profiles
+        if stage is None:
+            return {}
+        sizes, tail = learn_clutter(measured, whiteners)
+        return {"sizes": sizes, "tail": tail, "apart": float(np.mean(apart))}
+
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:
         """Report what learning itself costs, without the passes.
@@ -335,15 +412,25 @@ class _Training:
                     spent[name] = rows
         return spent
 
-    def _imaged_lanes(self, truth: bool) -> Iterator[tuple[ImagedRun, TrainingLane]]:
-        """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
+    def _imaged_lanes(
+        self,
+        truth: bool,
+        model_of: Callable[[int], Model] | None = None,
+        only_measures: bool = False,
+    ) -> Iterator[tuple[ImagedRun, TrainingLane]]:
+        """Do the passes of the lanes as far as the model allows, and yield lane after lane.
+
+        ``model_of`` returns the model that a lane is taken with, by its number from 0.
+        """
         self._step += 1
         learnt = None
-        if self.model.stages:
+        if self.model.stages and model_of is None:
             learnt = save_model(self.model, _work_folder(self.output, "training"))
         options = self._options
         cache = self._pass_cache
         for number, lane in enumerate(self.lanes, 1):
+            if model_of is not None:
+                learnt = save_model(model_of(number - 1), _work_folder(self.output, "training"))
             output = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
             refuse_links(output)
             job = replace(
@@ -353,10 +440,65 @@ class _Training:
                 model_sha256="" if learnt is None else model_digest(learnt),
                 truth=lane.job.truth if truth else ("", ""),
                 pass_cache="" if cache is None else absolute(cache),
+                only_measures=only_measures,
             )
             label = f"{lane.name}: "
             with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
                 yield setup, lane
+
+
+def _free_ground(
+    lanes: Sequence[LaneOfAlarms], label_radius: float, fit: Callable[[Sequence[int]], Detector]
+) -> list[FreeGround]:
+    """Return the confidences of the alarms at no target of every lane.
+
+    They are by detectors that were trained without their lane, one for each of ``FOLDS`` groups of
+    lanes. Lanes are left out of which the others do not suffice to train one.
+    """
+    free = []
+    folds = min(FOLDS, len(lanes))
+    for fold in range(folds):
+        inside = range(fold, len(lanes), folds)
+        try:
+            detector = fit([number for number in range(len(lanes)) if number not in inside])
+        except ValueError:
+            continue
+        for number in inside:
+            _, alarms, features, truth, lane = lanes[number]
+            table = features.assign(magnitude=alarms["magnitude"])
+            off = _to_nearest(alarms, truth)
+            counts = lane.contains(alarms["x"], alarms["y"]) & (off > label_radius)
+            confidence = np.asarray(detector.confidence(table), dtype=float)[counts]
+            area = _area_without(truth, lane, label_radius)
+            if area > 0:
+                free.append(free_ground(confidence, area))
+    return free
+
+
+def _area_without(truth: pd.DataFrame, lane: Lane, radius: float) -> float:
+    """Return the area of a lane farther than a radius from all targets, m², on a lattice of 0.1 m."""
+    x = np.arange(lane.x_min + 0.05, lane.x_max, 0.1)
+    y = np.arange(lane.y_min + 0.05, lane.y_max, 0.1)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    off = _to_nearest(pd.DataFrame(points, columns=["x", "y"]), truth)
+    return float(lane.area * (off > radius).mean())
+
+
+def _to_nearest(alarms: pd.DataFrame, truth: pd.DataFrame) -> FloatArray:
+    """Return the distance of every alarm to the target next to it, m."""
+    places = alarms[["x", "y"]].to_numpy(dtype=float)
+    targets = truth[["x", "y"]].to_numpy(dtype=float)
+    distances = np.linalg.norm(places[:, None] - targets, axis=-1)
+    return np.asarray(distances.min(axis=1, initial=np.inf))
+
+
+def _metres_apart(lane: ImagedRun) -> float:
+    """Return how far apart the scans of a lane are that its clutter was measured on, m."""
+    chosen = chosen_scans(len(lane))
+    if len(chosen) < 2:
+        return 0.0
+    first, last = lane.setup.pose(int(chosen[0])), lane.setup.pose(int(chosen[-1]))
+    return float(np.hypot(*(last - first)[:2])) / (len(chosen) - 1)
 
 
 def _matching(patterns: list[str], columns: list[str]) -> list[str]:

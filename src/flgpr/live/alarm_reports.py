@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flgpr.geo import Anchor
 from flgpr.live.detector import LiveDetector
-from flgpr.live.event_types import AlarmEvent
+from flgpr.live.event_types import AlarmEvent, Event
 from flgpr.live.events import add_places_on_earth, alarm_event, as_line
 from flgpr.live.forecast import Forecast, forecast_event
 from flgpr.live.options import LiveOptions
@@ -35,6 +35,10 @@ class AlarmReporter:
         self.anchor: Anchor | None = None  #: what ties the lane to the Earth
         # Alarms whose last event advised to wait.
         self._waiting: set[str] = set()
+
+    def send(self, event: Event) -> None:
+        """Send the line of an event that is of no alarm."""
+        self._send_line(as_line(event))
 
     def resume(self, alarm_ids: Iterable[str]) -> None:
         """Take these open alarms as advised to wait: what an earlier process wrote is not known."""
@@ -104,6 +108,8 @@ class AlarmReporter:
         """Return an alarm's event, with a forecast where the model has one."""
         options = self._options
         event = alarm_event(alarm, scan, pose, options.vehicle, latency)
+        if detector.ground is not None and detector.ground.unlike:
+            event["unlike"] = True
         if self.forecast is None:
             return event
         threshold = 0.0 if options.threshold is None else options.threshold

@@ -21,7 +21,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.clutter import CausalBackground
+from flgpr.clutter import Background, CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.engine import Arrays
 from flgpr.imaging import ImagingOperator
@@ -29,10 +29,12 @@ from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
 from flgpr.live.density import SeenDensity
 from flgpr.live.event_types import ViewGrid
+from flgpr.live.ground import RunningGround
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.model import Detector, Model, as_model, unlearnt
 from flgpr.method.steps import CleanedImages
+from flgpr.method.unlike import Comparison
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.recipe.fit import alias_faults, check_channels
@@ -160,8 +162,21 @@ class LiveDetector:
         self.alarms = AlarmBook(self.recipe.prescreen.radius)
         self.density = SeenDensity(self.recipe.prescreen, self.recipe.run_view.spacing)
         self.closed = -math.inf  # ground up to here (lane y) is final
+        self.ground = self._running_ground()
         self.newest: tuple[int, FloatArray] | None = None
         self.previous_pose: FloatArray | None = None  # of the scan that was the newest before
+
+    def _running_ground(self) -> RunningGround | None:
+        """Return what compares the ground with that of training; None where the model cannot."""
+        ground = self.model.ground
+        if ground is None or not ground.judges:
+            return None
+        mapper = self.mapper
+        if mapper is not None and not mapper.measures_clutter:
+            mapper = None
+        lane = self.lane
+        columns = (-1.5, 1.5) if lane is None else (lane.x_min, lane.x_max)
+        return RunningGround(ground, mapper, self.grid, columns, self.settings.least_step)
 
     @property
     def newest_pose(self) -> FloatArray | None:
@@ -287,7 +302,14 @@ class LiveDetector:
         left_behind = self._jump(newest_pose)
         row, view = self._add_look(cleaned, newest_pose)
         changed = left_behind + self._raise(view, newest_pose, earlier_sums)
-        return LiveUpdate("taken", changed, row, np.asarray(view.values, np.float32))
+        update = LiveUpdate("taken", changed, row, np.asarray(view.values, np.float32))
+        return replace(update, ground=self._compare_ground(cleaned, background))
+
+    def _compare_ground(self, scan: CleanedImages, background: Background) -> Comparison | None:
+        """Return how the ground compares with that of training, where the verdict changes."""
+        if self.ground is None or scan.own is None:
+            return None
+        return self.ground.add(self.steps.labelled(scan), scan.pose, background)
 
     def _has_not_moved(self, pose: FloatArray) -> bool:
         """Return whether a pose is nearer to the newest one than the least step."""

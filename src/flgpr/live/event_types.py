@@ -125,9 +125,19 @@ class AlarmEvent(ForecastEntries):
     latency_ms: Annotated[float, Field(ge=0)]  #: from the arrival of the scan to this line
     in_time: NotRequired[bool]  #: whether the vehicle can stop before it; with a speed
     margin_m: NotRequired[float]  #: by how much, m; with a speed
+    unlike: NotRequired[Literal[True]]  #: the ground is unlike the training: see ``ground``
     #: latitude, longitude: WGS 84, degrees, where the lane is tied to the Earth
     latitude: NotRequired[Annotated[float, Field(ge=-90, le=90)]]
     longitude: NotRequired[Annotated[float, Field(ge=-180, le=180)]]
+
+
+class GroundEvent(TypedDict):
+    """The ground begins to be unlike that of the model's training, or is like it again."""
+
+    event: Literal["ground"]
+    scan: ScanNumber  #: number of the newest scan
+    unlike: bool  #: whether confidences do not hold from this scan on
+    words: list[str]  #: the verdict in plain words, then what passes its limit and by how much
 
 
 class AnewEvent(TypedDict):
@@ -203,6 +213,7 @@ EVENTS = (
     ScanEvent,
     ViewEvent,
     AlarmEvent,
+    GroundEvent,
     AnewEvent,
     ProblemEvent,
     PositionEvent,

@@ -25,6 +25,7 @@ from flgpr.live.event_types import (
     AlarmEvent,
     AnewEvent,
     Event,
+    GroundEvent,
     LaneBorders,
     PositionEvent,
     ProblemEvent,
@@ -36,6 +37,7 @@ from flgpr.live.event_types import (
 from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
 from flgpr.live.vehicle import Vehicle
 from flgpr.method.look_samples import decibels
+from flgpr.method.unlike import Comparison
 from flgpr.model.plausible import MotionStep
 from flgpr.model.printable import text_bytes
 
@@ -280,6 +282,25 @@ def position_events(name: str, update: LiveUpdate) -> list[PositionEvent]:
         event: PositionEvent = {**problem, "kind": kind, **step.as_json()}
         events.append(event)
     return events
+
+
+def ground_event(scan: int, comparison: Comparison) -> GroundEvent:
+    """Return the event that the ground begins to be unlike the training, or is like it again.
+
+    Parameters
+    ----------
+    scan : int
+        Number of the scan.
+    comparison : Comparison
+        With which the verdict changed.
+
+    Returns
+    -------
+    GroundEvent
+        The event.
+    """
+    words = comparison.notes() or ["this ground is like the training again: the confidences hold"]
+    return {"event": "ground", "scan": scan, "unlike": comparison.unlike, "words": words}
 
 
 def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> AnewEvent:

@@ -41,6 +41,7 @@ from flgpr.live.events import (
     EVENT_FILE,
     EventFile,
     anew_event,
+    ground_event,
     position_events,
     problem_event,
     scan_event,
@@ -69,6 +70,7 @@ from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, parse_model, read_model, unlearnt
+from flgpr.method.unlike import Comparison, why_not
 from flgpr.model import Lane
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
@@ -368,6 +370,9 @@ class LiveRun:
             newest = None if detector.newest is None else detector.newest[0]
             resumed: ResumeEvent = {"event": "resume", "scan": newest, "counts": intake.counts}
             events.append([resumed])
+        cannot_judge = why_not(self._model.ground)
+        if cannot_judge and (self._model.detector is not None or self._model.stages):
+            log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
         rehearse(description, recipe, self._model)
         self._detector = detector
         self._intake = intake
@@ -442,6 +447,11 @@ class LiveRun:
             # Scans that are released, and one that was not left out, are settled.
             outcome = cast(SettledOutcome, change.outcome)
             lines.append(scan_event(settled_scan, outcome, arrival.when, latency))
+        for settled_scan, change in settled:
+            if change.ground is not None:
+                ground = ground_event(settled_scan.number, change.ground)
+                lines.append(ground)
+                self._alarms.send(ground)
         if pose is not None:
             lines += self._alarms.events(update, scan.number, pose, latency, detector)
         for _, change in settled:

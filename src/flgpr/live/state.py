@@ -75,6 +75,9 @@ def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
                 arrays[f"scan{position}.{name}"] = value
     arrays["numbers.passed"] = np.array(detector.alarms.passed)
     arrays["numbers.magnitudes"] = np.array(detector.density.magnitudes)
+    if detector.ground is not None:
+        for name, value in detector.ground.state().items():
+            arrays[f"ground.{name}"] = value
     for number, held_scan in detector.held.items():
         arrays[f"held{number}.signal"] = held_scan.signal
     return arrays
@@ -215,6 +218,8 @@ def _restore(
     """Set the state of a detector and its intake."""
     detector.background.restore(arrays_under(arrays, "background."))
     detector.view = arrays_under(arrays, "view.")
+    if detector.ground is not None:
+        detector.ground.restore(arrays_under(arrays, "ground."))
     detector.history = []
     for position, number in enumerate(header["history"]):
         arrays_of_scan = arrays_under(arrays, f"scan{position}.")

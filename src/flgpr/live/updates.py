@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.method.unlike import Comparison
 from flgpr.model.plausible import MotionStep
 from flgpr.store import Scan
 
@@ -63,6 +64,8 @@ class LiveUpdate:
     forgotten: bool = False
     #: scans that were held back and what became of them now, in their order
     released: list[tuple[Scan, LiveUpdate]] = field(default_factory=list)
+    #: how the ground compares with that of training, where the verdict changes with this scan
+    ground: Comparison | None = None
     words: str = ""  #: why a scan that was held back, or came with such scans, is "refused"
 
 

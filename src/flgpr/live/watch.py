@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from pathlib import Path
@@ -39,6 +40,7 @@ class FolderWatch(Source):
         self._known = set(known or ())
         self._began = time.time()
         self._growing: dict[str, tuple[int, float]] = {}
+        self._cut: dict[str, int] = {}  # sizes of files that were handed over shorter than stated
         self._described = False
         self._ended = False
         self._stamp = -1
@@ -57,12 +59,15 @@ class FolderWatch(Source):
         except FileNotFoundError:
             return False
         is_settled = time.time_ns() - stamp > _SETTLED * 1e9
-        if stamp == self._stamp and is_settled and not self._growing:
+        # The end of a file that comes late changes nothing about its folder.
+        is_complete = not self._growing and not self._cut
+        if stamp == self._stamp and is_settled and is_complete:
             return False
         if not self._described and not self._describe():
             return False
         names = set(os.listdir(self._folder))
         self._forget_removed(names)
+        self._take_up_grown()
         unread = [name for name in names - self._known if name.endswith(SCAN_SUFFIX)]
         n_read = 0
         for name in sorted(unread):
@@ -87,9 +92,18 @@ class FolderWatch(Source):
     def _forget_removed(self, names: set[str]) -> None:
         """Forget files that the radar removed; ``names`` are those in the folder."""
         self._known &= names
-        for name in list(self._growing):
-            if name not in names:
-                del self._growing[name]
+        for files in (self._growing, self._cut):
+            for name in list(files):
+                if name not in names:
+                    del files[name]
+
+    def _take_up_grown(self) -> None:
+        """Read files once more that were too short for a while, and then grew."""
+        for name, size in list(self._cut.items()):
+            with contextlib.suppress(OSError):
+                if os.lstat(self._folder / name).st_size != size:
+                    del self._cut[name]
+                    self._known.discard(name)
 
     def _read(self, name: str) -> bool:
         """Hand a file over; return False if it still grows or cannot be a scan."""
@@ -108,6 +122,8 @@ class FolderWatch(Source):
         if self._grows(name, data, status.st_size):
             return False
         self._known.add(name)
+        if _is_short(data, status.st_size):
+            self._cut[name] = status.st_size
         when = max(status.st_ctime, self._began)
         return self.inbox.put(Arrival("frame", name, when, data))
 
@@ -130,12 +146,7 @@ class FolderWatch(Source):
 
     def _grows(self, name: str, data: bytes, size: int) -> bool:
         """Return whether a file is shorter than its header states and may still be completed."""
-        try:
-            is_short = frame_size(data) > size
-        except TruncatedFrameError:
-            is_short = True
-        except ScanFileError:
-            is_short = False
+        is_short = _is_short(data, size)
         previous_size, since = self._growing.get(name, (-1, 0.0))
         now = time.time()
         if size != previous_size:
@@ -144,4 +155,14 @@ class FolderWatch(Source):
             self._growing[name] = (size, since)
             return True
         self._growing.pop(name, None)
+        return False
+
+
+def _is_short(data: bytes, size: int) -> bool:
+    """Return whether a file of so many bytes is shorter than the header in its data states."""
+    try:
+        return frame_size(data) > size
+    except TruncatedFrameError:
+        return True
+    except ScanFileError:
         return False

@@ -21,6 +21,8 @@ from flgpr.stages import FloatArray
 
 MAIN = "main"
 """Name of a result's own detection; others may stand beside it, by the name of their recipe."""
+AS_LEARNT = "confidence_as_learnt"
+"""Column of the confidence that another ranking stands in for, on ground unlike the training."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,10 @@ def rank_alarms(lane: ImagedRun) -> RankedAlarms:
     table = pd.concat([array_table(features), alarms[view_columns]], axis=1)
 
     alarms["confidence"] = lane.steps.confidence(table, alarms["magnitude"])
+    if lane.replaces_map:
+        as_learnt = pd.Series(lane.as_learnt_at(alarms), alarms.index)
+        table[AS_LEARNT] = lane.steps.confidence(table, as_learnt)
+        alarms["confidence"] = alarms["magnitude"].astype(float)
     alarms["scans"] = table["scans"]
     ranked = rank(alarms, table)
     if lane.recipe.features is None:
@@ -125,6 +131,8 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     for stage in lane.columns:
         for name in stage.alarm_columns:
             alarms = alarms.assign(**{name: ranked.features[name]})
+    if lane.replaces_map:
+        alarms = alarms.assign(**{AS_LEARNT: ranked.features[AS_LEARNT]})
     frames = alarms_by_frame(lane) if "frames" in lane.results else None
     entries: dict[str, Any] = {
         "notes": _notes(lane),
@@ -154,6 +162,8 @@ def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) ->
     """Return what adds up to the confidence of every alarm."""
     detector = lane.model.detector
     confidence = ranked.alarms["confidence"]
+    if lane.replaces_map:
+        return pd.DataFrame({"map": confidence.to_numpy()})
     if detector is None:
         return pd.DataFrame({lane.steps.single: confidence.to_numpy()})
     linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
@@ -167,7 +177,9 @@ def _notes(lane: ImagedRun) -> dict[str, Any]:
     """Return figures worth reporting, and what the confidence is made of."""
     notes: dict[str, Any] = {}
     detector = lane.model.detector
-    if detector is not None:
+    if lane.replaces_map:
+        notes["confidence"] = "map"
+    elif detector is not None:
         notes["confidence"] = " + ".join(detector.features)
     elif lane.recipe.features is not None:
         notes["confidence"] = lane.steps.single

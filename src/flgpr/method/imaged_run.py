@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.engine import PlannedPass, group_of
@@ -23,6 +24,15 @@ from flgpr.method.memory import CACHE
 from flgpr.method.model import Detector, Model, as_model, unlearnt
 from flgpr.method.sections import Section, kept_rows, lane_threshold
 from flgpr.method.steps import Steps, check_confidence
+from flgpr.method.unlike import (
+    MEASURED,
+    Comparison,
+    Trust,
+    compare_clutter,
+    compare_level,
+    level_profile,
+    why_not,
+)
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
 from flgpr.recipe.schema import Recipe, as_imaged
 from flgpr.recipe.tables import ImageTable
@@ -69,6 +79,8 @@ class ImagedRun:
     whole_background : bool
         Whether the background reaches as far as the images; by default it reaches as far ahead as
         counts and as the rows there depend on.
+    trust : Trust, optional
+        What is done on ground that is unlike the training, and the false-alarm rate that is wanted.
 
     Attributes
     ----------
@@ -104,7 +116,9 @@ class ImagedRun:
         truth: pd.DataFrame | None = None,
         explains: bool = True,
         whole_background: bool = False,
+        trust: Trust | None = None,
     ) -> None:
+        self.trust = trust or Trust()
         self.run = run
         self.recipe = recipe
         self.lane = lane
@@ -132,6 +146,8 @@ class ImagedRun:
         check_column_count(recipe, len(self.polarizations), self.grid)
         self.background_rows = self._background_rows(whole_background)
         self.mapper = self._first_stage(MapStage)
+        if self.mapper is not None:
+            self.mapper.substitute = lambda: "own" if self.replaces_map else ""
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
         self.steps = self._steps()
@@ -325,6 +341,77 @@ class ImagedRun:
         image = self.near_image(index)
         return image.copy(data=self.background.own_coherent(image.values, self.gains[index]))
 
+    # Whether the ground is like that of the training lanes: needs the passes "gain" and "unlike"
+
+    @property
+    def measures_clutter(self) -> bool:
+        """Whether the map's clutter is measured, to be compared with that of training."""
+        if self.mapper is None or not self.mapper.measures_clutter or self.untrained:
+            return False
+        ground = self.model.ground
+        return self.trust.only_measures or (ground is not None and ground.judges)
+
+    @cached_property
+    def learnt_clutter(self) -> NDArray[Any]:
+        """What whitens the clutter that the map has learnt (metre, value, value)."""
+        return np.asarray(self.mapper.learnt["whitener"])
+
+    def level_profile(self) -> FloatArray:
+        """Return the level of the images (channel, metre), dB over its mean."""
+        x = self.near.x
+        columns = (x >= self.lane.x_min) & (x <= self.lane.x_max)
+        rows = max(1, round(1 / self.near.dy))
+        return level_profile(self.background.gain, rows, columns if columns.any() else x == x)
+
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """How the ground compares with that of the training lanes; None where nothing was learnt."""
+        model = self.model
+        if model.detector is None and not model.stages:
+            return None
+        ground = model.ground
+        cannot = why_not(ground)
+        if ground is None or cannot:
+            return Comparison(cannot=cannot)
+        channels = [
+            f"{label} {subband}"
+            for label in self.polarizations
+            for subband in self.recipe.image.subbands
+        ]
+        near = self.near.y_min
+        figures = compare_level(ground, self.level_profile(), channels, near)
+        if self.measures_clutter:
+            measured = self.results[MEASURED]
+            sums = {name: measured[name].sum(axis=0) for name in ("covariance", "count", "shape")}
+            scans = int(measured["scans"])
+            figures += compare_clutter(ground, sums, scans, self.learnt_clutter, near)
+        if not figures:
+            return Comparison(cannot="its training lanes were imaged on other pixels")
+        return Comparison(tuple(figures))
+
+    @property
+    def substitute(self) -> str:
+        """What stands in for what was learnt: "own", "contrast", or "" for nothing.
+
+        Raises
+        ------
+        ValueError
+            If ground that is unlike the training is to be refused.
+        """
+        if self.trust.unlike == "keep" or self.untrained or self.trust.only_measures:
+            return ""
+        comparison = self.comparison
+        if comparison is None or not comparison.unlike:
+            return ""
+        if self.trust.unlike == "refuse":
+            raise ValueError("; ".join(comparison.notes("it is refused, as asked for")))
+        return comparison.substitute
+
+    @property
+    def replaces_map(self) -> bool:
+        """Whether the lane's own clutter stands in for what the map has learnt."""
+        return self.substitute == "own"
+
     # The lane's run-view and its rows
 
     def rows_of(self, block: range | None) -> slice:
@@ -409,6 +496,17 @@ class ImagedRun:
         if threshold is None:
             threshold = lane_threshold(self.recipe, self.lane, table, int(raised["seen"]))
         return table[table["magnitude"] >= threshold].reset_index(drop=True)
+
+    def as_learnt_at(self, alarms: pd.DataFrame) -> FloatArray:
+        """Return the run-view of the learnt map at alarms (alarm,), where something stands in for it."""
+        arrays = self.results["view"]
+        if self.explains:
+            arrays = group_of(arrays, "view")
+        grid = self.grid
+        row = np.rint((alarms["y"].to_numpy() - grid.y_min) / grid.dy).astype(int)
+        column = np.rint((alarms["x"].to_numpy() - grid.x_min) / grid.dx).astype(int)
+        values = arrays["as_learnt"][0, 0, row - self.view_rows.start, column]
+        return np.asarray(values, dtype=np.float64)
 
     def evidence_sums(self, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
         """Return the empty sums of what explains the strongest alarms; needs the pass "alarms".

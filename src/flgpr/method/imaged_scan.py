@@ -61,11 +61,19 @@ class ImagedScan:
         It is in units of the background (Wang et al. 2007, Eq. 5).
         """
         lane = self._lane
-        background = lane.background
         if lane.mapper is None:
-            return background.magnitude(self.near_image.values, self.gain)
-        coherent = background.own_coherent(self.near_image.values, self.gain)
-        return lane.mapper.map(self.near_image.copy(data=coherent))[None, None]
+            return lane.background.magnitude(self.near_image.values, self.gain)
+        return lane.mapper.map(self._coherent)[None, None]
+
+    def map_as_learnt(self) -> NDArray[np.float32]:
+        """Return the map (1, 1, y, x) as it is where nothing stands in for what was learnt."""
+        return self._lane.mapper.map_as_learnt(self._coherent)[None, None]
+
+    @property
+    def _coherent(self) -> xr.DataArray:
+        """The cleaned image with its phase, a gain of each polarization's own."""
+        coherent = self._lane.background.own_coherent(self.near_image.values, self.gain)
+        return self.near_image.copy(data=coherent)
 
     @cached_property
     def cleaned(self) -> CleanedImages:

@@ -25,6 +25,13 @@ import xarray as xr
 from flgpr.engine import Engine, PlannedPass, blocks_of
 from flgpr.method.detection import Detection, assemble, rank_alarms
 from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.instead import (
+    contrast_lane,
+    contrast_recipe,
+    mark_threshold,
+    put_instead,
+    rank_by_column,
+)
 from flgpr.method.model import Detector, Model
 from flgpr.method.passes.alarms import Maxima
 from flgpr.method.passes.explain import Explain
@@ -35,7 +42,9 @@ from flgpr.method.passes.run_view import PlainRunView, RunView
 from flgpr.method.passes.signature import SelfSignaturePass
 from flgpr.method.passes.training import until_examples
 from flgpr.method.passes.traversal import plan
+from flgpr.method.passes.unlike import LaneClutter
 from flgpr.method.sections import Section
+from flgpr.method.unlike import Trust
 from flgpr.model import Lane
 from flgpr.progress import Track, silent
 from flgpr.recipe.fit import area_of
@@ -55,6 +64,12 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     # 4), in units of which images are cleaned.
     passes.append(plan(lane, SelfSignaturePass))
     passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
+
+    # What tells whether the ground is unlike that of the training lanes (method/unlike.py).
+    if lane.measures_clutter:
+        passes.append(plan(lane, LaneClutter))
+    if lane.trust.only_measures:
+        return passes
 
     # What a map needs to know of the whole lane, such as its clutter.
     mapper = lane.mapper
@@ -100,6 +115,23 @@ def detection_of(lane: ImagedRun) -> Detection:
     return assemble(lane, ranked)
 
 
+def detections_of(lane: ImagedRun) -> list[Detection]:
+    """Return the detection of a lane whose passes are done, and those beside it.
+
+    On ground that is unlike the training another detection may stand in for what was learnt.
+    """
+    detections = [detection_of(lane)]
+    if lane.substitute == "contrast":
+        text = contrast_recipe(lane)
+        if text:
+            contrast = contrast_lane(lane, text)
+            engine_of(contrast).run()
+            detections = put_instead(lane, detections[0], detection_of(contrast), text)
+        else:
+            detections = rank_by_column(lane, detections[0])
+    return [mark_threshold(lane, detections[0]), *detections[1:]]
+
+
 def detect(
     run: xr.Dataset,
     recipe: Recipe,
@@ -108,6 +140,8 @@ def detect(
     model: Model | Detector | None = None,
     section: Section | None = None,
     others: Mapping[str, xr.Dataset] | None = None,
+    unlike: str = "fallback",
+    far: float | None = None,
 ) -> Detection:
     """Run a recipe on a run, in memory. Truth is not among its inputs.
 
@@ -129,6 +163,11 @@ def detect(
     others : mapping of str to xarray.Dataset, optional
         Runs taken together with this one, such as a second band, by the names that the recipe gives
         them.
+    unlike : {"fallback", "keep", "refuse"}
+        What is done on ground that is unlike that of the model's training lanes.
+    far : float, optional
+        False alarms per m² that a threshold is wanted for: the alarms have a column
+        ``above_threshold``.
 
     Returns
     -------
@@ -138,9 +177,12 @@ def detect(
     Raises
     ------
     ValueError
-        If the recipe does not fit the run, or needs a model that is not given.
+        If the recipe does not fit the run, or needs a model that is not given. With "refuse" if the
+        ground is unlike the training.
     """
     area = area_of(run, recipe, lane)
-    setup = ImagedRun(run, recipe, area, model, section=section, others=others)
+    setup = ImagedRun(
+        run, recipe, area, model, section=section, others=others, trust=Trust(unlike, far)
+    )
     engine_of(setup).run(track)
-    return detection_of(setup)
+    return detections_of(setup)[0]

@@ -15,6 +15,7 @@ from flgpr.engine import Arrays
 from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
+from flgpr.method.unlike import TrainingGround
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.outputs import atomic_output
@@ -37,6 +38,8 @@ class Model:
     #: arrays of the stages, by the names that these have in the recipe
     stages: dict[str, Arrays] = field(default_factory=dict)
     notes: dict[str, Any] = field(default_factory=dict)  #: what it was made of, and counts
+    #: what tells whether ground is unlike that of training; None in models of older versions
+    ground: TrainingGround | None = None
 
 
 def as_model(model: Model | Detector | None) -> Model:
@@ -131,6 +134,8 @@ def save_model(
         "stages": list(model.stages),
         "notes": {**model.notes, **detector_notes, **(notes or {})},
     }
+    if model.ground is not None:
+        head["ground"] = model.ground.model_dump(mode="json")
     arrays = {}
     for stage, group in groups.items():
         for name, array in group.items():
@@ -244,7 +249,9 @@ def _restored(bundle: Bundle) -> Model:
         raise ValueError(
             f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
         )
-    return Model(detector, groups, notes)
+    ground = head.get("ground")
+    known = None if ground is None else TrainingGround.model_validate(ground)
+    return Model(detector, groups, notes, known)
 
 
 def _stage_names(head: Mapping[str, Any]) -> list[str]:

@@ -14,6 +14,10 @@ from flgpr.model.run import check_run, complete_scan_numbers, complete_scans, ma
 
 LINE_STARTS = "line_starts"
 """Attribute of a run of several lines: the number of the first scan of each."""
+_JUMP = 4.0  # times the usual step, from which on nothing was measured in between
+_ANY_ORDER = 1.5  # times the way to the nearest place, of steps between places in any order
+_SAME_PLACE = 1e-4  # m, within which two places are one
+_PLACES_ABOUT = 9  # nearest places by which the usual step is judged, a place itself among them
 _LEAST_ALIGNMENT = 0.8  # length of the mean unit vector of headings that go one way
 _LARGEST = 5e8  # bytes of a run that is taken as one aperture
 
@@ -39,17 +43,88 @@ def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[NDArray[Any], Floa
 
 
 def way_weights(position: ArrayLike) -> FloatArray:
-    """Return the share of the track of each position (scan, 3): half the way to both neighbours.
+    """Return the share of the track of each position (scan, 3), see :func:`way_shares`.
 
     The mean is one.
     """
-    steps = np.diff(np.asarray(position, dtype=np.float64), axis=0)
-    return half_steps(np.linalg.norm(steps, axis=1))
+    share = way_shares(position)
+    return share / share.mean() if share.sum() > 0 else np.ones(share.size)
+
+
+def way_shares(position: ArrayLike) -> FloatArray:
+    """Return the way that each position stands for: half the way to both neighbours.
+
+    From the end of a row to the begin of the next, over a gap, or between places in any order,
+    nothing was measured: there each side stands for a step as usual about it, and a place to which
+    the vehicle comes again shares that.
+
+    Parameters
+    ----------
+    position : (scan, 3) array_like
+        Positions in the order of the scans, m.
+
+    Returns
+    -------
+    (scan,) ndarray
+        Shares, m.
+    """
+    places = np.asarray(position, dtype=np.float64)
+    ways = np.diff(places, axis=0)
+    step = np.linalg.norm(ways, axis=1)
+    moves = step[step > 0]
+    # A track goes on as it went; places in any order turn back from step to step.
+    goes_on = len(ways) < 2 or np.sum(ways[1:] * ways[:-1]) >= 0
+    if not moves.size or (goes_on and step.max() <= _JUMP * np.median(moves)):
+        return _half_steps(step, step)
+    return _shares_with_jumps(places, step, bool(goes_on))
+
+
+def _shares_with_jumps(position: FloatArray, step: FloatArray, goes_on: bool) -> FloatArray:
+    """Return the shares of positions (scan, 3), m, some steps of which may be jumps.
+
+    Where the way turns back and is longer than to the nearest places, its order says nothing.
+    """
+    stop = np.append(0, np.cumsum(step > 0))  # scans at one place, one after the other
+    begins = np.flatnonzero(np.append(True, step > 0))
+    usual, visits = _usual_steps(position[begins])
+    way = step[step > 0]
+    is_jump = way > _JUMP * np.maximum(usual[:-1], usual[1:])
+    to_next = np.where(is_jump, (usual / visits)[:-1], way)
+    from_last = np.where(is_jump, (usual / visits)[1:], way)
+    share = _half_steps(to_next, from_last)
+    if not goes_on and np.median(way) > _ANY_ORDER * np.median(usual):
+        share = usual / visits
+    share = share / np.bincount(stop)
+    return np.asarray(share[stop], dtype=np.float64)
+
+
+def _usual_steps(places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far apart places (place, 3) are about each of them, m, and how often each is there.
+
+    That is the median over the nearest places of the distance to their own nearest one, whatever
+    the order.
+    """
+    from scipy.spatial import cKDTree  # slow to load, and hardly any track has jumps
+
+    rounded = np.round(places / _SAME_PLACE)
+    distinct, which, counts = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
+    if len(distinct) < 2:
+        return np.zeros(len(places)), np.ones(len(places))
+    tree = cKDTree(distinct * _SAME_PLACE)
+    distance, near = tree.query(tree.data, k=min(_PLACES_ABOUT, len(distinct)))
+    usual = np.median(distance[near, 1], axis=1)
+    which = which.ravel()
+    return usual[which], counts[which].astype(np.float64)
+
+
+def _half_steps(to_next: FloatArray, from_last: FloatArray) -> FloatArray:
+    """Return half of the steps (scan - 1,) from each scan to the next and from the one before."""
+    return np.asarray(0.5 * (np.append(to_next, 0.0) + np.append(0.0, from_last)))
 
 
 def half_steps(step: FloatArray) -> FloatArray:
     """Return half of both steps around each of their ends, over the mean; ones without a step."""
-    share = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
+    share = _half_steps(step, step)
     return share / share.mean() if share.sum() > 0 else np.ones(share.size)
 
 
@@ -74,8 +149,8 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
 def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, FloatArray]:
     """Return all complete scans of a run as one aperture.
 
-    Each scan is weighted by its share of the track (half the distance to its neighbours; the mean
-    is one), so that a vehicle that stands still for a while is not counted for every scan.
+    Each scan is weighted by its share of the track (:func:`way_weights`), so that a vehicle that
+    stands still for a while is not counted for every scan.
 
     Parameters
     ----------

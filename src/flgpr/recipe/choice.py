@@ -3,41 +3,52 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from flgpr.model import SPEED_OF_LIGHT, scan_to_lane, unambiguous_path
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    load_sensor,
+    scan_to_lane,
+    sensor_presets,
+    unambiguous_path,
+)
+from flgpr.recipe.lengths import PAPERS_HEIGHT, length_at, reason_for
 from flgpr.recipe.radar_setup import (
     FEWEST_SCANS,
     SCAN_SPACING,
     Band,
-    FloatArray,
     RadarSetup,
     allow_features,
 )
 from flgpr.recipe.schema import Recipe
+from flgpr.recipe.subbands import divide, divisions_like, least_width, widest_piece
 
-# Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
-ALARM_RADIUS = 0.75
-"""Radius of an alarm, m (Wang et al. 2007)."""
-PATCH = 2.5
-"""Length of the patch about an alarm, m (Wang et al. 2007)."""
-MEAN = 2.55
-"""Window of the background's mean, m (Wang et al. 2007)."""
+# Lengths of the array of Wang et al. 2007, 5 m high, m.
+_PAPERS = {"radius": 0.75, "patch": 2.5, "mean": 2.55}
+_ALARM_RADIUS = 0.75  # m that a sub-band resolves across, so that it tells alarms apart
 MEDIAN_STEP = 0.15
 """Distance between the pixels of the background's median, m (Wang et al. 2007)."""
 _HALF_VIEW = 3.0  # half width of the run-view, m
-_NEAR = 1.2  # antenna heights ahead at which images begin: incidence of 50 degrees
+# Half width of an image at least: a lane without borders of its own is 3 m wide, and more has to be
+# seen beside it.
+_LEAST_HALF = 1.8
+_ASIDE = 1.2  # antenna heights to either side that images reach
+_NEAR = 0.8  # antenna heights ahead at which images begin: incidence of 39 degrees
+_NEAR_UNCLEAN = 1.2  # the same where nothing takes the ground's echo out: incidence of 50 degrees
+_MIDDLE = 2.4  # antenna heights ahead that looks reach at least: incidence of 67 degrees
 _BANDWIDTH = 0.6e9  # Hz, whose range cell, 25 cm, is about a mine
-_OVERLAP = 1 / 6  # share of a sub-band that the next one has, too
 # Antenna heights ahead at which looks end: incidence of 76 degrees.
 _FAR = 4.0
 _FAR_APERTURE = 8.0  # the same for a synthetic aperture, which is as wide as what it looks at
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)  # of pixels, m
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
-_GAP = 20  # usual steps without a tone that divide two bands
+_MAP_PIXEL = 1 / 4  # of the finest cell of a map's sub-bands: phases of neighbours are compared
+_STEP = (0.1, 0.2)  # m, between the pixels of a chip: a third and two thirds of a mine
+_STEP_UNIT = 0.05  # m, to which it is rounded
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,7 @@ class _Choice:
     far: float  #: distance ahead at which images end, m
     fine: float  #: spacing of the images, m
     coarse: float  #: spacing of the run-view, m
+    method: _Method  #: what it was chosen for
 
 
 @dataclass(frozen=True)
@@ -61,6 +73,7 @@ class Figures:
     fitted_to: str  #: the same in a few words
     aperture: bool  #: whether all scans are one synthetic aperture
     drives: bool  #: whether the mean scan is the self-signature
+    early: bool  #: whether the stage "early" takes the ground's echo out
     polarizations: list[str]  #: those that the run has
     has_features: bool  #: whether the polarizations allow the ten features
     image_x: Band  #: borders of the images across, m in the scan frame
@@ -70,6 +83,8 @@ class Figures:
     bands: dict[str, Band]  #: sub-bands, Hz
     edges: dict[str, Band]  #: sub-bands as they are written, Hz
     median_step: int  #: pixels between those of the background's median
+    step: float  #: between the pixels of a chip, m
+    lengths: dict[str, float]  #: that follow the height, m: see :mod:`flgpr.recipe.lengths`
     view_x: Band  #: borders of the run-view across, m in the lane frame
     coarse: float  #: spacing of the run-view, m
     y_max: float  #: how far ahead looks count, m in the scan frame
@@ -83,10 +98,17 @@ class _Method:
     """What the figures depend on beside the run."""
 
     window: str  #: that of the images
-    patch: float = PATCH  #: length of the patch about an alarm, m
-    mean: float = MEAN  #: window of the background's mean, m
-    bands: dict[str, Band] | None = None  #: sub-bands, Hz; None divides the run's band
-    subband: str = ""  #: the sub-band that limits the looks; "" goes by the run
+    early: bool  #: whether the stage "early" takes the ground's echo out
+    near: float  #: antenna heights ahead at which images begin
+    own: dict[str, float]  #: lengths of the method for its own array, m
+    own_height: float  #: height of that array, m
+    lengths: dict[str, float]  #: the same for the array of the run
+    model: Recipe | None = None  #: recipe with a map, whose sub-bands it has
+
+    @property
+    def beyond(self) -> float:
+        """How far patches and windows reach beyond the last look, m."""
+        return (self.lengths["patch"] + self.lengths["mean"]) / 2
 
 
 def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
@@ -105,25 +127,25 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         If the antennas are not above the ground, or the tones are too few or too far apart to make
         an image.
     """
-    window = _window_of(setup, model)
-    if model is None:
-        choice = _choose(setup, _Method(window))
-    else:
-        choice = _choose_like(setup, model, window)
+    method = _method_of(setup, model)
+    choice = _choose_like(setup, method) if method.model else _choose(setup, method)
     return Figures(
         described=_described(setup),
         fitted_to=_fitted_to(setup),
         aperture=setup.aperture,
         drives=setup.drives,
+        early=method.early,
         polarizations=setup.polarizations,
         has_features=allow_features(setup.polarizations),
         image_x=_image_x(choice),
         image_y=_image_y(setup, choice),
         fine=choice.fine,
-        window=window,
+        window=method.window,
         bands=choice.bands,
         edges=_edges(setup, choice),
         median_step=_median_step(choice),
+        step=_chip_step(choice),
+        lengths=method.lengths,
         view_x=_view_x(setup, choice),
         coarse=choice.coarse,
         y_max=_last_look(setup, choice),
@@ -143,53 +165,139 @@ def _window_of(setup: RadarSetup, model: Recipe | None) -> str:
     return "boxcar" if setup.drives else "hann"
 
 
-def _choose_like(setup: RadarSetup, model: Recipe, window: str) -> _Choice:
-    """Choose the figures for a model's method: as many sub-bands as leave the images clear."""
-    method = _Method(
-        window, patch=model.contrast.size * model.contrast.spacing, mean=model.background.mean
-    )
-    if model.map is None:
-        return _choose(setup, method)
-    bands = model.image.subbands
-    for count in range(len(bands), 1, -1):
-        try:
-            return _choose(setup, _with_bands(method, setup, bands, count))
-        except ValueError:
-            continue  # fewer sub-bands are wider and have more tones
-    return _choose(setup, _with_bands(method, setup, bands, 1))
-
-
-def _choose(setup: RadarSetup, method: _Method) -> _Choice:
-    """Choose the figures of a recipe; a ValueError if the run allows no image."""
+def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
+    """Return what the figures depend on beside the run; a ValueError without a height."""
     height = setup.height
     if not height >= 0.05:
         raise ValueError(
             f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m"
         )
+    own, own_height = _own_lengths(model)
+    lengths = {}
+    for entry, length in own.items():
+        lengths[entry] = length
+        if not setup.aperture:  # which resolves by its own length, not by its height
+            lengths[entry] = length_at(height, entry, length, own_height)
+    resolves = SPEED_OF_LIGHT / widest_piece(setup.tones) < _gap(height, _NEAR)
+    early = resolves and not setup.drives and not setup.aperture
+    return _Method(
+        window=_window_of(setup, model),
+        early=early,
+        near=_NEAR if setup.drives or early else _NEAR_UNCLEAN,
+        own=own,
+        own_height=own_height,
+        lengths=lengths,
+        model=model if model is not None and model.map is not None else None,
+    )
+
+
+def _own_lengths(model: Recipe | None) -> tuple[dict[str, float], float]:
+    """Return the lengths of a method for its own array, and the height of that array, m.
+
+    Those of a model without a map, or for an array that is not packaged, stay as they are.
+    """
+    if model is None:
+        return _PAPERS, PAPERS_HEIGHT
+    own = {
+        "radius": model.prescreen.radius,
+        "patch": model.contrast.size * model.contrast.spacing,
+        "mean": model.background.mean,
+    }
+    settings: Any = None if model.map is None else model.map.settings
+    if settings is None:
+        return own, 0.0
+    own |= {"clear": settings.clear, "guard": settings.guard, "outer": settings.outer}
+    is_packaged = settings.sensor in sensor_presets()
+    return own, load_sensor(settings.sensor).height if is_packaged else 0.0
+
+
+def _gap(height: float, near: float) -> float:
+    """Return how much longer the path by way of the first pixel is than that of the ground's echo.
+
+    The latter goes down to the ground under the antennas and back.
+
+    Parameters
+    ----------
+    height : float
+        Height of the antennas, m.
+    near : float
+        Antenna heights ahead at which images begin.
+    """
+    return 2 * height * (math.hypot(1, near) - 1)
+
+
+def _longest_cell(setup: RadarSetup, method: _Method) -> float:
+    """Return how long a sub-band's range cell may be, m.
+
+    It is shorter than the gap from the ground's echo to the first pixel, and than the outer ring of
+    the contrast is wide.
+    """
+    return min(_gap(setup.height, method.near), 2 * method.lengths["outer"])
+
+
+def _choose_like(setup: RadarSetup, method: _Method) -> _Choice:
+    """Choose the figures for the method of a recipe with a map."""
+    if method.model is None:
+        raise ValueError("method must be that of a recipe with a map, got one without")
+    least = least_width(_longest_cell(setup, method))
+    divisions = list(divisions_like(setup.tones, method.model.image.subbands, least))
+    for bands in divisions[:-1]:
+        try:
+            return _choose(setup, method, bands)
+        except ValueError:
+            continue  # wider sub-bands have more tones
+    return _choose(setup, method, divisions[-1])
+
+
+def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = None) -> _Choice:
+    """Choose the figures of a recipe; a ValueError if the run allows no image.
+
+    With sub-bands that are given the last of them limits the looks.
+    """
+    height = setup.height
     # The main lobe of a Hann window is twice as wide.
     blur = 1 if method.window == "boxcar" else 2
-    bands = method.bands or _divide(setup.tones, blur * _BANDWIDTH)
-    nearest = _NEAR * height
-    middle = 2 * _NEAR * height
-    subband = method.subband or _prescreener_band(setup, bands, middle)
+    bands = given or divide(setup.tones, blur * _BANDWIDTH)
+    nearest = method.near * height
+    middle = _MIDDLE * height
+    subband = list(bands)[-1] if given else _prescreener_band(setup, bands, middle)
     band = bands[subband]
 
-    half = min(max(nearest, _HALF_VIEW), 2 * _HALF_VIEW)
-    if setup.aperture:
-        half = float(np.ptp(setup.tx[:, 0])) / 2 + max(nearest, _HALF_VIEW) + PATCH / 2
+    half = _half_width(setup, method)
     reach = min(_most_heights(setup) * height, max(_resolving_reach(setup, band), middle))
-    # Patches of the features and windows of the background reach beyond the last look.
-    wanted_end = reach + (method.patch + method.mean) / 2
-    far = _clear_end(setup, list(bands.values()), half, middle, wanted_end)
-    reach = min(reach, max(far - method.patch / 2, middle))
+    far = _clear_end(setup, list(bands.values()), half, middle, reach + method.beyond)
+    reach = min(reach, max(far - method.lengths["patch"] / 2, middle))
 
     widest = max(high - low for low, high in bands.values())
     range_cell = blur * SPEED_OF_LIGHT / (2 * widest)
-    fine = min(range_cell, _cross_range(setup, float(setup.tones[-1]), nearest))
+    top = max(high for _, high in bands.values()) if given else float(setup.tones[-1])
+    fine = min(range_cell, _cross_range(setup, top, nearest))
     range_cell = blur * SPEED_OF_LIGHT / (2 * (band[1] - band[0]))
     middle_of_band = (band[0] + band[1]) / 2
     coarse = min(range_cell, _cross_range(setup, middle_of_band, (nearest + reach) / 2))
-    return _Choice(bands, subband, half, reach, far, _spacing(fine, 0.05), _spacing(coarse, 0.1))
+    if given:
+        spacings = _spacing(_MAP_PIXEL * fine, 0.02, 0.05), _spacing(_MAP_PIXEL * coarse, 0.05, 0.1)
+    else:
+        spacings = _spacing(_PIXEL * fine, 0.01, 0.05), _spacing(_PIXEL * coarse, 0.01, 0.1)
+    return _Choice(bands, subband, half, reach, far, *spacings, method)
+
+
+def _half_width(setup: RadarSetup, method: _Method) -> float:
+    """Return the half width of the images, m."""
+    aside = _ASIDE * setup.height
+    if setup.aperture:
+        across = float(np.ptp(setup.tx[:, 0]))
+        return across / 2 + max(aside, _HALF_VIEW) + method.lengths["patch"] / 2
+    return min(max(aside, _LEAST_HALF), 2 * _HALF_VIEW)
+
+
+def _chip_step(choice: _Choice) -> float:
+    """Return the distance between the pixels of a chip, m: half a wavelength in the middle."""
+    edges = [edge for band in choice.bands.values() for edge in band]
+    half_wave = SPEED_OF_LIGHT / (min(edges) + max(edges))
+    least, most = _STEP
+    step = _STEP_UNIT * round(min(max(half_wave, least), most) / _STEP_UNIT)
+    return round(step, 2)
 
 
 def _most_heights(setup: RadarSetup) -> float:
@@ -215,7 +323,7 @@ def _cross_range(setup: RadarSetup, frequency: float, distance: float) -> float:
 
 def _resolving_reach(setup: RadarSetup, band: Band) -> float:
     """Return how far ahead a band resolves an alarm's radius across, m."""
-    slant = ALARM_RADIUS / _cross_range(setup, sum(band) / 2, 0.0) * setup.height
+    slant = _ALARM_RADIUS / _cross_range(setup, sum(band) / 2, 0.0) * setup.height
     return math.sqrt(max(slant**2 - setup.height**2, 0.0))
 
 
@@ -226,88 +334,6 @@ def _prescreener_band(setup: RadarSetup, bands: dict[str, Band], distance: float
         if _resolving_reach(setup, bands[name]) >= distance:
             return name
     return names[-1]
-
-
-def _pieces_of(tones: FloatArray) -> list[FloatArray]:
-    """Return the tones, Hz, in the pieces that gaps make of them; lone tones are no piece.
-
-    Raises
-    ------
-    ValueError
-        If no two tones are neighbours.
-    """
-    steps = np.diff(tones)
-    pieces = []
-    if steps.size:
-        gaps = np.flatnonzero(steps > _GAP * np.median(steps))
-        pieces = [piece for piece in np.split(tones, gaps + 1) if piece.size > 1]
-    if not pieces:
-        raise ValueError(
-            f"run.frequency must hold neighbouring tones, which make a band, got {tones.size} tone"
-        )
-    return pieces
-
-
-def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
-    """Divide a band, or what gaps make of it, into equal sub-bands that overlap.
-
-    They are as many as are at least so many Hz wide.
-    """
-    pieces = _pieces_of(tones)
-    subbands: list[Band] = []
-    for piece in pieces:
-        low = float(piece[0])
-        bandwidth = float(np.ptp(piece))
-        count = max(int((bandwidth / least - _OVERLAP) / (1 - _OVERLAP)), 1)
-        width = bandwidth / (count - (count - 1) * _OVERLAP)
-        for number in range(count):
-            start = low + number * width * (1 - _OVERLAP)
-            subbands.append((start, start + width))
-    bands = {}
-    if pieces[0].size == tones.size and len(subbands) > 1:
-        bands["F0"] = (float(tones[0]), float(tones[-1]))
-    for number, subband in enumerate(subbands, 1):
-        bands[f"F{number}"] = subband
-    return bands
-
-
-def _with_bands(
-    method: _Method, setup: RadarSetup, model: Mapping[str, Band], count: int
-) -> _Method:
-    """Return a method with at most so many low sub-bands, of which the last limits the looks."""
-    bands = _low_bands(setup.tones, model, count)
-    return replace(method, bands=bands, subband=list(bands)[-1])
-
-
-def _low_bands(tones: FloatArray, model: Mapping[str, Band], count: int) -> dict[str, Band]:
-    """Return the model's sub-bands if a run's band holds them, else the lowest of the run.
-
-    These lie side by side, at most ``count``, none narrower than the model's narrowest. Their
-    lower and their upper end are as many octaves apart as the model's, or as the tones reach.
-    """
-    if count == len(model) and all(_holds(tones, band) for band in model.values()):
-        return dict(model)
-    lowest = min(low for low, _ in model.values())
-    highest = max(high for _, high in model.values())
-    narrowest = min(high - low for low, high in model.values())
-    piece = _pieces_of(tones)[0]
-    low = float(piece[0])
-    if piece[-1] > lowest:
-        low = max(low, lowest)
-    high = min(low * highest / lowest, float(piece[-1]))
-    if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
-        low, high = float(piece[0]), float(piece[-1])
-    count = max(min(count, int((high - low) / narrowest)), 1)
-    edges = np.geomspace(low, high, count + 1)
-    edges[0], edges[-1] = low, high
-    names = list(model)[:count]
-    return {name: (float(edges[k]), float(edges[k + 1])) for k, name in enumerate(names)}
-
-
-def _holds(tones: FloatArray, band: Band) -> bool:
-    """Return whether a run's band, in one piece, holds a sub-band."""
-    low, high = band
-    return any(piece[0] <= low and high <= piece[-1] for piece in _pieces_of(tones))
 
 
 def _clear_end(
@@ -339,13 +365,13 @@ def _clear_end(
     return min(farthest, far)
 
 
-def _spacing(cell: float, most: float) -> float:
-    """Return the spacing of pixels, m, that is nearest to two thirds of a resolution cell."""
+def _spacing(wanted: float, least: float, most: float) -> float:
+    """Return the spacing of pixels, m, that is nearest to one that is wanted, within limits."""
 
     def off(spacing: float) -> float:
-        return abs(spacing - _PIXEL * cell)
+        return abs(spacing - wanted)
 
-    return min((spacing for spacing in _SPACINGS if spacing <= most), key=off)
+    return min((spacing for spacing in _SPACINGS if least <= spacing <= most), key=off)
 
 
 def _edges(setup: RadarSetup, choice: _Choice) -> dict[str, Band]:
@@ -383,7 +409,8 @@ def _image_x(choice: _Choice) -> Band:
 
 def _image_y(setup: RadarSetup, choice: _Choice) -> Band:
     """Return the borders of the images ahead, m in the scan frame."""
-    return _rounded(setup.ahead + _NEAR * setup.height), _rounded(setup.ahead + choice.far)
+    nearest = choice.method.near * setup.height
+    return _rounded(setup.ahead + nearest), _rounded(setup.ahead + choice.far)
 
 
 def _last_look(setup: RadarSetup, choice: _Choice) -> float:
@@ -394,7 +421,8 @@ def _last_look(setup: RadarSetup, choice: _Choice) -> float:
 def _view_x(setup: RadarSetup, choice: _Choice) -> Band:
     """Return the borders of the run-view across, m in the lane frame."""
     x = float(np.median(setup.poses[:, 0]))
-    left, right = x - _HALF_VIEW, x + _HALF_VIEW
+    half = min(_HALF_VIEW, choice.half)
+    left, right = x - half, x + half
     if setup.aperture:
         nearest, _ = _image_y(setup, choice)
         corners = []
@@ -435,29 +463,60 @@ def _band_text(setup: RadarSetup) -> str:
 
 def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
     """Return the reason for each entry that follows from the run, by table and entry."""
-    sides = f"{_NEAR} antenna heights to either side, but {_HALF_VIEW:g} to {2 * _HALF_VIEW:g} m"
-    extent = f"{_HALF_VIEW:g} m to either side of the vehicle's course"
-    if setup.aperture:
-        sides = (
-            f"half the way across, and {_HALF_VIEW:g} m or {_NEAR} antenna heights and half a "
-            "patch to either side of it"
-        )
-        extent = "what the image covers"
-    window = "its low sidelobes keep the direct coupling out, for no self-signature is subtracted"
+    reasons = _image_reasons(setup, choice) | _view_reasons(setup, choice)
+    own = choice.method.own
+    for entry, name in _LENGTHS_OF.items():
+        if entry in own:
+            reasons[name] = "as in Wang et al. 2007"
+            if not setup.aperture:
+                reasons[name] = reason_for(entry, own[entry], choice.method.own_height)
+    if choice.method.model is not None:
+        reasons |= _map_reasons(setup, choice)
     signature = (
         f"the mean of fewer than {FEWEST_SCANS} scans {SCAN_SPACING:g} m apart holds the targets"
     )
     if setup.drives:
+        signature = "the vehicle drives on, so the mean scan holds little of any target"
+    reasons["background.self_signature"] = signature
+    reasons["clutter"] = (
+        "no self-signature is taken, so what arrives before the first pixel is taken out: direct "
+        "wave and ground under the antennas"
+    )
+    return reasons
+
+
+_LENGTHS_OF = {
+    "radius": "prescreen.radius",
+    "patch": "contrast.size",
+    "mean": "background.mean",
+    "clear": "map.clear",
+    "guard": "map.guard",
+    "outer": "map.outer",
+}
+"""Entries of a recipe whose length follows the height."""
+
+
+def _image_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
+    """Return the reason for each entry of the images."""
+    sides = f"{_ASIDE} antenna heights to either side, but {_LEAST_HALF:g} to {2 * _HALF_VIEW:g} m"
+    if setup.aperture:
+        sides = (
+            f"half the way across, and {_HALF_VIEW:g} m or {_ASIDE} antenna heights and half a "
+            "patch to either side of it"
+        )
+    window = "its low sidelobes keep the direct coupling out, for no self-signature is subtracted"
+    if setup.drives:
         window = (
             "as in Wang et al. 2007: subtracting the self-signature removes the direct coupling"
         )
-        signature = "the vehicle drives on, so the mean scan holds little of any target"
+    near = choice.method.near
+    incidence = round(math.degrees(math.atan(near)))
+    begin = f"{near} antenna heights ahead (incidence {incidence} degrees)"
+    if near != _NEAR:
+        begin += f", not {_NEAR}: nothing takes the ground's echo out"
     return {
         "image.x": sides,
-        "image.y": (
-            f"from {_NEAR} antenna heights ahead (incidence 50 degrees) to what y_max needs "
-            "around it"
-        ),
+        "image.y": f"from {begin} to what y_max needs around it",
         "image.spacing": "two thirds of the finest resolution, but 0.01 to 0.05 m",
         "image.window": window,
         "image.subbands": (
@@ -466,7 +525,18 @@ def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
         "image.frames": (
             "the radar moves across what it looks at: all scans are one synthetic aperture"
         ),
-        "background.self_signature": signature,
+    }
+
+
+def _view_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
+    """Return the reason for each entry of the run-view and of the prescreener."""
+    half = min(_HALF_VIEW, choice.half)
+    extent = f"{half:g} m to either side of the vehicle's course"
+    count = "alarms are as dense in the lane, whatever lies beside it"
+    if setup.aperture:
+        extent = "what the image covers"
+        count = "all that the image covers is searched"
+    return {
         "run_view.x": f"{extent}; it is as long as the lane",
         "run_view.spacing": (
             f"two thirds of the resolution that {choice.subband} has in the middle, but 0.01 to "
@@ -474,11 +544,36 @@ def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
         ),
         "run_view.y_max": (
             f"{_most_heights(setup):g} antenna heights, or as far as {choice.subband} resolves "
-            f"{ALARM_RADIUS} m across"
+            f"{_ALARM_RADIUS} m across"
         ),
         "prescreen.polarization": "co-polarized if the run has it, HH before VV",
         "prescreen.subband": (
-            f"the lowest part that resolves {ALARM_RADIUS} m across, {2 * _NEAR:g} antenna heights "
+            f"the lowest part that resolves {_ALARM_RADIUS} m across, {_MIDDLE:g} antenna heights "
             "ahead"
+        ),
+        "prescreen.count": count,
+    }
+
+
+def _map_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
+    """Return the reason for each entry that is another one for a map."""
+    gap = _gap(setup.height, choice.method.near)
+    ring = 2 * choice.method.lengths["outer"]
+    narrowest = min(high - low for low, high in choice.bands.values())
+    cell = SPEED_OF_LIGHT / narrowest
+    longest = _longest_cell(setup, choice.method)
+    held = "shorter" if cell <= longest else "but not shorter, for want of band,"
+    return {
+        "image.spacing": "a quarter of the finest resolution of its sub-bands, but 0.02 to 0.05 m",
+        "image.subbands": (
+            f"range cells of at most {cell:.2g} m, {held} than the gap in path from the ground's "
+            f"echo to the first pixel, {gap:.2g} m, and than the contrast's ring, {ring:.2g} m"
+        ),
+        "run_view.spacing": (
+            f"a quarter of the resolution that {choice.subband} has in the middle, but 0.05 to "
+            "0.1 m"
+        ),
+        "map.step": (
+            f"half a wavelength in the middle of its sub-bands, but {_STEP[0]:g} to {_STEP[1]:g} m"
         ),
     }

@@ -14,12 +14,14 @@ from flgpr.model.printable import printable
 from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
 from flgpr.recipe.fit import FITTED_MAP
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.recipe.writing import EARLY
 from flgpr.toml_text import parse_toml, toml_lines
 
 Tables = dict[str, Any]
 _CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
 _WHY_NOT = {
     "clutter.masks": "its edges and its roadside are places ahead of its own array",
+    "clutter.early": "its path is that of its own array",
     "clutter.roadside": "it reads one sub-band of its own array on a grid of its own",
     "features.roadside": "it reads one sub-band of its own array on a grid of its own",
     "map.deflection": _CUTS,
@@ -53,7 +55,10 @@ def likeable_names() -> list[str]:
 def faults_of_model(model: Recipe) -> list[str]:
     """Return why a recipe cannot be fitted to an array, entry by entry; empty if it can."""
     faults = []
-    for name in model.named():
+    for name, stage in model.named().items():
+        has_own_path = getattr(stage.settings, "path", None) is not None
+        if name == f"clutter.{EARLY['stage']}" and not has_own_path:
+            continue  # it goes by the images, and is fitted like them
         if name != f"map.{FITTED_MAP}":
             faults.append(f"{name}: {_WHY_NOT.get(name, _OTHER_STAGE)}")
     if model.run_view.look == "ranges":
@@ -132,6 +137,7 @@ class _Fitted:
     def text(self) -> str:
         """Return the TOML text."""
         self._leave_out()
+        self._fit_clutter()
         self._fit_image()
         self._fit_background()
         self._fit_view()
@@ -159,7 +165,7 @@ class _Fitted:
         return "\n".join([*head, "", *toml_lines(self.tables, comments)]) + "\n"
 
     def _set(self, table: str, entry: str, value: Any, reason: str = "") -> None:
-        """Set an entry that follows from the run."""
+        """Set an entry that follows from the run; one that is so already stays without a reason."""
         name = f"{table}.{entry}"
         self.tables.setdefault(table, {})[entry] = value
         self.reasons[name] = reason or self.figures.reasons[name]
@@ -188,18 +194,23 @@ class _Fitted:
                 "those of the model that the run has",
             )
         bands = self.figures.bands
-        if bands == self.model.image.subbands:
+        if self.model.map is None and bands == self.model.image.subbands:
             return
-        reason = ""
-        if self.model.map is not None:
-            reason = (
-                "the lowest of its tones, side by side, as many octaves together as those of "
-                f"{self.model.name} or as the band has"
-            )
-            missing = len(self.model.image.subbands) - len(bands)
-            if missing:
-                reason += f"; {missing} fewer, for want of band or of tones"
-        self._set("image", "subbands", {name: list(band) for name, band in bands.items()}, reason)
+        self._set("image", "subbands", {name: list(band) for name, band in bands.items()})
+
+    def _fit_clutter(self) -> None:
+        """Take the ground's echo out where no self-signature does."""
+        self.tables.pop("clutter", None)
+        if self.figures.early:
+            # It comes first, among the entries without a table.
+            self.tables = {"clutter": [EARLY], **self.tables}
+            self.reasons["clutter"] = self.figures.reasons["clutter"]
+
+    def _fit_length(self, table: str, entry: str, length: str, own: float) -> None:
+        """Fit a length that follows the height, where another one comes out."""
+        fitted = self.figures.lengths[length]
+        if fitted != own:
+            self._set(table, entry, fitted)
 
     def _measured(self, wanted: tuple[str, ...]) -> list[str]:
         """Return the polarizations of the model that the run has, or the best that it has."""
@@ -215,6 +226,7 @@ class _Fitted:
                 method = "mean"
         self._set("background", "self_signature", method)
         self._set("background", "median_step", self.figures.median_step, f"{MEDIAN_STEP} m")
+        self._fit_length("background", "mean", "mean", self.model.background.mean)
 
     def _fit_view(self) -> None:
         """Fit the run-view."""
@@ -236,7 +248,11 @@ class _Fitted:
                 "assumed, for a run does not hold their pattern, tilt and errors; a sensor's own "
                 "file tells them"
             )
-        settings = self.model.map.settings if self.model.map is not None else None
+        settings: Any = self.model.map.settings if self.model.map is not None else None
+        if self.figures.step != settings.step:
+            self._set("map", "step", self.figures.step)
+        for entry in ("clear", "guard", "outer"):
+            self._fit_length("map", entry, entry, getattr(settings, entry))
         wanted = tuple(getattr(settings, "polarizations", ()))
         measured = self._measured(wanted)
         if measured != list(wanted):
@@ -246,11 +262,14 @@ class _Fitted:
             self._set("map", "polarizations", measured, reason)
 
     def _fit_prescreen(self) -> None:
-        """Fit the channel of the prescreener; that of a map is the map."""
+        """Fit the prescreener: its radius, and its channel, which of a map is the map."""
+        self._fit_length("prescreen", "radius", "radius", self.model.prescreen.radius)
         if self.model.map is None:
             self._set("prescreen", "polarization", self._polarization("prescreen"))
             self._set("prescreen", "subband", self.figures.subband)
-        elif len(self.figures.bands) == 1:
+            return
+        self._set("prescreen", "count", "lane")
+        if len(self.figures.bands) == 1:
             self._set("prescreen", "subband", self.figures.subband, "there is one sub-band")
 
     def _polarization(self, table: str) -> str:
@@ -269,12 +288,15 @@ class _Fitted:
         if self.model.map is None:
             self._set("contrast", "subband", self.figures.subband, "the prescreener's")
         elif contrast.subband not in self.figures.bands:
-            self._set("contrast", "subband", self.figures.subband, "the last of its sub-bands")
-        if spacing == contrast.spacing:
+            self._set("contrast", "subband", next(iter(self.figures.bands)), "all of its band")
+        patch = contrast.size * contrast.spacing
+        fitted_patch = self.figures.lengths["patch"]
+        if spacing == contrast.spacing and fitted_patch == patch:
             return
+        reason = "" if fitted_patch != patch else f"{patch:g} m"
+        size = pixels_of([fitted_patch], spacing)[0]
         self._set("contrast", "spacing", spacing, "the run-view's")
-        size = pixels_of([contrast.size * contrast.spacing], spacing)[0]
-        self._set("contrast", "size", size, f"{contrast.size * contrast.spacing:g} m")
+        self._set("contrast", "size", size, reason)
         for entry in ("inner", "guard"):
             lengths = [pixels * contrast.spacing for pixels in getattr(contrast, entry)]
             in_metres = " m x ".join(f"{length:g}" for length in lengths)

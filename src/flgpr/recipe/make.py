@@ -217,11 +217,19 @@ def sensor_for(run: xr.Dataset) -> Sensor:
         far + _FILLED_BEHIND * height,
     )
     sensor = sensor_of_run(run, load_sensor(ASSUMED_ANTENNAS), footprint)
-    return _with_ground_below(sensor, footprint) if sensor.is_low else sensor
+    return with_ground_below(sensor, footprint) if sensor.is_low else sensor
 
 
-def _with_ground_below(sensor: Sensor, footprint: Footprint) -> Sensor:
-    """Return a sensor of a low array whose footprint has the ground below it, too."""
+def with_ground_below(sensor: Sensor, footprint: Footprint) -> Sensor:
+    """Return a sensor whose footprint has the ground below its antennas, too.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor.
+    footprint : tuple of float
+        Ground that its images show and what surrounds it, m.
+    """
     below = sensor.model_copy(update={"footprint": "auto"}).ground_in_view
     joined = (
         min(footprint[0], below[0]),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from flgpr.recipe.choice import ALARM_RADIUS, MEAN, MEDIAN_STEP, PATCH, Figures, pixels_of
-from flgpr.toml_text import toml_lines
+from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
+from flgpr.toml_text import InlineTable, toml_lines
 
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
 _DENSITY = 0.75  # alarms per area of an alarm
@@ -14,15 +14,14 @@ _INNER = (0.5, 0.3)
 _GUARD = (0.9, 0.7)
 _COHERENT = (0.25, 0.15)
 _MEDIAN = 1.05
+EARLY = InlineTable(stage="early")
+"""Clutter stage that takes out what arrives before the first pixel."""
 _PAPER = "as in Wang et al. 2007"
 _REASONS = {
     "background.median": _PAPER,
-    "background.mean": _PAPER,
     "background.median_step": f"{MEDIAN_STEP} m, {_PAPER}",
-    "prescreen.radius": _PAPER,
     "prescreen.density": _PAPER,
     "contrast.polarization": "the prescreener's channel",
-    "contrast.size": f"{PATCH} m, {_PAPER}",
     "contrast.spacing": "the run-view's",
     "contrast.inner": f"{_INNER[0]} m x {_INNER[1]} m, {_PAPER}",
     "contrast.guard": f"{_GUARD[0]} m x {_GUARD[1]} m, {_PAPER}",
@@ -69,18 +68,24 @@ def _tables(figures: Figures) -> dict[str, Any]:
     tables: dict[str, Any] = {
         "name": "fitted",
         "description": f"{confidence} after Wang et al. 2007, {figures.fitted_to}",
+        **({"clutter": [EARLY]} if figures.early else {}),
         "image": image,
         "background": {
             "self_signature": "mean" if figures.drives else "none",
             "median": _MEDIAN,
-            "mean": MEAN,
+            "mean": figures.lengths["mean"],
             "median_step": figures.median_step,
         },
         "run_view": {"x": figures.view_x, "spacing": spacing, "y_max": figures.y_max},
-        "prescreen": {**channel, "radius": ALARM_RADIUS, "density": _DENSITY, "count": "view"},
+        "prescreen": {
+            **channel,
+            "radius": figures.lengths["radius"],
+            "density": _DENSITY,
+            "count": "view" if figures.aperture else "lane",
+        },
         "contrast": {
             **channel,
-            "size": pixels_of([PATCH], spacing)[0],
+            "size": pixels_of([figures.lengths["patch"]], spacing)[0],
             "spacing": spacing,
             "inner": pixels_of(_INNER, spacing),
             "guard": pixels_of(_GUARD, spacing),

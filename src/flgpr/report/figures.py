@@ -66,7 +66,6 @@ def run_view_figure(
     matplotlib.figure.Figure
         A panel per detection, side by side.
     """
-    screen = result.recipe.prescreen
     chosen = [detection for detection in result.detections if detection.name in names]
     first_view = chosen[0].view
     width = _PANEL_WIDTH * len(chosen) + 0.6
@@ -74,7 +73,7 @@ def run_view_figure(
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(chosen)))
     for axes, detection in zip(panels, chosen, strict=True):
-        view = select(detection.view, screen.polarization, screen.subband)
+        view = select(detection.view, *channel_shown(result, detection))
         _draw_view(axes, view, result.lane)
         _draw_marks(axes, detection.alarms, result, truth, objects)
         title = _wrapped(_title_of(detection), 38)
@@ -86,10 +85,24 @@ def run_view_figure(
         fontsize=8,
         frameon=False,
     )
-    band = _band_label(screen.subband)
+    polarization, subband = channel_shown(result, chosen[0])
     scale = ", not to scale" if _is_long(first_view) else ""
-    figure.suptitle(f"Run-view {screen.polarization}, {band}{scale}", fontsize=11)
+    figure.suptitle(f"Run-view {polarization}, {_band_label(subband)}{scale}", fontsize=11)
     return figure
+
+
+def channel_shown(result: Result, detection: Detection) -> tuple[str, str]:
+    """Return the channel of a detection's run-view that alarms were raised on.
+
+    On ground unlike the training the recipe of a detection may be another than the result's; the
+    run-view lacks that recipe's channel then, and the first it has is shown.
+    """
+    screen = result.recipe.prescreen
+    polarizations = [str(label) for label in detection.view["polarization"].values]
+    subbands = [str(label) for label in detection.view["subband"].values]
+    if screen.polarization in polarizations and screen.subband in subbands:
+        return screen.polarization, screen.subband
+    return polarizations[0], subbands[0]
 
 
 def _title_of(detection: Detection | Score) -> str:

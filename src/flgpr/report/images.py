@@ -14,6 +14,9 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 _PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
+_FINE_CELLS = 60  # across a picture, by which places that fill an area are told
+_MOST_CELLS_OF_A_WAY = 400  # of these cells, that hold the places of a way
+_COARSE_CELLS = 16  # across a picture, a place of each of which is left
 _COLUMNS = 4  # of slices
 _SLICE_WIDTH = 3.1  # inches
 _SLICE_RATIOS = (0.4, 2.2)  # length over width between which slices are drawn to scale
@@ -129,10 +132,28 @@ def _draw_level(
 def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -> None:
     """Draw poses as dots, without changing the limits of the axes."""
     limits = axes.axis()
-    u = pose[:, "xyz".index(plane[0])]
-    v = pose[:, "xyz".index(plane[1])]
-    axes.plot(u, v, ".", color="#4fc3f7", markersize=2)
+    places = pose[:, ["xyz".index(axis) for axis in plane]]
+    axes.plot(*_thinned(places, limits).T, ".", color="#4fc3f7", markersize=2)
     axes.axis(limits)
+
+
+def _thinned(
+    places: NDArray[np.float64], limits: tuple[float, float, float, float]
+) -> NDArray[np.float64]:
+    """Return places (place, 2) that do not hide the picture between limits of its axes.
+
+    A way is drawn as it is. Of places that fill an area, as those of a raster do, a few are left.
+    """
+    low = np.array(limits[::2])
+    span = np.maximum(np.array(limits[1::2]) - low, np.finfo(float).tiny)
+
+    def first_of_cells(cells: int) -> NDArray[np.intp]:
+        cell = np.floor((places - low) / span * cells).astype(np.int64)
+        return np.unique(cell, axis=0, return_index=True)[1]
+
+    if len(first_of_cells(_FINE_CELLS)) <= _MOST_CELLS_OF_A_WAY:
+        return places
+    return places[np.sort(first_of_cells(_COARSE_CELLS))]
 
 
 def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
@@ -193,7 +214,8 @@ def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 
         axes.set_axis_off()
     for number, axes in enumerate(panels.ravel()[:count]):
         mesh = _draw_level(axes, image, level[number] / top, ("x", "y"), span, _SLICE_RATIOS)
-        axes.plot(pose[:, 0], pose[:, 1], ".", color="#4fc3f7", markersize=0.8)
+        places = _thinned(pose[:, :2], axes.axis())
+        axes.plot(*places.T, ".", color="#4fc3f7", markersize=0.8)
         depth = -float(image["z"][number])
         axes.set_title(f"{depth:g} m below", fontsize=9)
         if number % columns == 0:

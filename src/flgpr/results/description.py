@@ -116,6 +116,10 @@ def check_description(description: Any) -> None:
     _check("run.masked_scans", "a list of scan numbers", description.get("masked_scans", []))
     _check("run.motion.scans", "a list of scan numbers", motion.get("scans", []))
     _check("run.motion.notes", "a list of texts", motion.get("notes", []))
+    for name in ("unlike", "far"):
+        entries = description.get(name, {})
+        _check(f"run.{name}", "a table", entries)
+        _check(f"run.{name}.notes", "a list of texts", entries.get("notes", []))
     _check("run.polarizations", "a list of texts", description.get("polarizations", []))
     for name, length in _ROWS.items():
         rows = description.get(name, [])

@@ -97,6 +97,9 @@ def write_view(
         "georeference": run.get("georeference"),
         "detections": entries,
     }
+    unlike = run.get("unlike", {}).get("notes", [])
+    if unlike:
+        index["unlike"] = unlike
     if recipe.image.frames == "all":
         index["aperture"] = True  # what explains alarms is of all scans
     text = json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False)

@@ -250,6 +250,12 @@ class MapStage(Stage):
 
     kind = "map"
     single: ClassVar[bool] = True  #: whether it reads images of one sub-band alone
+    #: whether it learns clutter, and measures that of a lane for comparison: it then has
+    #: ``clutter_of``, ``map_as_learnt`` and ``without_lane``
+    measures_clutter: ClassVar[bool] = False
+    #: returns what stands in for what was learnt, where a lane's clutter is unlike it: "own" for
+    #: the lane's own, or "" for nothing
+    substitute: Callable[[], str] = staticmethod(lambda: "")
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Return the map of a scan image.
@@ -277,6 +283,25 @@ class MapStage(Stage):
         Its result is that of the pass "survey". ``image`` returns the cleaned image of the scan at
         an index.
         """
+        raise NotImplementedError
+
+    def clutter_of(self, image: xr.DataArray) -> Arrays:
+        """Return sums of the clutter of a cleaned scan image, which add up over scans.
+
+        They hold ``covariance`` (metre, value, value), ``count`` (metre) and ``shape`` (metre,
+        class).
+        """
+        raise NotImplementedError
+
+    def map_as_learnt(self, image: xr.DataArray) -> NDArray[np.float32]:
+        """Return the map of a scan image as it is where nothing stands in for what was learnt."""
+        raise NotImplementedError
+
+    @classmethod
+    def without_lane(
+        cls, settings: Any, learnt: Arrays, examples: list[Any], number: int
+    ) -> Arrays:
+        """Return what it would have learnt of clutter without one of the training lanes."""
         raise NotImplementedError
 
     def parts(

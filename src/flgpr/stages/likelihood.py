@@ -30,14 +30,17 @@ from flgpr.stages.body_signatures import (
     window_of,
 )
 from flgpr.stages.textured_clutter import (
+    SHAPES,
     SomeValues,
     WhitenedGround,
     clutter_whitener,
     principal_directions,
     ratio,
+    shape_counts,
 )
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
 
+_OWN = 0.6  # share of the lane's own clutter where it stands in for what was learnt, as in fused3
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
 _DARK = 0.05  # of the background's power: a darker chip counts no more
 _LIKELY = 0.1  # of the chips of a scan, those most like a mine, are no clutter of the lane
@@ -143,6 +146,7 @@ class LikelihoodMap(MapStage):
 
     learns = True
     single = False
+    measures_clutter = True
     Settings: ClassVar[type[Table]] = LikelihoodSettings
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
@@ -163,7 +167,7 @@ class LikelihoodMap(MapStage):
         self._between_rows = _between(self._rows, grid.ny)
         self._between_columns = _between(self._columns, grid.nx).T
         self._bands: dict[tuple[int, int], SomeValues] = {}
-        self._grounds: dict[int, WhitenedGround] = {}
+        self._grounds: dict[tuple[int, str], WhitenedGround] = {}
 
     @classmethod
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:
@@ -200,39 +204,73 @@ class LikelihoodMap(MapStage):
         like a mine by the training lanes' clutter is left out.
         """
         sums = self._no_sums()
-        metre = self._metre(self.setup.images.y[self._rows])
 
         def add(index: int) -> None:
-            scan_image = image(index)
-            _, in_lane = self._places(scan_image)
-            chips = self._chips(scan_image.values)
-            for number in np.unique(metre):
-                some = chips[in_lane & (metre == number)[:, None]]
-                if not len(some):
-                    continue
-                ground = self._learnt_ground(int(number))
-                likelihood = self._ratio(some @ ground.whitener.T, ground, _MINES)
-                ordinary = likelihood <= np.quantile(likelihood, 1 - _LIKELY)
-                self._add_clutter(sums, int(number), some[ordinary])
+            of_scan = self._ordinary(image(index))
+            for number, some in of_scan.items():
+                self._add_clutter(sums, number, some)
 
         return sum_accumulator(sums, add)
 
-    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
-        """Return the log-likelihood ratio (y, x) with the contrast and ``offset`` added."""
-        table = self.settings
-        chips = self._chips(image.values)
+    def _ordinary(self, scan_image: xr.DataArray) -> dict[int, ComplexArray]:
+        """Return the chips (chip, value) in the lane by metre, without those most like a mine."""
         metre = self._metre(self.setup.images.y[self._rows])
-        value = np.empty(chips.shape[:2])
+        _, in_lane = self._places(scan_image)
+        chips = self._chips(scan_image.values)
+        ordinary = {}
         for number in np.unique(metre):
-            ground = self._ground(int(number))
-            white = chips[metre == number] @ ground.whitener.T
-            value[metre == number] = self._ratio(white, ground, _MINES)
-        total = self._interpolated(value) + table.offset
+            some = chips[in_lane & (metre == number)[:, None]]
+            if not len(some):
+                continue
+            ground = self._learnt_ground(int(number))
+            likelihood = self._ratio(some @ ground.whitener.T, ground, _MINES)
+            ordinary[int(number)] = some[likelihood <= np.quantile(likelihood, 1 - _LIKELY)]
+        return ordinary
+
+    def clutter_of(self, image: xr.DataArray) -> Arrays:
+        """Return the sums of a scan's own clutter, without its chips most like a mine, by metre.
+
+        They are the ``covariance`` of chips over their own power, as of :meth:`survey`, their
+        ``count``, and ``shape`` (metre, class): the chips by the power that whitening by the
+        training lanes' clutter leaves of them, in the classes of ``SHAPES``.
+        """
+        sums = self._no_sums() | {"shape": np.zeros((self._metres, len(SHAPES) + 1))}
+        for number, some in self._ordinary(image).items():
+            self._add_clutter(sums, number, some)
+            sums["shape"][number] = shape_counts(some, self.learnt["whitener"][number], _DARK)
+        return sums
+
+    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+        """Return the log-likelihood ratio (y, x) with the contrast and ``offset`` added.
+
+        Where it stands in for what was learnt, the lane's own clutter is in the covariance.
+        """
+        return self._map(image, self.substitute())
+
+    def map_as_learnt(self, image: xr.DataArray) -> NDArray[np.float32]:
+        """Return the map as it is where nothing stands in for what was learnt."""
+        return self._map(image, "")
+
+    def _map(self, image: xr.DataArray, substitute: str) -> NDArray[np.float32]:
+        """Return the map with what stands in for what was learnt."""
+        table = self.settings
+        total = self._likelihood(image, substitute) + table.offset
         if table.level:
             contrast = contrasts(self._contrast_channels(image), table)
             total += table.level * contrast.mean(axis=(0, 1))
         smooth = gaussian_filter(total, self._blur, mode="nearest")
         return np.asarray(np.maximum(smooth, _LEAST), dtype=np.float32)
+
+    def _likelihood(self, image: xr.DataArray, substitute: str) -> FloatArray:
+        """Return the log-likelihood ratio (y, x) of an image."""
+        chips = self._chips(image.values)
+        metre = self._metre(self.setup.images.y[self._rows])
+        value = np.empty(chips.shape[:2])
+        for number in np.unique(metre):
+            ground = self._ground(int(number), substitute)
+            white = chips[metre == number] @ ground.whitener.T
+            value[metre == number] = self._ratio(white, ground, _MINES)
+        return self._interpolated(value)
 
     def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
         """Return what explains the map, as maps (y, x) by name.
@@ -247,12 +285,13 @@ class LikelihoodMap(MapStage):
             stone, were both as frequent.
         """
         table = self.settings
+        substitute = self.substitute()
         chips = self._chips(image.values)
         metre = self._metre(self.setup.images.y[self._rows])
         subbands = [str(name) for name in image["subband"].values]
         rows: dict[str, list[FloatArray]] = {}
         for number in np.unique(metre):
-            ratios = self._ratios(chips[metre == number], int(number), subbands)
+            ratios = self._ratios(chips[metre == number], int(number), subbands, substitute)
             for name, value in ratios.items():
                 rows.setdefault(name, []).append(value)
         maps = {}
@@ -266,13 +305,13 @@ class LikelihoodMap(MapStage):
         return self._smooth(adding), self._smooth(maps)
 
     def _ratios(
-        self, chips: ComplexArray, metre: int, subbands: Sequence[str]
+        self, chips: ComplexArray, metre: int, subbands: Sequence[str], substitute: str
     ) -> dict[str, FloatArray]:
         """Return all log-likelihood ratios of the chips of a metre, by name.
 
         Those of a sub-band alone are by the clutter of the training lanes.
         """
-        ground = self._ground(metre)
+        ground = self._ground(metre, substitute)
         white = chips @ ground.whitener.T
         ratios = {"likelihood": self._ratio(white, ground, _MINES)}
         for number, name in enumerate(subbands):
@@ -289,14 +328,17 @@ class LikelihoodMap(MapStage):
         vectors, share = ground.signatures[group.signature]
         return ratio(white, vectors, share, self.settings.ratios)
 
-    def _ground(self, metre: int) -> WhitenedGround:
+    def _ground(self, metre: int, substitute: str = "") -> WhitenedGround:
         """Return what the chips of a metre are compared with."""
-        if metre not in self._grounds:
+        if (metre, substitute) not in self._grounds:
             ground = self._learnt_ground(metre)
-            if self.settings.own:
-                ground = self._adapted(ground, metre)
-            self._grounds[metre] = ground
-        return self._grounds[metre]
+            if substitute == "own":
+                share = max(self.settings.own, _OWN)
+                ground = self._adapted(ground, metre, "unlike", share)
+            elif self.settings.own:
+                ground = self._adapted(ground, metre, "survey", self.settings.own)
+            self._grounds[metre, substitute] = ground
+        return self._grounds[metre, substitute]
 
     def _learnt_ground(self, metre: int) -> WhitenedGround:
         """Return what was learnt of a metre on the training lanes."""
@@ -307,11 +349,14 @@ class LikelihoodMap(MapStage):
                 signatures[group.signature] = (vectors, self.learnt[group.share][metre])
         return WhitenedGround(self.learnt["whitener"][metre], signatures)
 
-    def _adapted(self, ground: WhitenedGround, metre: int) -> WhitenedGround:
-        """Return the ground of a metre with the lane's own clutter in it."""
+    def _adapted(
+        self, ground: WhitenedGround, metre: int, measured: str, share: float
+    ) -> WhitenedGround:
+        """Return the ground of a metre with a share of the lane's own clutter, by a pass's name."""
         near = slice(max(metre - 1, 0), metre + 2)
-        own = self.setup.results["survey"]["covariance"][near].sum(axis=0)
-        return ground.with_clutter(own, self.settings.own, self.settings.load)
+        covariance = self.setup.results[measured]["covariance"]
+        by_metre = covariance.reshape(-1, *covariance.shape[-3:]).sum(axis=0)
+        return ground.with_clutter(by_metre[near].sum(axis=0), share, self.settings.load)
 
     def _interpolated(self, value: FloatArray) -> FloatArray:
         """Return values at the middles of chips, interpolated to all pixels."""
@@ -411,6 +456,25 @@ class LikelihoodMap(MapStage):
             array = np.array(by_metre)
             arrays[name] = array.astype(np.complex64) if np.iscomplexobj(array) else array
         return arrays, notes
+
+    @classmethod
+    def without_lane(
+        cls, settings: Any, learnt: Arrays, examples: list[Any], number: int
+    ) -> Arrays:
+        """Return what was learnt with the clutter of all training lanes but one.
+
+        The directions of the signatures stay those of all: here they only tell what is most like a
+        mine.
+        """
+        others = [lane for place, lane in enumerate(examples) if place != number]
+        total = np.sum([lane["covariance"] for lane in others], axis=0)
+        count = np.sum([lane["count"] for lane in others], axis=0)
+        if count.sum() < total.shape[-1]:
+            return learnt
+        whitener = []
+        for metre in range(len(count)):
+            whitener.append(clutter_whitener(total, count, metre, settings.load))
+        return learnt | {"whitener": np.array(whitener).astype(np.complex64)}
 
     def _no_sums(self) -> Arrays:
         """Return the empty sums of a covariance by metre ahead."""

@@ -15,6 +15,9 @@ from scipy.special import logsumexp
 
 from flgpr.stages import ComplexArray, FloatArray
 
+SHAPES = np.geomspace(0.05, 500.0, 241)
+"""Borders between classes of the power that whitening leaves of a chip of unit power."""
+
 
 class SomeValues(NamedTuple):
     """What some of a chip's values, those of one sub-band, are compared with."""
@@ -149,6 +152,29 @@ def clutter_whitener(
     covariance = total[metres_off <= reach].sum(axis=0)
     covariance *= size / np.trace(covariance).real
     return np.linalg.inv(np.linalg.cholesky(covariance + load * np.eye(size)))
+
+
+def shape_counts(chips: ComplexArray, whitener: ComplexArray, dark: float) -> NDArray[np.int64]:
+    """Count chips by the mean power that whitening leaves of them, each over its own power.
+
+    Parameters
+    ----------
+    chips : (chip, value) ndarray of complex
+        In units of the background.
+    whitener : (value, value) ndarray of complex
+        Whitens clutter.
+    dark : float
+        A chip of less power counts as if it had as much.
+
+    Returns
+    -------
+    (class,) ndarray
+        Their number below, between and above the borders ``SHAPES``.
+    """
+    power = np.maximum((np.abs(chips) ** 2).mean(axis=1), dark)
+    left = (np.abs(chips @ whitener.T) ** 2).mean(axis=1) / power
+    classes = np.searchsorted(SHAPES, left, side="right")
+    return np.bincount(classes, minlength=len(SHAPES) + 1)
 
 
 def principal_directions(chips: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:

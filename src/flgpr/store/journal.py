@@ -83,8 +83,8 @@ class Journal:
             self.close()
             raise
 
-    def append(self, scan: WrittenScan) -> None:
-        """Add a scan whose chunk is on disk."""
+    def append(self, scan: WrittenScan, settled: bool = True) -> None:
+        """Add a scan whose chunk is on disk; see :meth:`flgpr.append_log.AppendLog.append`."""
         time = None if math.isnan(scan.time) else scan.time
         self._write(
             {
@@ -92,7 +92,8 @@ class Journal:
                 "pose": scan.pose.tolist(),
                 "time": time,
                 "valid": scan.valid.tolist(),
-            }
+            },
+            settled,
         )
         self.scans.append(scan)
 
@@ -132,10 +133,10 @@ class Journal:
             contents.append(parse_json(text))
         return contents
 
-    def _write(self, value: dict[str, Any]) -> None:
+    def _write(self, value: dict[str, Any], settled: bool = True) -> None:
         """Append a line with its digest."""
         text = canonical_json(value)
-        self._log.append(sha256(text).encode() + b" " + text)
+        self._log.append(sha256(text).encode() + b" " + text, settled)
 
 
 def _scan(line: dict[str, Any]) -> WrittenScan:

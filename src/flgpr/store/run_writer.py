@@ -10,11 +10,11 @@ import shutil
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
@@ -50,7 +50,19 @@ from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
 _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it grows
+_WIDTH = np.dtype(np.complex64).itemsize
+_SMALL_SCAN = 4096  # bytes: a file takes at least so many on a disk, and smaller scans share one
+_PIECE = 65_536  # bytes of such a file
 _SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
+
+
+class _Scan(NamedTuple):
+    """A scan that waits to be written with others."""
+
+    signal: NDArray[np.complex64]
+    pose: NDArray[np.float64]
+    time: float
+    valid: NDArray[np.bool_]
 
 
 class RunExistsError(FileExistsError):
@@ -99,6 +111,9 @@ class RunWriter:
         What ends in the scans because of how they were made, such as the edge of simulated ground,
         as JSON values. A complete store with ``inputs`` records it for ``read_limits``. It is
         no part of the run, and not compared when a writer resumes.
+    together : int
+        Scans that share a file of the store. Such a piece is written when it is full; a writer that
+        is resumed continues after the last whole one.
 
     Raises
     ------
@@ -125,8 +140,11 @@ class RunWriter:
         resume: bool = False,
         inputs: dict[str, Any] | None = None,
         limits: dict[str, Any] | None = None,
+        together: int = 1,
     ) -> None:
         self.path = Path(path)
+        self._together = together
+        self._waiting: list[_Scan] = []
         self._limits = limits or {}
         self._frequency = np.asarray(frequency, dtype=np.float64)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
@@ -154,22 +172,22 @@ class RunWriter:
 
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
         self._signal = self._array(
-            "signal", (len(self), *self._shape), (1, *self._shape), "complex64"
+            "signal", (len(self), *self._shape), (together, *self._shape), "complex64"
         )
 
     @classmethod
-    def resumed(cls, *fixed: Any, inputs: dict[str, Any]) -> RunWriter:
+    def resumed(cls, *fixed: Any, inputs: dict[str, Any], together: int = 1) -> RunWriter:
         """Return a writer that continues a stopped writer of the same run and inputs.
 
         What a stopped writer of another run left is removed.
         """
         try:
-            return cls(*fixed, resume=True, inputs=inputs)
+            return cls(*fixed, resume=True, inputs=inputs, together=together)
         except RunStoreError as error:
             if not isinstance(error.__cause__, OtherRunError):
                 raise
         # Without ``resume`` the writer empties what the other run left, while it holds the journal.
-        writer = cls(*fixed, inputs=inputs)
+        writer = cls(*fixed, inputs=inputs, together=together)
         writer.keeps = True
         return writer
 
@@ -237,19 +255,37 @@ class RunWriter:
             )
         checked_pose = check_poses(np.asarray(pose)[None], 1)[0]
         self._check_time(time)
+        valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
+        self._waiting.append(_Scan(block, checked_pose, float(time), valid))
+        if len(self._waiting) == self._together:
+            try:
+                self._write_piece()
+            except BaseException:
+                self._waiting.pop()  # the same scan may be given once more
+                raise
+
+    def _write_piece(self) -> None:
+        """Write the scans that wait as one file, and then their lines of the journal."""
+        waiting = self._waiting
         count = len(self)
-        if count == self._signal.shape[0]:
-            self._signal.resize((count + _SCANS_PER_GROWTH, *self._shape))
-        self._signal[count] = block
+        end = count + len(waiting)
+        if end > self._signal.shape[0]:
+            growth = max(_SCANS_PER_GROWTH, self._together)
+            self._signal.resize((count + growth, *self._shape))
+        self._signal[count:end] = np.stack([scan.signal for scan in waiting])
         chunk = self._chunk(count)
         sync_file(chunk)
-        valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
         digest = sha256(chunk.read_bytes())
-        self._journal.append(WrittenScan(digest, checked_pose, float(time), valid))
+        for number, scan in enumerate(waiting, 1):
+            written = WrittenScan(digest, scan.pose, scan.time, scan.valid)
+            self._journal.append(written, settled=number == len(waiting))
+        self._waiting = []
 
     def _check_time(self, time: float) -> None:
         """Refuse a time that is infinite or before that of the last scan."""
         last = self._journal.scans[-1].time if len(self) else None
+        if self._waiting:
+            last = self._waiting[-1].time
         decreases = last is not None and time < last
         if math.isinf(time) or decreases:
             before = "" if last is None else f" after {last:g}"
@@ -268,6 +304,8 @@ class RunWriter:
         OSError
             If a file cannot be written.
         """
+        if self._waiting:
+            self._write_piece()
         scans = self._journal.scans
         if not scans:
             raise ValueError("a run must hold at least one scan, got none")
@@ -347,7 +385,8 @@ class RunWriter:
 
     def _chunk(self, scan: int) -> Path:
         """Return the file of a scan's signal."""
-        return self._partial / "signal" / "c" / str(scan) / "0" / "0" / "0"
+        piece = str(scan // self._together)
+        return self._partial / "signal" / "c" / piece / "0" / "0" / "0"
 
     def _drop_unverified_files(self) -> None:
         """Remove all files but the journal and the scans before the first that differs from it."""
@@ -357,7 +396,9 @@ class RunWriter:
             if not self._is_verified(chunk, written):
                 break
             verified.append(chunk)
-        self._journal.keep(len(verified))
+        whole = len(verified) - len(verified) % self._together
+        del verified[whole:]
+        self._journal.keep(whole)
         remaining = {self._partial / JOURNAL, *verified}
         for path in sorted(self._partial.rglob("*"), reverse=True):
             if path.is_dir() and not path.is_symlink():
@@ -368,7 +409,7 @@ class RunWriter:
 
     def _is_verified(self, chunk: Path, written: WrittenScan) -> bool:
         """Return whether a chunk is what the journal says; one that is too large is not read."""
-        largest = np.dtype(np.complex64).itemsize * math.prod(self._shape) + CHECKSUM_BYTES
+        largest = self._together * _WIDTH * math.prod(self._shape) + CHECKSUM_BYTES
         try:
             data = Folder(self._partial).read(chunk.relative_to(self._partial).as_posix(), largest)
         except (OSError, DoorError):
@@ -401,7 +442,11 @@ class RunWriter:
 
 
 def save_run(
-    run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False
+    run: xr.Dataset,
+    path: str | Path,
+    overwrite: bool = False,
+    resume: bool = False,
+    share_files: bool = False,
 ) -> Path:
     """Write a run as a store.
 
@@ -416,6 +461,9 @@ def save_run(
     resume : bool
         Continue where writing exactly this run was stopped, even by a kill. What is left of another
         run is removed, and a complete store of exactly this run is left as it is.
+    share_files : bool
+        Put scans of less than 4 KiB together into files of 64 KiB. A disk gives every file, and
+        every folder about it, 4 KiB.
 
     Returns
     -------
@@ -431,8 +479,13 @@ def save_run(
     """
     check_run(run)
     fixed = (path, *_fixed_of(run), overwrite)
+    size = _WIDTH * run["signal"][0].size
+    together = _PIECE // size if share_files and size <= _SMALL_SCAN else 1
     try:
-        begun = RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed)
+        if resume:
+            begun = RunWriter.resumed(*fixed, inputs=_digests(run), together=together)
+        else:
+            begun = RunWriter(*fixed, together=together)
     except RunExistsError as error:
         if not (resume and error.same):
             raise

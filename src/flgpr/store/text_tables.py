@@ -18,6 +18,7 @@ from flgpr.store.text import decode_text
 
 _MISSING = {"", "nan", "na", "null"}
 _COMMENT = "#%!"
+_QUOTED_COMMENT = re.compile(rf'\s*"[{_COMMENT}][^"]*"[\s,;]*')
 _MARKS = ";\t,"
 _BEGIN = re.compile(r"BEGIN\b[\s,;]*([^\s,;]*)[\s,;]*", re.IGNORECASE)
 _SIGN = re.compile(r"\s*([+-])\s*")
@@ -44,7 +45,7 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDA
 
     Columns are separated by semicolons, commas, tabs or blanks; complex numbers are ``a+bi``. A
     first line that is not of numbers names the columns. Lines that begin with ``#``, ``%`` or ``!``
-    are comments. Between semicolons or tabs, numbers may have a decimal comma if none has a decimal
+    are comments, in quotes, too. Between semicolons or tabs, numbers may have a decimal comma if none has a decimal
     point.
 
     Parameters
@@ -111,7 +112,7 @@ def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     blocks: dict[str, list[_Line]] = {}
     current = outside
     for number, line in enumerate(text.splitlines(), 1):
-        if not line.strip() or line.lstrip()[0] in _COMMENT:
+        if not line.strip() or line.lstrip()[0] in _COMMENT or _QUOTED_COMMENT.fullmatch(line):
             continue
         begin = _BEGIN.fullmatch(line.strip())
         if begin is not None:

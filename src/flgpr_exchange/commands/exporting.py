@@ -146,6 +146,22 @@ def export_imsma(wish: Wish) -> Path:
     return target
 
 
+def _parsed(
+    data: bytes, kind: str, source: str | Path, reading: TableReading | None
+) -> pd.DataFrame:
+    """Parse a table of a kind; the error of one that is of another kind names the option."""
+    try:
+        return parse_table(data, kind, source, reading)
+    except ValueError as error:
+        for other in ("alarms", "truth", "objects"):
+            try:
+                parse_table(data, other, source, reading)
+            except ValueError:
+                continue
+            raise ValueError(f"{error}: it reads as {other}, give --kind {other}") from None
+        raise
+
+
 def _rows_of(wish: Wish, kind: str) -> _Rows:
     """Return the rows of a table (CSV) of a kind, or the alarms of a result."""
     if Path(wish.source).suffix != ".csv":
@@ -160,7 +176,7 @@ def _rows_of(wish: Wish, kind: str) -> _Rows:
     reading = None
     if wish.columns is not None:
         reading = TableReading(parse_columns_option(wish.columns), anchor)
-    rows = parse_table(data, kind, wish.source, reading)
+    rows = _parsed(data, kind, wish.source, reading)
     # A table has no processing behind it that could be named: its own digest identifies it.
     return _Rows(rows, kind, anchor, f"sha256:{sha256(data)}")
 

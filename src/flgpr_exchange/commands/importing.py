@@ -21,6 +21,7 @@ from flgpr.progress import Track, silent
 from flgpr.store import RunWriter, save_run, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError
+from flgpr_exchange.gpr.channels import channels_run
 from flgpr_exchange.gpr.files import read_gpr
 from flgpr_exchange.gpr.line_run import gpr_run
 from flgpr_exchange.gpr.survey import LineLayout, place_by_marks, read_line_ends, survey_run
@@ -44,12 +45,12 @@ class LinePositions:
 def import_line(
     path: PathLike,
     output: PathLike,
-    channel: int,
+    channel: int | None,
     positions: LinePositions,
     max_memory: int,
     headers: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Import a channel of one line and store the run.
+    """Import a channel of one line, or all of them, and store the run.
 
     Parameters
     ----------
@@ -57,8 +58,8 @@ def import_line(
         The recording.
     output : path
         Run store to write.
-    channel : int
-        The channel.
+    channel : int, optional
+        The channel; by default all whose antennas the header places, else the first.
     positions : LinePositions
         Where the line lies.
     max_memory : int
@@ -85,10 +86,13 @@ def import_line(
     else:
         anchor = read_optional_anchor(positions.anchor)
 
-    run = gpr_run(section, channel, anchor=anchor, **headers)
+    if channel is None and section.offsets is not None:
+        run = channels_run(section, anchor=anchor, **headers)
+    else:
+        run = gpr_run(section, channel or 0, anchor=anchor, **headers)
     run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
     run = finished_run(run, anchor)
-    save_run(run, target, resume=True)
+    save_run(run, target, resume=True, share_files=True)
     return run
 
 
@@ -134,6 +138,8 @@ def import_lines(
     """
     target = check_parent_folder(output)
     _check_line_positions(positions)
+    if len(paths) == 1 and positions.line_spacing is not None:
+        raise ValueError("line-spacing and zigzag are of several lines, got one")
 
     sections = [read_gpr(path, max_memory) for path in paths]
     if positions.mark_spacing is not None:
@@ -154,7 +160,7 @@ def import_lines(
     # Nothing is measured from the end of a line to the beginning of the next: a jump is expected.
     doubts = judge_run(run).notes() if len(sections) == 1 else []
     run.attrs["import_notes"] = [*anchor_notes, *run.attrs["import_notes"], *doubts]
-    save_run(run, target, resume=True)
+    save_run(run, target, resume=True, share_files=True)
     return run
 
 

@@ -107,7 +107,7 @@ def import_gprmax(
     run = import_gprmax_files(sources, stated)
     for import_note in run.attrs["import_notes"]:
         log_note(import_note)
-    return [save_run(run, output, resume=True)]
+    return [save_run(run, output, resume=True, share_files=True)]
 
 
 def _run_lines(run: xr.Dataset, call: Arguments) -> Iterator[str | Path]:
@@ -145,7 +145,7 @@ def import_cphd(
     target = check_parent_folder(output)
     lane_anchor = read_optional_anchor(anchor)
     run = finished_run(read_cphd(file, lane_anchor), lane_anchor)
-    save_run(run, target, resume=True)
+    save_run(run, target, resume=True, share_files=True)
     return run
 
 
@@ -168,12 +168,20 @@ def import_gpr(
     file: Annotated[
         Paths,
         Argument(
-            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .su or .ogpr; "
+            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .seg, .su or "
+            ".ogpr; "
             "several make a survey."
         ),
     ],
     output: Output,
-    channel: Annotated[int, Option(help="Channel of a file that has several, from 0.")] = 0,
+    channel: Annotated[
+        int | None,
+        Option(
+            help="Channel of a file that has several, from 0; by default all that the header "
+            "places, else the first.",
+            min=0,
+        ),
+    ] = None,
     step: Annotated[
         float | None, Option(help="Trace spacing, m, in place of the header's.")
     ] = None,
@@ -257,7 +265,7 @@ def import_gpr(
                 "line-spacing, zigzag and lines are of several lines, channel-x of --all-channels"
             )
         return import_line(files[0], output, channel, positions, memory, headers)
-    if channel:
+    if channel is not None:
         raise ValueError("channel is of a single line; a survey takes all channels")
     headers["channel_x"] = channel_x or None
     return import_lines(files, output, positions, memory, headers)

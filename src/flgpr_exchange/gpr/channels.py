@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import xarray as xr
 from flgpr.formats.section import GprSection
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr_exchange.gpr.files import read_gpr
-from flgpr_exchange.gpr.line_run import OCTAVE, ReasonedBand, frequency_words, gpr_run
+from flgpr_exchange.gpr.line_run import ReasonedBand, antennas_band, frequency_words, gpr_run
 
 _NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is viewed
 _LOWEST = 1e6  # Hz
@@ -28,8 +29,9 @@ def channels_run(
     section : GprSection
         The line, of :func:`flgpr.formats.read_gpr`.
     channel_x : (channel,) sequence of float, optional
-        Where the antennas of each channel are across the line, m in the vehicle frame; the file
-        does not state it. By default all are put at x = 0, which ``import_notes`` state.
+        Where the antennas of each channel are across the line, m in the vehicle frame, in place of
+        what the header states. Where it states nothing all are put at x = 0, which
+        ``import_notes`` state.
     **options
         Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of
         the lowest to twice the highest nominal frequency of the antennas, or all that is recorded
@@ -48,7 +50,7 @@ def channels_run(
         refuses.
     """
     count = section.traces.shape[1]
-    offsets = _offsets(channel_x, count)
+    section, replaced = _placed(section, channel_x)
     if options.get("band") is None:
         options["band"] = common_band(section)
     runs = [gpr_run(section, channel, **options) for channel in range(count)]
@@ -61,13 +63,10 @@ def channels_run(
                 f"{channel}"
             )
 
-    for run, x in zip(runs, offsets, strict=True):
-        for name in ("tx_position", "rx_position"):
-            run[name][:, 0] += x
-    notes = _notes_of_all(runs)
+    notes = [*_notes_of_all(runs), *replaced]
     if count > 1:
         notes.append(_note_of_channels(section))
-        if channel_x is None:
+        if section.offsets is None:
             notes.append(
                 f"{count} channels put at one place: "
                 "the file does not tell where their antennas are"
@@ -123,16 +122,24 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     return run
 
 
-def _offsets(channel_x: Sequence[float] | None, count: int) -> list[float]:
-    """Return the x of each channel's antennas, m."""
+def _placed(section: GprSection, channel_x: Sequence[float] | None) -> tuple[GprSection, list[str]]:
+    """Return a line with the x of each channel's antennas, m, that was given, and what it replaces.
+
+    Others than one finite number for each channel are a ValueError.
+    """
     if channel_x is None:
-        return [0.0] * count
+        return section, []
+    count = section.traces.shape[1]
     offsets = [float(x) for x in channel_x]
     if len(offsets) != count or not np.isfinite(offsets).all():
         raise ValueError(
             f"channel_x must give a finite x, m, for each of {count} channels, got {offsets}"
         )
-    return offsets
+    notes = []
+    if section.offsets is not None:
+        stated = ", ".join(f"{x:g}" for x in section.offsets[:, 0])
+        notes.append(f"channel-x is given in place of the file's, {stated} m")
+    return replace(section, offsets=np.column_stack([offsets, np.zeros(count)])), notes
 
 
 def common_band(section: GprSection) -> ReasonedBand:
@@ -153,15 +160,7 @@ def common_band(section: GprSection) -> ReasonedBand:
     if len(known) < section.traces.shape[1]:
         reason = "all that is recorded: an antenna's frequency is unknown"
         return ReasonedBand(lowest, highest, reason)
-    low = max(min(known) / 4, lowest)
-    high = min(2 * max(known), highest)
-    if high < OCTAVE * low:
-        reason = "all that is recorded, which hardly holds any of the antennas'"
-        return ReasonedBand(lowest, highest, reason)
-    reason = "a quarter of the lowest to twice the highest antenna's"
-    if low > min(known) / 4 or high < 2 * max(known):
-        reason += ", within what the records and their sampling hold"
-    return ReasonedBand(low, high, reason)
+    return antennas_band(known, lowest, highest)
 
 
 def _widest_band(section: GprSection) -> tuple[float, float]:

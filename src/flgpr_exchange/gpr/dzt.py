@@ -6,9 +6,8 @@ such as the example data of GPRPy.
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -25,6 +24,7 @@ from flgpr_exchange.gpr.parts import (
     first_bytes,
     measured_distance,
     read_records,
+    words_type,
 )
 from flgpr_exchange.gpr.positions import nmea_fixes, note_unread
 
@@ -42,21 +42,20 @@ _RATES = (1e-3, 1e6)  # scans a second that are plausible
 _SPACINGS = (1e-3, 1e5)  # scans per metre that are plausible
 
 
-class _Head(NamedTuple):
-    """What the header of the first channel states."""
-
-    tag: int
-    start: int  # of the samples, in headers or bytes
-    samples: int
-    bits: int
-    per_second: float
-    per_metre: float
-    stated_channels: int
-
-    @property
-    def channels(self) -> int:
-        """How many channels are read."""
-        return self.stated_channels or 1
+_WORDS: dict[str, tuple[str, int]] = {
+    "tag": ("<u2", 0),
+    "start": ("<u2", 2),  # of the samples, in headers or bytes
+    "samples": ("<u2", 4),
+    "bits": ("<u2", 6),
+    "per_second": ("<f4", 10),  # scans
+    "per_metre": ("<f4", 14),  # scans
+    "position": ("<f4", 22),  # of the first sample, ns
+    "range": ("<f4", 26),  # ns
+    "channels": ("<u2", 52),
+    "antenna": ("S14", 98),
+    "system": ("u1", 113),
+}
+"""Words of a channel's header that are read: type and offset."""
 
 
 def read_dzt(path: Path, limit: int) -> dict[str, Any]:
@@ -68,20 +67,22 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     if len(raw) < _HEADER:
         raise ValueError(f"its header must have {_HEADER} bytes, the file has {len(raw)}")
     notes: list[str] = []
-    head = _head_of(raw, notes)
-    channels = head.channels
-    samples = head.samples
+    head = _heads(raw)[0]
+    _check_head(head, notes)
+    channels = int(head["channels"]) or 1
+    samples = int(head["samples"])
+    start = int(head["start"])
 
     # By the structure a small number counts headers, and a larger one bytes, which all channels'
     # headers take.
-    headers = head.start if 0 < head.start < _HEADER else channels
-    begin = _HEADER * headers
-    if head.start == _OLD_HEADER and begin >= path.stat().st_size:
+    begin = _HEADER * (start if 0 < start < _HEADER else channels)
+    if start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
-    delays = _delays(raw, begin, channels, samples, notes)
+    heads = _heads(raw[: max(begin, _HEADER)])[:channels]
+    delays = _delays(heads, notes)
 
-    sample, offset = _TYPES[head.bits]
+    sample, offset = _TYPES[int(head["bits"])]
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
     trace_words = table[:, 0, :2].astype(np.int64)
@@ -96,8 +97,8 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
 
     count = len(traces)
     dzx = read_dzx(find_companion(path, ".dzx"), count, notes)
-    distance = _distance(count, head.per_metre, dzx, notes)
-    time = _time(count, head.per_second, distance is None, notes)
+    distance = _distance(count, float(head["per_metre"]), dzx, notes)
+    time = _time(count, float(head["per_second"]), distance is None, notes)
     fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, trace_words[:, 0])
     note_unread(path, (".dza", ".plt", ".tmf"), notes)
     return {
@@ -109,29 +110,31 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         "fixes": fixes.table,
         "fix_time": fixes.time,
         "marks": _marks(trace_words[:, 1], dzx, notes),
-        "frequencies": _frequencies(raw[: max(begin, _HEADER)], channels, notes),
+        "frequencies": _frequencies(heads, notes),
         "history": tuple(notes),
     }
 
 
-def _head_of(raw: bytes, notes: list[str]) -> _Head:
-    """Return what the header of the first channel states."""
-    head = _Head(
-        *struct.unpack_from("<4H", raw, 0),
-        *struct.unpack_from("<2f", raw, 10),
-        *struct.unpack_from("<H", raw, 52),
+def _heads(raw: bytes) -> NDArray[Any]:
+    """Return the words of the headers of all channels; those that are not there are zero."""
+    whole = raw.ljust(_MOST_CHANNELS * _HEADER, b"\0")
+    return np.frombuffer(whole, words_type(_WORDS, _HEADER), _MOST_CHANNELS)
+
+
+def _check_head(head: NDArray[Any], notes: list[str]) -> None:
+    """Refuse a first header of no such file; note what is unusual in one."""
+    tag, samples, bits, channels = (
+        int(head[name]) for name in ("tag", "samples", "bits", "channels")
     )
-    has_channels = 1 <= head.channels <= _MOST_CHANNELS
-    if head.bits not in _TYPES or head.samples < 4 or not has_channels:
+    if bits not in _TYPES or samples < 4 or channels > _MOST_CHANNELS:
         raise ValueError(
             "it must have 8, 16 or 32 bits, 4 or more samples and 1 to 4 channels, "
-            f"got {head.bits}, {head.samples}, {head.channels} (its tag is {head.tag:#06x})"
+            f"got {bits}, {samples}, {channels} (its tag is {tag:#06x})"
         )
-    if not head.stated_channels:
+    if not channels:
         notes.append("the header tells 0 channels: one is read")
-    if head.tag & 0xFF != 0xFF:
-        notes.append(f"its tag is {head.tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
-    return head
+    if tag & 0xFF != 0xFF:
+        notes.append(f"its tag is {tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
 
 
 def _time(
@@ -147,21 +150,17 @@ def _time(
     return np.arange(count) / per_second
 
 
-def _delays(raw: bytes, begin: int, channels: int, samples: int, notes: list[str]) -> FloatArray:
-    """Return the delays (channel, sample), s, by each channel's own header.
-
-    Samples begin at the byte ``begin``.
-    """
-    delays = np.empty((channels, samples))
-    for channel in range(channels):
-        base = _HEADER * channel
-        delay = None
-        if channel == 0 or base + _HEADER <= min(begin, len(raw)):
-            delay = _delay_of(raw, base, channel, samples)
+def _delays(heads: NDArray[Any], notes: list[str]) -> FloatArray:
+    """Return the delays (channel, sample), s, by each channel's own header."""
+    first = heads[0]
+    samples = int(first["samples"])
+    delays = np.empty((len(heads), samples))
+    for channel, head in enumerate(heads):
+        delay = _delay_of(head, first, channel)
         if delay is None and channel == 0:
-            position, window = struct.unpack_from("<2f", raw, 22)
             raise ValueError(
-                f"range and position must be times in ns, got {window:g} and {position:g}"
+                "range and position must be times in ns, "
+                f"got {first['range']:g} and {first['position']:g}"
             )
         if delay is None:
             notes.append(
@@ -183,21 +182,17 @@ def _delays(raw: bytes, begin: int, channels: int, samples: int, notes: list[str
     return delays
 
 
-def _delay_of(raw: bytes, base: int, channel: int, samples: int) -> FloatArray | None:
-    """Return the delays (sample,), s, that a channel's header at the byte ``base`` states.
-
-    It is None if that states no time window.
-    """
-    header_samples, header_bits = struct.unpack_from("<2H", raw, base + 4)
-    first_bits = struct.unpack_from("<H", raw, 6)[0]
-    position, window = struct.unpack_from("<2f", raw, base + 22)
+def _delay_of(head: NDArray[Any], first: NDArray[Any], channel: int) -> FloatArray | None:
+    """Return the delays (sample,), s, that a channel's header states; None without a window."""
+    samples = int(first["samples"])
+    position, window = float(head["position"]), float(head["range"])
     interval = window * NANOSECOND / samples
     if not INTERVALS[0] <= interval <= INTERVALS[1] or not abs(position) <= 100 * window:
         return None
-    if header_samples and (header_samples, header_bits) != (samples, first_bits):
+    if head["samples"] and any(head[name] != first[name] for name in ("samples", "bits")):
         raise ValueError(
-            f"channel {channel} must have {samples} samples of {first_bits} bits as the first, "
-            f"got {header_samples} of {header_bits}"
+            f"channel {channel} must have {samples} samples of {first['bits']} bits as the first, "
+            f"got {head['samples']} of {head['bits']}"
         )
     return np.asarray(position * NANOSECOND + np.arange(samples) * interval, dtype=np.float64)
 
@@ -268,19 +263,13 @@ def _marks(mark_words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> 
     return tuple(sorted({*marked.tolist(), *dzx.marks}))
 
 
-def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | None, ...]:
+def _frequencies(heads: NDArray[Any], notes: list[str]) -> tuple[float | None, ...]:
     """Return the nominal frequency of each channel's antenna, Hz, by its name in the header."""
-    names = []
-    for channel in range(channels):
-        cell = raw[_HEADER * channel + 98 : _HEADER * channel + 112]
-        names.append(cell.split(b"\0")[0].decode("latin-1").strip())
+    names = [cell.split(b"\0")[0].decode("latin-1").strip() for cell in heads["antenna"].tolist()]
     quoted = ", ".join(map(repr, names))
     notes.append(f"antennas {quoted}; the file tells no antenna separation")
-    is_mini_xt = raw[113] >> 3 == _MINI_XT  # the lower bits are a version
-    frequencies = []
-    for channel in range(channels):
-        frequencies.append(_frequency_of(channel, names, is_mini_xt, notes))
-    return tuple(frequencies)
+    is_mini_xt = int(heads["system"][0]) >> 3 == _MINI_XT  # the lower bits are a version
+    return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(len(names)))
 
 
 def _frequency_of(

@@ -39,8 +39,8 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     """Read a line of traces of a commercial radar.
 
     The ending, of any case, states the format: Sensors & Software (``.dt1``), GSSI (``.dzt``), MALÅ
-    (``.rd3``, ``.rd7``), ImpulseRadar (``.iprb``), IDS (``.dt``), SEG-Y (``.sgy``, ``.segy``),
-    Seismic Unix (``.su``) or OpenGPR (``.ogpr``). Headers, positions and marks (``.hd``, ``.gps``,
+    (``.rd3``, ``.rd7``), ImpulseRadar (``.iprb``), IDS (``.dt``), SEG-Y (``.sgy``, ``.segy``,
+    ``.seg``), Seismic Unix (``.su``) or OpenGPR (``.ogpr``). Headers, positions and marks (``.hd``, ``.gps``,
     ``.gp2``, ``.dzg``, ``.dzx``, ``.rad``, ``.iprh``, ``.cor``) lie beside it under the same name.
 
     Parameters
@@ -118,6 +118,7 @@ READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".dt": ("IDS DT", read_ids),
     ".sgy": ("SEG-Y", read_segy),
     ".segy": ("SEG-Y", read_segy),
+    ".seg": ("SEG-Y", read_segy),
     ".su": ("Seismic Unix", read_su),
     ".ogpr": ("OpenGPR", read_ogpr),
 }

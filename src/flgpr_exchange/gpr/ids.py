@@ -5,7 +5,7 @@ Its layout is not published: it is as the programs of others find it (RGPR, ``R/
 
 from __future__ import annotations
 
-import struct
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +18,21 @@ from flgpr_exchange.gpr.parts import (
     equal_steps,
     exact_floats,
     first_bytes,
+    interleaved_channels,
     numbers_in,
     read_records,
+    words_type,
 )
 
 _LARGEST_HEADER = 2**20  # bytes
 _MARK = 4  # bytes at the begin of a record
-_ANTENNA_WIDTHS = [16, 16, 16, 5, 16, 16, 16, 5]
-"""Bytes of x, y, z and frequency of the transmitter, and of the receiver."""
+_ANTENNA_WIDTHS = [16, 16, 16, 5]
+"""Bytes of x, y, z and frequency of an antenna; ATR holds transmitter and receiver, ATX and ARX one
+each."""
+_INTEGERS = words_type({"traces": ("<i4", 12), "samples": ("<i4", 16), "zero": ("<i4", 40)}, 44)
+"""Integers of the record H; ten numbers of 16 letters follow."""
+_WINDOW = 3  # which of these is the time window
+_STEPS = (6, 8)  # and which may be the distance of the traces: the cell across stands there, too
 
 
 class _Head(NamedTuple):
@@ -35,7 +42,7 @@ class _Head(NamedTuple):
     samples: int
     offset: int  # count of no signal
     window: float  # s
-    step: float  # of traces, m
+    steps: tuple[float, ...]  # that may be the distance of traces, m
 
 
 def read_ids(path: Path, limit: int) -> dict[str, Any]:
@@ -78,15 +85,21 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
         notes.append(f"{np.count_nonzero(is_lost)} traces without data, as their marks say")
     notes.append(ZERO_ASSUMED)
 
-    frequency, separation = _antennas_of(header.get(b"ATR", b""))
-    plausible_step = head.step if 0 < abs(head.step) < 1e3 else None
+    antennas = header.get(b"ATR", b"")
+    if not antennas:
+        width = sum(_ANTENNA_WIDTHS)
+        antennas = b"".join(header.get(name, b"")[:width].ljust(width) for name in (b"ATX", b"ARX"))
+    frequency, separation = _antennas_of(antennas)
+    step = _step_of(head.steps, notes)
+    stated = re.search(rb"N_CHANNEL\s*=\s*(\d{1,3})", header.get(b"S", b""))
+    traces = interleaved_channels(traces, int(stated[1]) if stated else 1, "N_CHANNEL", notes)
     marked = np.flatnonzero(np.isin(marks[:, 1], (8, 9)))
     return {
-        "traces": traces[:, None],
+        "traces": traces,
         "delay": np.arange(head.samples) * (head.window / head.samples),
-        "distance": equal_steps(len(traces), plausible_step, "the header's step", notes),
-        "marks": tuple(marked.tolist()),
-        "frequencies": (frequency,),
+        "distance": equal_steps(len(traces), step, "the header's step", notes),
+        "marks": tuple(np.unique(marked // (len(marks) // len(traces))).tolist()),
+        "frequencies": (frequency,) * traces.shape[1],
         "separation": separation,
         "history": tuple(notes),
     }
@@ -94,24 +107,39 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
 
 def _head_of(content: bytes, size: int) -> _Head:
     """Return what the record H states; ``size`` are the bytes of a record."""
-    stated, samples = struct.unpack_from("<2i", content, 12)
-    (offset,) = struct.unpack_from("<i", content, 40)
+    stated, samples, offset = map(int, np.frombuffer(content, _INTEGERS, 1)[0])
     most = (size - _MARK) // 2
     if not 2 <= samples <= most:
         raise ValueError(f"samples must be from 2 to the {most} that a record holds, got {samples}")
-    numbers = numbers_in(content[44:], [16] * 10)
-    window = numbers[3]
+    numbers = numbers_in(content[_INTEGERS.itemsize :], [16] * 10)
+    window = numbers[_WINDOW]
     if not INTERVALS[0] <= window / samples <= INTERVALS[1]:
         raise ValueError(f"its window must be a time in seconds, got {window:g}")
-    return _Head(stated, samples, offset, window, step=numbers[8])
+    return _Head(stated, samples, offset, window, tuple(numbers[field] for field in _STEPS))
+
+
+def _step_of(steps: tuple[float, ...], notes: list[str]) -> float | None:
+    """Return the distance of the traces, m: the first field of H that can be it."""
+    plausible = [step for step in steps if 0 < abs(step) < 1e3]
+    if not plausible:
+        return None
+    if len(set(plausible)) > 1:
+        fields = " and ".join(
+            f"{step:g} m in field {field + 1}" for field, step in zip(_STEPS, steps, strict=True)
+        )
+        notes.append(
+            f"two numbers of H may be the distance of the traces, {fields}: the first is taken; "
+            "--step replaces it"
+        )
+    return plausible[0]
 
 
 def _antennas_of(content: bytes) -> tuple[float | None, float | None]:
-    """Return the nominal frequency, Hz, and the separation, m, of the antennas in the record ATR.
+    """Return the nominal frequency, Hz, and the separation, m, of two antennas in a row.
 
     What is not plausible is None.
     """
-    antennas = numbers_in(content, _ANTENNA_WIDTHS)
+    antennas = numbers_in(content, 2 * _ANTENNA_WIDTHS)
     megahertz = antennas[3]
     apart_x = antennas[4] - antennas[0]
     apart_y = antennas[5] - antennas[1]
@@ -136,8 +164,9 @@ def _header_records(raw: bytes, size: int) -> tuple[dict[bytes, bytes], int]:
     start = letters.index(b"R") * size
     records = {}
     for begin in range(size, start, size):
-        name = raw[begin : begin + 3].split(b"\0")[0].strip()
-        records[name] = raw[begin + 4 : begin + size]
+        # Real recorders put other bytes behind a name that is shorter.
+        name = re.match(rb"[A-Z]*[0-9]?", raw[begin : begin + 3])
+        records[name[0] if name else b""] = raw[begin + 4 : begin + size]
     return records, start
 
 

@@ -101,9 +101,8 @@ def gpr_run(
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
     notes = list(section.history)
     if channels > 1:
-        notes.append(
-            f"channel {channel} of {channels}: the file does not tell where their antennas are"
-        )
+        known = "the header tells" if section.offsets is not None else "the file does not tell"
+        notes.append(f"channel {channel} of {channels}: {known} where their antennas are")
     if section.gather:
         raise ValueError(
             f"{section.path}: its antennas move apart ({section.gather}): "
@@ -112,6 +111,9 @@ def gpr_run(
 
     delay = _delay(section.delay_of(channel), time_zero, window)
     half = _half_separation(section, separation, across, height, notes)
+    middle = np.zeros((1, 3))
+    if section.offsets is not None:
+        middle[0, :2] = section.offsets[channel]
     notes += _replaced(section, channel, step, time_zero, window, separation)
     nominal = section.frequencies[channel]
     chosen_band = _band(band, nominal, delay, notes)
@@ -122,7 +124,8 @@ def gpr_run(
 
     attrs = _attributes(section, delay, height, nominal, notes)
     time = None if section.time is None else section.time[traces]
-    return make_run(signal[:, None, None], tones, [polarization], -half, half, pose, time, attrs)
+    tx, rx = middle - half, middle + half
+    return make_run(signal[:, None, None], tones, [polarization], tx, rx, pose, time, attrs)
 
 
 def _attributes(
@@ -281,11 +284,12 @@ def _band(
             f"apart, which hold frequencies up to {nyquist / 1e6:g} MHz: "
             "are antenna and time window right?"
         )
-    if band is None:
-        low, high, reason = _usual_band(nominal, lowest, nyquist)
-    else:
-        low, high = band[:2]
-        reason = band.reason if isinstance(band, ReasonedBand) else "given"
+    if band is None and nominal:
+        band = antennas_band([nominal], lowest, _NYQUIST_SHARE * nyquist)
+    elif band is None:
+        band = ReasonedBand(lowest, 0.5 * nyquist, "by the sampling")
+    low, high = band[:2]
+    reason = band.reason if isinstance(band, ReasonedBand) else "given"
     if not lowest * (1 - 1e-9) <= low < high <= nyquist:
         raise ValueError(
             f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, "
@@ -296,19 +300,31 @@ def _band(
     return low, high
 
 
-def _usual_band(nominal: float | None, lowest: float, nyquist: float) -> ReasonedBand:
-    """Return the band that is kept where none is given, Hz."""
-    if not nominal:
-        return ReasonedBand(lowest, 0.5 * nyquist, "by the sampling")
-    low = max(nominal / 4, lowest)
-    high = min(2 * nominal, _NYQUIST_SHARE * nyquist)
+def antennas_band(frequencies: Sequence[float], lowest: float, highest: float) -> ReasonedBand:
+    """Return the band that is kept of antennas of these nominal frequencies, Hz.
+
+    Parameters
+    ----------
+    frequencies : sequence of float
+        Nominal frequencies, Hz.
+    lowest, highest : float
+        What records and sampling hold, Hz.
+
+    Returns
+    -------
+    ReasonedBand
+        The band, Hz, and why it is that: all that they hold if that is less than an octave of the
+        antennas'.
+    """
+    whose = "antenna's" if len(frequencies) == 1 else "antennas'"
+    low = max(min(frequencies) / 4, lowest)
+    high = min(2 * max(frequencies), highest)
     if high < OCTAVE * low:
-        reason = "all that the sampling holds, which is hardly any of the antenna's"
-        return ReasonedBand(lowest, _NYQUIST_SHARE * nyquist, reason)
-    reason = "a quarter to twice the antenna's"
-    if low > nominal / 4 or high < 2 * nominal:
-        reason += ", within what the record and its sampling hold"
-    return ReasonedBand(low, high, reason)
+        reason = f"all that is recorded, which hardly holds any of the {whose}"
+        return ReasonedBand(lowest, highest, reason)
+    is_cut = low > min(frequencies) / 4 or high < 2 * max(frequencies)
+    within = ", within what record and sampling hold" if is_cut else ""
+    return ReasonedBand(low, high, f"a quarter to twice the {whose}{within}")
 
 
 def _replaced(

@@ -1,12 +1,12 @@
 """MALÅ's RD3 and RD7 with their text header RAD, and ImpulseRadar's IPRB with IPRH.
 
-ImpulseRadar's layout follows MALÅ's.
+ImpulseRadar's layout follows MALÅ's: one reader takes both, by a table of what differs.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,16 +15,47 @@ from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     ZERO_ASSUMED,
+    FloatArray,
     Header,
+    channel_offsets,
     equal_steps,
     exact_floats,
-    find_companion,
+    interleaved_channels,
     read_header,
     read_records,
 )
-from flgpr_exchange.gpr.positions import cor_fixes, note_unread
+from flgpr_exchange.gpr.positions import cor_fixes, find_cor, note_unread
 
 _MICROSECOND = 1e-6
+
+
+class _Maker(NamedTuple):
+    """What differs between the headers of the two makers."""
+
+    name: str
+    header: str  # its ending
+    channels: str  # entry of how many channels there are
+    steps: tuple[str, ...]  # entries of the trace spacing, the first that is stated counts
+    no_wheel: tuple[str, str]  # entry, and how its value begins where no wheel turned
+    unread: tuple[str, ...]  # endings of files beside it
+
+
+_MALA = _Maker(
+    name="MALÅ",
+    header=".rad",
+    channels="NUMBER_OF_CH",
+    steps=("DISTANCE INTERVAL",),
+    no_wheel=("DISTANCE FLAG", "0"),
+    unread=(".mrk", ".em", ".gps"),
+)
+_IMPULSE = _Maker(
+    name="ImpulseRadar",
+    header=".iprh",
+    channels="CHANNELS",
+    steps=("USER DISTANCE INTERVAL", "DISTANCE INTERVAL"),
+    no_wheel=("TRIG SOURCE", "time"),
+    unread=(".mrk", ".time", ".gps"),
+)
 
 
 def read_mala(path: Path, limit: int) -> dict[str, Any]:
@@ -32,92 +63,82 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
+    return _read(path, limit, _MALA, 32 if path.suffix.lower() == ".rd7" else 16)
+
+
+def read_impulse(path: Path, limit: int) -> dict[str, Any]:
+    """Read an IPRB; parameters, entries and errors are those of :func:`read_mala`."""
+    return _read(path, limit, _IMPULSE, None)
+
+
+def _read(path: Path, limit: int, maker: _Maker, bits: float | None) -> dict[str, Any]:
+    """Read a recording of so many bits a sample; None takes what the header states."""
     notes: list[str] = []
-    head = read_header(path, ".rad", ":", notes)
-    samples, interval = _sampling(head)
-    sample_type = "<i4" if path.suffix.lower() == ".rd7" else "<i2"
+    head = read_header(path, maker.header, ":", notes)
+    samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
+    fastest = _MICROSECOND / INTERVALS[0]
+    interval = _MICROSECOND / head.needed("FREQUENCY", _MICROSECOND / INTERVALS[1], fastest)
+    record = np.dtype(("<i4" if (bits or _stated_bits(head, notes)) == 32 else "<i2", samples))
     stated = head.number("LAST TRACE", 0, 1e9, False)
-    table = read_records(path, 0, np.dtype((sample_type, samples)), stated, notes, limit)
+    table = read_records(path, 0, record, stated, notes, limit)
+    many = int(head.number(maker.channels, 0, 4096, False) or 1)
+    traces = interleaved_channels(exact_floats(table, notes), many, maker.channels, notes)
+    count = len(traces)
 
-    step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
-    if head.text("DISTANCE FLAG") == "0" and step:
-        notes.append(
-            f"DISTANCE FLAG is 0: no wheel was used, and DISTANCE INTERVAL ({step:g} m) is not"
-        )
-        step = None
-    notes.append(ZERO_ASSUMED)
-
-    seconds = head.number("TIME INTERVAL", 0, 1e6, False)
-    time = None
-    if seconds and head.text("TIME FLAG") == "1":
-        time = np.arange(len(table)) * float(seconds)
-        notes.append(
-            f"the traces' clock is that of a trace every {seconds:g} s, "
-            "by TIME INTERVAL in the header"
-        )
-
-    frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), "MALÅ", notes)
-    fixes = cor_fixes(find_companion(path, ".cor"), len(table), notes)
-    note_unread(path, (".mrk", ".em", ".gps"), notes)
+    name, step = _step(head, maker, notes)
+    zero = None
+    if maker is _IMPULSE:
+        zero = head.number("ZERO LEVEL", 0, samples, False)
+    if zero is None:
+        notes.append(ZERO_ASSUMED)
+    time = _clock(head, count, notes) if maker is _MALA else None
+    frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), maker.name, notes)
+    fixes = cor_fixes(find_cor(path, notes), count, notes)
+    note_unread(path, maker.unread, notes)
     return {
-        "traces": exact_floats(table, notes)[:, None],
-        "delay": np.arange(samples) * interval,
-        "distance": equal_steps(len(table), step, "DISTANCE INTERVAL in the header", notes),
+        "traces": traces,
+        "delay": (np.arange(samples) - (zero or 0.0)) * interval,
+        "distance": equal_steps(count, step, f"{name} in the header", notes),
         "time": time,
         "fixes": fixes.table,
         "fix_time": fixes.time,
-        "frequencies": (frequency,),
+        "frequencies": (frequency,) * traces.shape[1],
         "separation": head.number("ANTENNA SEPARATION", 0, 1e3, False),
+        "offsets": channel_offsets(head, traces.shape[1], notes),
         "title": head.text("SITE") or path.stem,
         "history": tuple(notes),
     }
 
 
-def read_impulse(path: Path, limit: int) -> dict[str, Any]:
-    """Read an IPRB; parameters, entries and errors are those of :func:`read_mala`."""
-    notes: list[str] = []
-    head = read_header(path, ".iprh", ":", notes)
-    samples, interval = _sampling(head)
+def _stated_bits(head: Header, notes: list[str]) -> float:
+    """Return the bits of a sample by ImpulseRadar's header."""
     bits = head.number("DATA VERSION", 16, 32, False)
     if bits is None:
         notes.append("the header tells no DATA VERSION: samples are read as 16 bit")
-    elif bits not in (16, 32):
+        return 16
+    if bits not in (16, 32):
         raise ValueError(f"{head.path.name}: DATA VERSION must be 16 or 32, got {bits:g}")
-    record = np.dtype(("<i4" if bits == 32 else "<i2", samples))
-    stated = head.number("LAST TRACE", 0, 1e9, False)
-    table = read_records(path, 0, record, stated, notes, limit)
-
-    name = "USER DISTANCE INTERVAL"
-    step = head.number(name, -1e4, 1e4, False)
-    wheel_step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
-    if not step:
-        name = "DISTANCE INTERVAL"
-        step = wheel_step
-    if head.text("TRIG SOURCE").lower().startswith("time") and step:
-        notes.append(f"TRIG SOURCE is time: no wheel was used, and {name} ({step:g} m) is not")
-        step = None
-
-    zero = head.number("ZERO LEVEL", 0, samples, False)
-    if zero is None:
-        notes.append(ZERO_ASSUMED)
-    frequency = noted_frequency(head.text("ANTENNA"), "ImpulseRadar", notes)
-    fixes = cor_fixes(find_companion(path, ".cor"), len(table), notes)
-    note_unread(path, (".mrk", ".time", ".gps"), notes)
-    return {
-        "traces": exact_floats(table, notes)[:, None],
-        "delay": (np.arange(samples) - (zero or 0.0)) * interval,
-        "distance": equal_steps(len(table), step, f"{name} in the header", notes),
-        "fixes": fixes.table,
-        "fix_time": fixes.time,
-        "frequencies": (frequency,),
-        "separation": head.number("ANTENNA SEPARATION", 0, 1e3, False),
-        "history": tuple(notes),
-    }
+    return bits
 
 
-def _sampling(head: Header) -> tuple[int, float]:
-    """Return the samples of a trace, and their interval, s; the header has the rate in MHz."""
-    samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
-    lowest = _MICROSECOND / INTERVALS[1]
-    highest = _MICROSECOND / INTERVALS[0]
-    return samples, _MICROSECOND / head.needed("FREQUENCY", lowest, highest)
+def _step(head: Header, maker: _Maker, notes: list[str]) -> tuple[str, float | None]:
+    """Return the entry of the trace spacing, and that, m; None where no wheel was used."""
+    steps = {name: head.number(name, -1e4, 1e4, False) for name in maker.steps}
+    name = next((name for name, step in steps.items() if step), maker.steps[-1])
+    step = steps[name]
+    entry, beginning = maker.no_wheel
+    if step and head.text(entry).lower().startswith(beginning):
+        notes.append(f"{entry} is {beginning}: no wheel was used, and {name} ({step:g} m) is not")
+        return name, None
+    return name, step
+
+
+def _clock(head: Header, count: int, notes: list[str]) -> FloatArray | None:
+    """Return the traces' clock (trace,), s, by MALÅ's header; None where it states none."""
+    seconds = head.number("TIME INTERVAL", 0, 1e6, False)
+    if not seconds or head.text("TIME FLAG") != "1":
+        return None
+    notes.append(
+        f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
+    )
+    return np.arange(count) * float(seconds)

@@ -22,19 +22,22 @@ from numpy.typing import NDArray
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
 from flgpr_exchange.gpr.parts import (
+    INTERVALS,
+    MOST_SAMPLES,
+    NANOSECOND,
+    FloatArray,
     between_neighbours,
     exact_floats,
     first_bytes,
-    measured_distance,
+    way_along,
 )
+from flgpr_exchange.gpr.positions import NO_FIXES
 
-FloatArray = NDArray[np.float64]
 _Shape = tuple[int, int, int]
 """Slices, channels and samples of a volume."""
 _PREAMBLE = 47  # bytes: 5 + 33 + 9
 _LARGEST_DESCRIPTOR = 4 * 2**20
 _MOST_CHANNELS = 256
-_INTERVALS = (1e-13, 1e-6)  # s
 _FARTHEST = 1e8  # m, of a coordinate
 _POINT = 24  # bytes of easting, northing and elevation
 _VERSIONS = (1, 2)  # major numbers, whose layouts are known
@@ -43,7 +46,6 @@ _CHANNEL_POINTS = 64  # bytes of a channel in it: eight numbers
 _TYPES = {2: "<i2", 4: "<f4"}  # by the bytes of a sample: counts, or floats
 _VOLUME = "Radar Volume"
 _GEOLOCATIONS = "Sample Geolocations"
-_NO_FIXES: FloatArray = np.empty((0, 4))
 
 
 class _PointLayout(NamedTuple):
@@ -60,9 +62,9 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     """
     descriptor = _descriptor_of(path)
     main = _table(descriptor, "mainDescriptor")
-    samples = _count(main, "samplesCount", 2, 2**20)
-    channels = _count(main, "channelsCount", 1, _MOST_CHANNELS)
-    slices = _count(main, "slicesCount", 1, 2**31)
+    samples = _number(main, "samplesCount", 2, MOST_SAMPLES, int)
+    channels = _number(main, "channelsCount", 1, _MOST_CHANNELS, int)
+    slices = _number(main, "slicesCount", 1, 2**31, int)
     shape = (slices, channels, samples)
 
     blocks, repeated = _blocks_of(descriptor)
@@ -76,9 +78,8 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     traces = _radar_volume(path, volume, shape, limit, notes)
 
     radar = _table(volume, "radar")
-    shortest_ns = _INTERVALS[0] * 1e9
-    longest_ns = _INTERVALS[1] * 1e9
-    interval = _number(radar, "samplingTime_ns", shortest_ns, longest_ns) * 1e-9
+    shortest, longest = (edge / NANOSECOND for edge in INTERVALS)
+    interval = _number(radar, "samplingTime_ns", shortest, longest) * NANOSECOND
     step = _number(radar, "samplingStep_m", 0.0, 1e3)
     frequency = _frequency_of(radar)
     notes.append("the descriptor tells no time zero: it is put at the first sample")
@@ -89,7 +90,7 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
 
     distance: FloatArray | None = None
     if positions is not None:
-        distance = _distance_along(positions, notes)
+        distance = way_along(positions, "of the first channel", notes)
     elif step > 0:
         distance = step * np.arange(slices, dtype=np.float64)
         notes.append(f"traces are put at equal steps of {step:g} m, by samplingStep_m")
@@ -155,17 +156,6 @@ def _frequency_of(radar: dict[str, Any]) -> float | None:
     return None
 
 
-def _distance_along(positions: FloatArray, notes: list[str]) -> FloatArray | None:
-    """Return the distance (trace,) along positions (trace, 3), m."""
-    steps = np.hypot(*np.diff(positions[:, :2], axis=0).T)
-    distance = np.append(0.0, steps.cumsum())
-    notes.append(
-        "the distance along the line is that of the traces' coordinates, of the first channel"
-    )
-    where = "distances from trace to trace"
-    return measured_distance(distance, None, where, "the descriptor", notes)
-
-
 def _note_unused_entries(radar: dict[str, Any], frequency: float | None, notes: list[str]) -> None:
     """Add notes of a missing frequency, and of entries of the descriptor that are not used."""
     if frequency is None:
@@ -209,27 +199,22 @@ def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _count(entries: dict[str, Any], name: str, low: int, high: int) -> int:
-    """Return an entry that must be a whole number within bounds."""
+def _number(entries: dict[str, Any], name: str, low: float, high: float, kind: type = float) -> Any:
+    """Return an entry that must be a number of a kind, int or float, within bounds."""
     value = entries.get(name)
-    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
-    return value
-
-
-def _number(entries: dict[str, Any], name: str, low: float, high: float) -> float:
-    """Return an entry that must be a number within bounds."""
-    value = entries.get(name)
-    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"{name} must be a number from {low:g} to {high:g}, got {value!r}")
-    return float(value)
+    is_number = isinstance(value, int | kind) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:
+        words = "whole number" if kind is int else "number"
+        low_text, high_text = (f"{edge:g}" if kind is float else edge for edge in (low, high))
+        raise ValueError(f"{name} must be a {words} from {low_text} to {high_text}, got {value!r}")
+    return kind(value)
 
 
 def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
     """Return where a block begins and how many bytes it has; it must lie in the file."""
     size = path.stat().st_size
-    offset = _count(block, "byteOffset", 0, 2**62)
-    length = _count(block, "byteSize", 1, 2**62)
+    offset = _number(block, "byteOffset", 0, 2**62, int)
+    length = _number(block, "byteSize", 1, 2**62, int)
     if offset + length > size:
         raise ValueError(
             f"block {block.get('type')} must end within the file's {size} bytes, "
@@ -277,7 +262,7 @@ def _geolocations(
     There are no fixes if the reference system is not known.
     """
     if block is None:
-        return None, _NO_FIXES
+        return None, NO_FIXES
     offset, length = _block(path, block)
     slices, channels, _ = shape
     layout = _point_layout(length, shape)
@@ -285,7 +270,7 @@ def _geolocations(
         notes.append(
             f"{_GEOLOCATIONS} of {length} bytes found, not understood: positions are not read"
         )
-        return None, _NO_FIXES
+        return None, NO_FIXES
 
     positions = _first_points(path, offset, length // slices, slices, layout)
     magnitudes = np.abs(np.where(np.isfinite(positions), positions, np.inf))
@@ -297,7 +282,7 @@ def _geolocations(
             f"{unusable} of {slices} {_GEOLOCATIONS} are no places, and the others are too few or "
             "all at one place: positions are not read"
         )
-        return None, _NO_FIXES
+        return None, NO_FIXES
     if unusable:
         notes.append(
             f"{unusable} of {slices} {_GEOLOCATIONS} are no places: put between their neighbours"
@@ -347,7 +332,7 @@ def _fixes(
     code = system.get("value") if isinstance(system, dict) else None
     if not isinstance(code, int):
         notes.append(f"{_GEOLOCATIONS} name no reference system: they give the distance alone")
-        return _NO_FIXES
+        return NO_FIXES
     from flgpr.geo.geodesy import lonlat_of  # geodesy takes its time to load, and few lines need it
 
     try:
@@ -357,6 +342,6 @@ def _fixes(
             f"{_GEOLOCATIONS} in EPSG:{code} are no places there, and give the distance alone: "
             f"{error}"
         )
-        return _NO_FIXES
+        return NO_FIXES
     notes.append(f"heights are taken as ellipsoidal: EPSG:{code} does not tell")
     return np.column_stack([known.astype(np.float64), lonlat, positions[known, 2]])

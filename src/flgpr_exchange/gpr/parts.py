@@ -6,6 +6,7 @@ Every function that replaces, leaves out or assumes something notes it in ``note
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,8 @@ _LENGTHS = {
     "yard": 0.9144,
 }
 _FARTHEST_APART = 1000.0  # m, of two antennas in a gather
+_MOST_COMPARED = 2000  # traces, by which it is decided whether they are of several channels
+_ALIKE = 1.5  # times that changes from trace to trace differ within one channel, at most
 _USUAL_JUMP = 20.0  # times the usual step, from which on a step is a jump that is noted
 _LEAST_JUMP = 1.0  # m, and at least this
 
@@ -117,6 +120,30 @@ class Header:
             if self.values.get(name):
                 return self.values[name]
         return ""
+
+
+def words_type(words: Mapping[str, tuple[Any, int]], size: int) -> np.dtype[Any]:
+    """Return the type of a binary header, by a table of its words.
+
+    Parameters
+    ----------
+    words : mapping of str to (dtype, int)
+        Type and first byte of each word, by its name.
+    size : int
+        Bytes of the header.
+
+    Returns
+    -------
+    numpy.dtype
+        Of a record with a field for every word.
+    """
+    fields: Any = {
+        "names": list(words),
+        "formats": [kind for kind, _ in words.values()],
+        "offsets": [offset for _, offset in words.values()],
+        "itemsize": size,
+    }
+    return np.dtype(fields)
 
 
 def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
@@ -463,6 +490,29 @@ def measured_distance(
     return np.asarray(filled, dtype=np.float64)
 
 
+def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray | None:
+    """Return the distance (trace,) along positions (trace, 2 or 3), m, by x and y.
+
+    Parameters
+    ----------
+    positions : (trace, 2 or 3) ndarray
+        Positions, m.
+    what : str
+        Whose coordinates they are, for the notes.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    (trace,) ndarray or None
+        The distance, see :func:`measured_distance`.
+    """
+    steps = np.hypot(*np.diff(positions[:, :2], axis=0).T)
+    notes.append(f"the distance along the line is that of the traces' coordinates, {what}")
+    distance = np.append(0.0, steps.cumsum())
+    return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
+
+
 def between_neighbours(values: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     """Return values (trace, column), those that are not usable between those before and behind.
 
@@ -580,6 +630,106 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
         )
         return None
     return np.asarray(rising, dtype=np.float64)
+
+
+def interleaved_channels(
+    traces: NDArray[Any], stated: int, entry: str, notes: list[str]
+) -> NDArray[Any]:
+    """Return traces (scan, channel, sample) of a file whose header states several channels.
+
+    Some recorders write the channels of a place one after the other, others a file for each. The
+    traces decide: side by side in one file, they change otherwise from the last channel to the next
+    place than from channel to channel.
+
+    Parameters
+    ----------
+    traces : (trace, sample) ndarray
+        All traces in the order of the file.
+    stated : int
+        Channels by the header.
+    entry : str
+        What states them, for the notes.
+    notes : list of str
+        Takes what was decided.
+
+    Returns
+    -------
+    (scan, channel, sample) ndarray
+        The traces.
+
+    Raises
+    ------
+    ValueError
+        If the channels lie side by side and a place lacks some.
+    """
+    if stated < 2 or len(traces) < 2:
+        return traces[:, None]
+    lie_apart = len(traces) <= stated or not _change_by_channel(traces, stated)
+    if lie_apart:
+        notes.append(
+            f"{entry} tells {stated} channels; the traces are those of one, as recorders write "
+            "that have a file for each"
+        )
+        return traces[:, None]
+    scans, rest = divmod(len(traces), stated)
+    if rest:
+        notes.append(f"the last place is cut off and left out ({rest} of {stated} channels)")
+    notes.append(
+        f"{entry} tells {stated} channels, one after the other in the file: {scans} places of "
+        f"{stated} traces"
+    )
+    return traces[: scans * stated].reshape(scans, stated, -1)
+
+
+def _change_by_channel(traces: NDArray[Any], channels: int) -> bool:
+    """Return whether traces (trace, sample) change as those of so many channels side by side."""
+    some = np.nan_to_num(traces[:_MOST_COMPARED].astype(np.float64))
+    to_next = np.abs(np.diff(some, axis=0)).mean(axis=1)
+    to_next_place = np.abs(some[channels:] - some[:-channels]).mean()
+    of_channel = [float(to_next[channel::channels].mean()) for channel in range(channels)]
+    is_smooth = to_next.mean() < to_next_place
+    is_alike = max(of_channel) < _ALIKE * min(of_channel)
+    return not (is_smooth and is_alike)
+
+
+def channel_offsets(head: Header, channels: int, notes: list[str]) -> FloatArray | None:
+    """Return where the antennas of each channel are (channel, 2), m across and along.
+
+    Parameters
+    ----------
+    head : Header
+        A header with ``CH_X_OFFSETS`` and ``CH_Y_OFFSETS``, or the same of one channel.
+    channels : int
+        Channels of the file.
+    notes : list of str
+        Takes what is used, and offsets that do not fit.
+
+    Returns
+    -------
+    (channel, 2) ndarray or None
+        The offsets; None where none are stated.
+    """
+    columns = []
+    for axis in "XY":
+        stated = head.text(f"CH_{axis}_OFFSETS", f"CH_{axis}_OFFSET").replace(",", ".").split()
+        try:
+            values = np.array([float(cell) for cell in stated] or [0.0] * channels)
+        except ValueError:
+            values = np.empty(0)
+        fits = values.size == channels and np.abs(values).max(initial=0.0) <= _FARTHEST_APART
+        if not fits:
+            notes.append(
+                f"CH_{axis}_OFFSETS hold {len(stated)} offsets, not one for each of {channels} "
+                "channels: they are not used"
+            )
+            return None
+        columns.append(values)
+    offsets = np.stack(columns, axis=1)
+    if not offsets.any():
+        return None
+    x = ", ".join(f"{value:g}" for value in offsets[:, 0])
+    notes.append(f"antennas of the channels are put {x} m across, by CH_X_OFFSETS of the header")
+    return offsets
 
 
 def numbers_in(text: bytes, widths: list[int]) -> list[float]:

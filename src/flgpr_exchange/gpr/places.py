@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
+from flgpr.geo.track_anchor import is_astray
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
@@ -205,6 +206,14 @@ def _plausible_fixes(
             f"at trace {listed}"
         )
     used = used[agrees]
+    astray = used[is_astray(position[used])]
+    if astray.size:
+        listed = ", ".join(f"{number:g}" for number in trace[astray][:_LISTED])
+        notes.append(
+            f"{astray.size} of {len(trace)} positions of the satellite receiver left out, which "
+            f"lie aside of a way that goes on behind them: at trace {listed}"
+        )
+        used = np.setdiff1d(used, astray)
     return trace[used], position[used]
 
 

@@ -18,9 +18,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.formats.nmea import (
+    Position,
+    SentenceCounts,
+    clock_time,
+    position_of,
+    sentences_of,
+)
 from flgpr_exchange.gpr.parts import (
     DAY,
-    FOOT,
     FloatArray,
     find_companion,
     is_header_line,
@@ -28,10 +34,11 @@ from flgpr_exchange.gpr.parts import (
 )
 
 NO_FIXES: FloatArray = np.empty((0, 4))
-_SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
+_CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
+"""A file of one channel of several, such as line_A03, whose positions may lie in line.cor."""
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
 _SCAN = re.compile(r"\s*\$GSSIS,(\d{1,9})")
-_NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
+_NOT_MEASURED = {6: "dead reckoning", 7: "put in by hand", 8: "simulated"}
 """Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
@@ -58,66 +65,6 @@ class Fixes:
     table: FloatArray = field(default_factory=lambda: NO_FIXES)
     #: (fix,) s of the first day, NaN where unknown
     time: FloatArray = field(default_factory=lambda: np.empty(0))
-
-
-class _SentenceLayout(NamedTuple):
-    """Where the cells of a sentence of NMEA 0183 are."""
-
-    latitude: int  # its letter, the longitude and that one's letter follow
-    quality: int
-    no_fix: str  # quality of a receiver that has no position
-    cells: int  # at least
-
-
-_GGA_QUALITY = 5
-_LAYOUTS = {
-    "GGA": _SentenceLayout(1, _GGA_QUALITY, "0", 11),
-    "RMC": _SentenceLayout(2, 1, "V", 6),
-}
-
-
-@dataclass
-class _Sentences:
-    """The positions of the sentences of a file, and counts of what is not used or not sure."""
-
-    fixes: dict[str, list[Fix]] = field(default_factory=lambda: {"GGA": [], "RMC": []})
-    count: int = 0
-    without_trace: int = 0
-    unusable: int = 0
-    not_measured: Counter[str] = field(default_factory=Counter)
-
-    def add(self, kind: str, cells: Sequence[str], trace: int | None) -> None:
-        """Add a sentence of a kind, GGA or RMC, that belongs to a trace, from 0."""
-        self.count += 1
-        fix = _fix_of_sentence(kind, cells, trace)
-        if fix is None:
-            self.unusable += 1
-            return
-        if kind == "GGA" and cells[_GGA_QUALITY] in _NOT_MEASURED:
-            quality = _NOT_MEASURED[cells[_GGA_QUALITY]]
-            self.not_measured[quality] += 1
-        if trace is None:
-            self.without_trace += 1
-        else:
-            self.fixes[kind].append(fix)
-
-    def note_counts(self, name: str, notes: list[str]) -> None:
-        """Add notes of the counts; ``name`` is the file's."""
-        if not self.count:
-            notes.append(f"{name} was found and holds no position that is understood")
-        if self.unusable:
-            notes.append(
-                f"{self.unusable} of {self.count} sentences of {name} tell no position "
-                "(the receiver had no fix)"
-            )
-        for quality, number in self.not_measured.items():
-            notes.append(
-                f"{number} of {self.count} sentences of {name} are {quality}: they are used"
-            )
-        if self.without_trace:
-            notes.append(f"{self.without_trace} positions of {name} name no trace and are not used")
-        if self.fixes["RMC"] and not self.fixes["GGA"]:
-            notes.append(f"{name} holds RMC sentences alone, which tell no height")
 
 
 def nmea_fixes(
@@ -147,22 +94,61 @@ def nmea_fixes(
     text = _companion_text(path, notes)
     if path is None or text is None:
         return Fixes()
-    sentences = _Sentences()
+    lines = text.splitlines()
+    counts = SentenceCounts()
+    fixes: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
+    found = Counter[str]()
+    not_measured = Counter[str]()
+    trace_of_line: list[int | None] = []
     trace: int | None = None
-    for line in text.splitlines():
+    for line in lines:
         trace = _trace_in(line, trace)
-        sentence = _SENTENCE.search(line)
-        if sentence is None:
+        trace_of_line.append(trace)
+    for number, begin, sentence in sentences_of(lines, ("GGA", "RMC"), counts):
+        found["all"] += 1
+        position = position_of(sentence)
+        if position is None:
+            found["unusable"] += 1
             continue
-        row = _ROW.match(line[: sentence.start()])
-        if row is not None:
-            trace = int(row[1]) - 1
-        sentences.add(sentence[1], sentence[2].split(","), trace)
+        not_measured[_NOT_MEASURED.get(position.quality, "")] += 1
+        row = _ROW.match(lines[number][:begin])
+        named = trace_of_line[number] if row is None else int(row[1]) - 1
+        if named is None:
+            found["without trace"] += 1
+        else:
+            fixes[sentence.kind].append(_fix_at(named, position))
 
-    sentences.note_counts(path.name, notes)
+    _note_sentences(path.name, found, not_measured, notes)
+    notes += counts.notes(path.name)
+    if fixes["RMC"] and not fixes["GGA"]:
+        notes.append(f"{path.name} holds RMC sentences alone, which tell no height")
     # RMC would add the same positions once more, without a height.
-    fixes = sentences.fixes["GGA"] or sentences.fixes["RMC"]
-    return settle_fixes(fixes, count, notes, path.name, numbers)
+    return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, path.name, numbers)
+
+
+def _fix_at(trace: int, position: Position) -> Fix:
+    """Return the fix of a trace, from 0; its height is over the ellipsoid if that is known."""
+    height = position.altitude + np.nan_to_num(position.separation)
+    return Fix(trace, position.longitude, position.latitude, float(height), position.time)
+
+
+def _note_sentences(
+    name: str, found: Counter[str], not_measured: Counter[str], notes: list[str]
+) -> None:
+    """Add notes of the sentences of a file that state no position, none measured, or no trace."""
+    total = found["all"]
+    if not total:
+        notes.append(f"{name} was found and holds no position that is understood")
+    if found["unusable"]:
+        notes.append(
+            f"{found['unusable']} of {total} sentences of {name} tell no position "
+            "(the receiver had no fix)"
+        )
+    for quality, number in not_measured.items():
+        if quality:
+            notes.append(f"{number} of {total} sentences of {name} are {quality}: they are used")
+    if found["without trace"]:
+        notes.append(f"{found['without trace']} positions of {name} name no trace and are not used")
 
 
 def _companion_text(path: Path | None, notes: list[str]) -> str | None:
@@ -185,59 +171,29 @@ def _trace_in(line: str, before: int | None) -> int | None:
     return before if by_scan is None else int(by_scan[1])
 
 
-def _fix_of_sentence(kind: str, cells: Sequence[str], trace: int | None) -> Fix | None:
-    """Return the position of a GGA or RMC sentence (NMEA 0183); None if it states none."""
-    layout = _LAYOUTS[kind]
-    if len(cells) < layout.cells or cells[layout.quality] in (layout.no_fix, ""):
-        return None
-    north, north_letter, east, east_letter = cells[layout.latitude : layout.latitude + 4]
-    try:
-        latitude = _nmea_degrees(north)
-        longitude = _nmea_degrees(east)
-        height = _gga_height(cells) if kind == "GGA" else np.nan
-    except (ValueError, OverflowError):
-        return None
-    if north_letter == "S":
-        latitude = -latitude
-    if east_letter == "W":
-        longitude = -longitude
-    number = np.nan if trace is None else trace
-    return Fix(number, longitude, latitude, height, _clock_time(cells[0]))
+def find_cor(path: Path, notes: list[str]) -> Path | None:
+    """Find the ``.cor`` beside a recording: of its own name, or common to all channels' files.
 
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    notes : list of str
+        Takes a line where it is the common one.
 
-def _nmea_degrees(text: str) -> float:
-    """Return degrees of ``dddmm.mmmm``."""
-    value = float(text)
-    degrees = int(value // 100)
-    minutes = value % 100
-    return degrees + minutes / 60
-
-
-def _gga_height(cells: Sequence[str]) -> float:
-    """Return the height over the ellipsoid, m.
-
-    It is that over the sea and the geoid's, in the units that the cells name.
+    Returns
+    -------
+    Path or None
+        The file; None if there is none.
     """
-    if not cells[8]:
-        return np.nan
-    height = float(cells[8]) * _metres_of(cells[9])
-    if len(cells) > 11 and cells[10]:
-        height += float(cells[10]) * _metres_of(cells[11])
-    return height
-
-
-def _metres_of(unit: str) -> float:
-    """Return the metres of a unit of GGA: F is feet, and all else metres."""
-    return FOOT if unit.upper() == "F" else 1.0
-
-
-def _clock_time(text: str) -> float:
-    """Return the second of the day of ``hhmmss.ss`` or ``hh:mm:ss``; NaN if it is none."""
-    match = re.fullmatch(r"(\d{1,2}):?(\d{2}):?(\d{2}(?:[.,]\d*)?)", text.strip())
-    if match is None:
-        return np.nan
-    hours, minutes, seconds = match.groups()
-    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+    own = find_companion(path, ".cor")
+    line = _CHANNEL_OF_NAME.fullmatch(path.stem)
+    if own is not None or line is None:
+        return own
+    common = find_companion(path.with_name(line[1] + path.suffix), ".cor")
+    if common is not None:
+        notes.append(f"positions are those of {common.name}, common to the channels of the line")
+    return common
 
 
 def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
@@ -307,7 +263,7 @@ def _fix_of_row(cells: Sequence[str]) -> Fix | None:
     if position < len(cells):
         match = _HEIGHT.match(cells[position])
         height = float(match[0]) if match else np.nan
-    return Fix(float(cells[0]) - 1, longitude, latitude, height, _clock_time(cells[2]))
+    return Fix(float(cells[0]) - 1, longitude, latitude, height, clock_time(cells[2]))
 
 
 def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float | None, int]:

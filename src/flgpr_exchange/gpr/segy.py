@@ -14,6 +14,7 @@ from flgpr_exchange.gpr.parts import (
     ZERO_ASSUMED,
     exact_floats,
     first_bytes,
+    interleaved_channels,
     read_records,
 )
 from flgpr_exchange.gpr.segy_layout import (
@@ -28,10 +29,11 @@ from flgpr_exchange.gpr.segy_layout import (
     revision_of,
     word_at,
 )
-from flgpr_exchange.gpr.segy_places import HeaderGeometry, geometry_of
+from flgpr_exchange.gpr.segy_places import geometry_of
 
 _IBM = 1
 _IEEE = 5
+_MOST_CHANNELS = 256
 _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 
 
@@ -57,32 +59,53 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
 
     record = record_type(layout, order, code)
     table = read_records(path, layout.start, record, None, notes, limit, layout.end)
-    samples = _ibm(table["samples"]) if code == _IBM else table["samples"]
-    traces = exact_floats(samples, notes)
-    _check_trace_headers(table, layout.samples, interval, notes)
-    _leave_dead_out(table, traces, notes)
-    geometry = geometry_of(table, _unit_of_length(raw, order, notes), notes)
-    return _entries(traces, layout.samples, interval, geometry, notes)
+    stated = word_at(raw, f"{order}H", 3212)
+    is_ibm = code == _IBM
+    unit = _unit_of_length(raw, order, notes)
+    return _entries(table, is_ibm, stated, interval, unit, notes)
 
 
 def _entries(
-    traces: NDArray[np.floating[Any]],
-    samples: int,
-    interval: float,
-    geometry: HeaderGeometry,
-    notes: list[str],
+    table: NDArray[Any], is_ibm: bool, stated: int, interval: float, metre: float, notes: list[str]
 ) -> dict[str, Any]:
-    """Return the entries of a section of traces (trace, sample) at an interval, s."""
+    """Return the entries of a section of traces at an interval, s.
+
+    ``stated`` are the traces of an ensemble by the binary header, ``metre`` the unit of lengths.
+    """
+    traces = exact_floats(_ibm(table["samples"]) if is_ibm else table["samples"], notes)
+    _check_trace_headers(table, traces.shape[1], interval, notes)
+    _leave_dead_out(table, traces, notes)
+    counted = _channels_of(table)
+    by_channel = interleaved_channels(
+        traces, counted or stated, "the count of an ensemble's traces", notes
+    )
+    if counted:
+        by_channel = traces.reshape(-1, counted, traces.shape[1])
+    channels = by_channel.shape[1]
+    geometry = geometry_of(table[::channels][: len(by_channel)], metre, notes)
     return {
-        "traces": traces[:, None],
-        "delay": np.arange(samples) * interval,
+        "traces": by_channel,
+        "delay": np.arange(traces.shape[1]) * interval,
         "distance": geometry.distance,
         "fixes": geometry.fixes.table,
         "fix_time": geometry.fixes.time,
+        "frequencies": (None,) * channels,
         "separation": geometry.separation,
         "gather": geometry.gather,
         "history": tuple(notes),
     }
+
+
+def _channels_of(table: NDArray[Any]) -> int:
+    """Return how many channels trace headers count in each record (bytes 9-16); 0 if none."""
+    channel = table["channel"]
+    count = int(channel.max())
+    if not 1 < count <= _MOST_CHANNELS or len(table) % count or len(table) == count:
+        return 0
+    expected = 1 + np.arange(len(table)) % count
+    records = table["record"].reshape(-1, count)
+    is_one_record = (records == records[:, :1]).all() and (np.diff(records[:, 0]) != 0).all()
+    return count if is_one_record and (channel == expected).all() else 0
 
 
 def _leave_dead_out(
@@ -185,10 +208,7 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     ]
     layout = TraceLayout(0, TRACE_HEAD, samples)
     table = read_records(path, 0, record_type(layout, order, _IEEE), None, notes, limit)
-    traces = exact_floats(table["samples"], notes)
-    _check_trace_headers(table, samples, interval, notes)
-    _leave_dead_out(table, traces, notes)
-    return _entries(traces, samples, interval, geometry_of(table, 1.0, notes), notes)
+    return _entries(table, False, 1, interval, 1.0, notes)
 
 
 def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:

@@ -21,6 +21,7 @@ from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     first_bytes,
+    words_type,
 )
 
 HEAD = 3600  # bytes of the text header and the binary header
@@ -49,6 +50,8 @@ _ORDERS = {b"\x01\x02\x03\x04": ">", b"\x04\x03\x02\x01": "<"}
 _MOST_HEADERS = 1000  # extra text headers, or extra headers of a trace
 _END_TEXT = re.compile(r"\s*\(\(\s*SEG\s*:\s*ENDTEXT\s*\)\)", re.IGNORECASE)
 _WORDS = {
+    "record": ("i4", 8),
+    "channel": ("i4", 12),
     "identification": ("i2", 28),
     "offset": ("i4", 36),
     "scalar": ("i2", 70),
@@ -394,13 +397,9 @@ def record_type(layout: TraceLayout, order: str, code: int) -> np.dtype[Any]:
     numpy.dtype
         Of a record with a field for every word, and ``samples``.
     """
-    formats: list[Any] = [order + kind for kind, _ in _WORDS.values()]
-    offsets = [offset for _, offset in _WORDS.values()]
     sample = order + _FORMATS[code]
-    fields: Any = {
-        "names": [*_WORDS, "samples"],
-        "formats": [*formats, (sample, layout.samples)],
-        "offsets": [*offsets, layout.head],
-        "itemsize": layout.head + layout.samples * np.dtype(sample).itemsize,
+    words: dict[str, tuple[Any, int]] = {
+        name: (order + kind, offset) for name, (kind, offset) in _WORDS.items()
     }
-    return np.dtype(fields)
+    words["samples"] = ((sample, layout.samples), layout.head)
+    return words_type(words, layout.head + layout.samples * np.dtype(sample).itemsize)

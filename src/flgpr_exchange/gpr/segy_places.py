@@ -13,7 +13,7 @@ from flgpr_exchange.gpr.parts import (
     float64,
     gather_note,
     gather_of_separations,
-    measured_distance,
+    way_along,
 )
 from flgpr_exchange.gpr.positions import Fix, Fixes, settle_fixes
 
@@ -22,7 +22,11 @@ _COORDINATES = {
     "group": "group coordinates (bytes 81-88)",
     "cdp": "CDP coordinates (bytes 181-188)",
 }
-_ANGULAR = (2, 3, 4)  # codes of units of coordinates that are angles
+_LARGEST_ANGLE = {2: 648_000.0, 3: 180.0, 4: 1_800_000.0}
+"""Codes of units of coordinates that are angles, and their largest numbers."""
+_LARGEST_LENGTH = 1e7  # of coordinates of both axes; eastings and northings of a grid are smaller
+_FLOATS = (1e-3, 1e8)  # sizes of coordinates that are written as floats
+_SEPARATIONS = (0.005, 20.0)  # m, that the distance from source to receiver may be
 _LONGEST_SEPARATION = 100.0  # m, of two antennas
 _SPREAD = 0.1  # share of the mean separation by which constant ones may differ
 _FAR = 10  # extents of a line; 0, 0 at more than so many from it is no place on it
@@ -56,7 +60,39 @@ def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGe
         Distances or fixes, whichever the coordinates give, and the antennas' separation.
     """
     placed = _line_geometry(table, metre, notes)
+    if placed.separation is None:
+        placed = placed._replace(separation=_stated_offset(table, metre, notes))
     return placed._replace(gather=_gather(table, metre, notes))
+
+
+def _stated_offset(table: NDArray[Any], metre: float, notes: list[str]) -> float | None:
+    """Return the distance from source to receiver, m, where it is the same in all traces.
+
+    By the standard it is in the unit of lengths; radars write it scaled as the coordinates are, or
+    in millimetres.
+    """
+    stated = np.unique(np.abs(float64(table["offset"])))
+    if stated.size != 1 or stated[0] == 0:
+        return None
+    offset = float(stated[0])
+    scale = float(_scale_of(table)[0])
+    manners = {
+        "scaled as the coordinates are": offset * scale * metre,
+        "in the unit of lengths": offset * metre,
+        "in millimetres": offset / 1000,
+    }
+    for manner, separation in manners.items():
+        if _SEPARATIONS[0] <= separation <= _SEPARATIONS[1]:
+            notes.append(
+                f"the antennas are {separation:g} m apart: the distance from source to receiver "
+                f"(bytes 37-40) is {offset:g} in all traces, taken {manner}"
+            )
+            return separation
+    notes.append(
+        f"the distance from source to receiver (bytes 37-40), {offset:g} in all traces, is none of "
+        "antennas and not used"
+    )
+    return None
 
 
 def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
@@ -74,20 +110,14 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Heade
         return HeaderGeometry()
 
     unit = int(units[0])
-    if unit in _ANGULAR:
+    if unit in _LARGEST_ANGLE:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
         return HeaderGeometry(fixes=_fixes_of(_degrees(points, unit), notes))
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
 
     points = _without_far_zeros(points, notes)
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    distance = np.append(0.0, steps.cumsum()) * metre
-    notes.append(
-        f"the distance along the line is that of the traces' coordinates, the {_COORDINATES[name]}"
-    )
-    where = "distances from trace to trace"
-    settled = measured_distance(distance, None, where, "the header", notes)
+    settled = way_along(points * metre, f"the {_COORDINATES[name]}", notes)
     separation = _separation(coordinates, metre, notes)
     for other in coordinates:
         gives_separation = other == "group" and separation is not None
@@ -96,16 +126,37 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Heade
     return HeaderGeometry(settled, Fixes(), separation)
 
 
-def _coordinates(table: NDArray[Any], name: str) -> FloatArray:
-    """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit."""
+def _scale_of(table: NDArray[Any]) -> FloatArray:
+    """Return the factors (trace,) of the coordinates, by their scalar (bytes 71-72)."""
     scalar = float64(table["scalar"])
-    # By the standard (bytes 71-72) a negative scalar divides; 0 counts as 1.
-    divided = 1 / np.maximum(-scalar, 1)
-    multiplied = np.maximum(scalar, 1)
-    scale = np.where(scalar < 0, divided, multiplied)
-    x = table[f"{name}_x"] * scale
-    y = table[f"{name}_y"] * scale
-    return np.stack([x, y], axis=1)
+    # By the standard a negative scalar divides; 0 counts as 1.
+    return np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
+
+
+def _coordinates(table: NDArray[Any], name: str, notes: list[str] | None = None) -> FloatArray:
+    """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit.
+
+    Some programs write floats where the standard has whole numbers: those are told by what they
+    would be as whole numbers, beyond all places.
+    """
+    words = np.stack([table[f"{name}_{axis}"] for axis in "xy"], axis=1)
+    scale = _scale_of(table)[:, None]
+    whole = words * scale
+    largest = _LARGEST_ANGLE.get(int(table["unit"][0]), _LARGEST_LENGTH)
+    is_set = words != 0
+    if not is_set.any() or not (np.abs(whole[is_set]) > largest).all():
+        return whole
+    floats = float64(words.view(words.dtype.str.replace("i", "f")))
+    size = np.abs(floats[is_set])
+    if not (np.isfinite(size).all() and (size >= _FLOATS[0]).all() and (size <= _FLOATS[1]).all()):
+        return whole
+    if notes is not None:
+        scaled = " without their scalar" if (scale != 1).any() else ""
+        notes.append(
+            f"the {_COORDINATES[name]} are read as floating point{scaled}, as some programs write "
+            f"them: as whole numbers they would be up to {np.abs(whole).max():.3g}"
+        )
+    return floats
 
 
 def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
@@ -113,7 +164,7 @@ def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
 
     It is empty for a line.
     """
-    if np.isin(table["unit"], _ANGULAR).any():
+    if np.isin(table["unit"], list(_LARGEST_ANGLE)).any():
         return ""
     source = _coordinates(table, "source")
     group = _coordinates(table, "group")
@@ -140,7 +191,7 @@ def _changing_coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, Fl
     """Return the coordinates (trace, 2) that change along the line, by their names."""
     coordinates = {}
     for name, description in _COORDINATES.items():
-        points = _coordinates(table, name)
+        points = _coordinates(table, name, notes)
         if np.ptp(points, axis=0).any():
             coordinates[name] = points
         elif points.any() and len(points) > 1:

@@ -17,7 +17,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
 from flgpr_exchange.gpr.channels import channels_run, common_band
-from flgpr_exchange.gpr.line_run import ReasonedBand, gpr_run
+from flgpr_exchange.gpr.line_run import ReasonedBand
 
 FloatArray = NDArray[np.float64]
 _CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
@@ -173,7 +173,8 @@ def survey_run(
         lowest = max(band.lowest for band in bands)
         highest = min(band.highest for band in bands)
         options["band"] = ReasonedBand(lowest, highest, "common to all lines and their antennas")
-    if anchor is None and layout.spacing is None and layout.ends is None and len(sections) > 1:
+    is_placed = anchor is not None or layout.spacing is not None or layout.ends is not None
+    if not is_placed and len(sections) > 1 and not _lie_side_by_side(sections):
         raise ValueError(
             "lines of a survey need an anchor, line-spacing or a table of lines, "
             "which tell where they lie"
@@ -191,6 +192,8 @@ def survey_run(
     notes: list[str] = []
     if anchor is None:
         notes += _place_lines(runs, [section.path.name for section in sections], layout)
+    for section, run in zip(sections, runs, strict=True):
+        _carry_offset(section, run)
     notes += _without_clocks(runs)
     scans = [run.sizes["scan"] for run in runs]
     starts = np.cumsum([0, *scans[:-1]]).tolist()
@@ -207,6 +210,28 @@ def survey_run(
         LINE_STARTS: starts,
     }
     return merged.assign_attrs(attrs)
+
+
+def _lie_side_by_side(sections: Sequence[GprSection]) -> bool:
+    """Return whether lines are channels of one, a file each, whose headers place them across."""
+    places = {tuple(one.offsets.ravel()) for one in sections if one.offsets is not None}
+    return len(places) == len(sections) and all(one.traces.shape[1] == 1 for one in sections)
+
+
+def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
+    """Move the poses of a line of one channel by its antennas' offset, which becomes zero.
+
+    Lines of a survey share the positions of their antennas in the vehicle.
+    """
+    if section.offsets is None or section.traces.shape[1] > 1:
+        return
+    across, along = section.offsets[0]
+    pose = run["pose"].values
+    heading = pose[:, 3]
+    pose[:, 0] += across * np.cos(heading) + along * np.sin(heading)
+    pose[:, 1] += along * np.cos(heading) - across * np.sin(heading)
+    for name in ("tx_position", "rx_position"):
+        run[name].values[:, :2] -= section.offsets[0]
 
 
 def _differing_axis(run: xr.Dataset, first: xr.Dataset) -> str | None:
@@ -233,9 +258,6 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
 
 def _line_run(section: GprSection, anchor: Anchor | None, options: dict[str, Any]) -> xr.Dataset:
     """Return one line as a run."""
-    if section.traces.shape[1] == 1:
-        options = {name: value for name, value in options.items() if name != "channel_x"}
-        return gpr_run(section, 0, anchor=anchor, **options)
     return channels_run(section, anchor=anchor, **options)
 
 
@@ -254,6 +276,8 @@ def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineL
         else:
             _move(run, number * spacing, 0.0, 0.0)
             end = length
+    if layout.spacing is None and len(runs) > 1:
+        return [f"{len(runs)} lines are put side by side, by the offsets of their headers"]
     manner = "all begin at y = 0"
     if layout.zigzag:
         manner = "every other line runs back from where the one before ended"

@@ -13,19 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.engine import Arrays
+from flgpr.engine import Arrays, bundle_groups, group_of
 from flgpr.method.cache_key import view_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import RunViewSums
 
+_AS_LEARNT = "as_learnt"
+
 
 class RunView(Pass):
     """The recipe's look at every place of the lane, of cleaned images or their map.
 
     The result holds ``view`` (polarization, subband, y, x) in units of the background, and
-    ``looks`` (y, x), the number of scans that saw a place.
+    ``looks`` (y, x), the number of scans that saw a place. Where the lane's own clutter
+    stands in for what the map has learnt, it also holds ``as_learnt`` (1, 1, y, x): the run-view of
+    the learnt map.
     """
 
     name = "view"
@@ -37,25 +41,40 @@ class RunView(Pass):
         super().__init__(lane, block)
         self._grid = lane.near
         self._sums = lane.steps.view_sums(lane.grid, lane.rows_of(block))
+        self._as_learnt = None
+        if lane.replaces_map:
+            self._as_learnt = lane.steps.view_sums(lane.grid, lane.rows_of(block))
 
     def add(self, scan: ImagedScan) -> None:
         """Lay a scan's image on the lane."""
         self._sums.add(scan.magnitude(), self._grid, scan.pose)
+        if self._as_learnt is not None:
+            self._as_learnt.add(scan.map_as_learnt(), self._grid, scan.pose)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the looks of the rows that the block reaches."""
-        return self._sums.state()
+        if self._as_learnt is None:
+            return self._sums.state()
+        return self._sums.state() | bundle_groups({_AS_LEARNT: self._as_learnt.state()})
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Merge the looks of the block that follows."""
-        self._sums.merge(dict(state))
+        as_learnt = group_of(state, _AS_LEARNT)
+        self._sums.merge({name: state[name] for name in state if "|" not in name})
+        if self._as_learnt is not None:
+            self._as_learnt.merge(as_learnt)
 
     def result(self) -> Arrays:
         """Return the run-view; ranges stand beside the sub-bands."""
+        arrays: Arrays = {}
         values, looks = self._sums.result()
         polarizations = len(values)
-        values = values.reshape(polarizations, -1, *values.shape[-2:])
-        return {"view": values, "looks": looks}
+        arrays["view"] = values.reshape(polarizations, -1, *values.shape[-2:])
+        arrays["looks"] = looks
+        if self._as_learnt is not None:
+            values, _ = self._as_learnt.result()
+            arrays[_AS_LEARNT] = values.reshape(len(values), -1, *values.shape[-2:])
+        return arrays
 
 
 class PlainRunView(Pass):

@@ -18,6 +18,9 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.radar.spread import ArrayState
 
 _SAME_PLACE = 1e-3  # m: nearer antennas are one, which has no direct wave
+# m: horns couple no more strongly than at this distance, for they are about as large and nearer than
+# that not far from each other; assumed
+_LEAST_OF_HORNS = 0.5
 
 
 def port_directions(array: ArrayState, ray: FloatArray) -> FloatArray:
@@ -76,7 +79,7 @@ def path_transfer(
 ) -> ComplexArray:
     """Return what a path passes on, from ports to ports.
 
-    Horns are far from each other. A dipole's field is the closed form of a short dipole, near
+    Horns are far from each other, 0.5 m or more. A dipole's field is the closed form of a short dipole, near
     field included: ``1 + 1/(jkr) + 1/(jkr)²`` across the path and ``-2/(jkr) - 2/(jkr)²`` along it.
 
     Parameters
@@ -96,6 +99,7 @@ def path_transfer(
         total = across * (1 + 1 / turn + 1 / turn**2) - 2 * along * (1 / turn + 1 / turn**2)
     else:
         total = across
+        r = np.maximum(r, _LEAST_OF_HORNS)
     return np.asarray(math.sqrt(4 * math.pi) * total * np.exp(-turn) / r)
 
 
