@@ -57,11 +57,13 @@ lint: $(VENV)/.test
 
 # Tests of what docs/evidence/robustness.md promises.
 ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
-    commands/test_implausible_poses.py ground/test_scorers.py \
+    commands/test_doubts.py commands/test_implausible_poses.py ground/test_scorers.py ground/test_submission.py \
     exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
-    live/test_live_positions.py live/test_senders.py live/test_session.py live/test_sockets.py \
+    live/test_live_positions.py live/test_secret.py live/test_senders.py live/test_session.py live/test_sockets.py \
+    live/test_watch.py \
     model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
-    store/test_run_races.py store/test_run_store.py store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
+    store/test_run_races.py store/test_run_store.py store/test_store_machines.py store/test_table_widths.py trials/test_ledger.py viewer/test_limits.py \
+    viewer/test_server.py
 
 # Many more random kills and damaged files than `make test-slow` tries.
 robustness: $(VENV)/.test
