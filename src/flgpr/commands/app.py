@@ -121,8 +121,8 @@ def _take_in_other_packages() -> None:
         for words, function in offered.commands.items():
             if COMMANDS.setdefault(words, function) is not function:
                 LEFT_OUT.append(f"flgpr {words} of {offer.value} is left out: there is one already")
-        for title, words in offered.panels.items():
-            HELP_PANELS.setdefault(title, {}).update(words)
+        for title, first_words in offered.panels.items():
+            HELP_PANELS.setdefault(title, {}).update(first_words)
 
 
 def _fill(program: typer.Typer) -> None:
