@@ -19,7 +19,7 @@ from sources import BESIDE, ROOT, modules_of, place
 
 PAPERS = ROOT.parent / "flgpr_papers"
 EXCHANGE = ROOT.parent / "flgpr_exchange"
-STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
+STAGES = {"health", "calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 METHOD = {"engine", "progress", "stages", "recipe", "method"}
 BELOW_METHOD = {"model", "jit", "kernels", "store", "engine", "progress", "stages", "recipe"}
@@ -37,6 +37,7 @@ ALLOWED = {
     "jit": set(),
     "kernels": {"jit"},
     **{stage: {"model", "jit", "kernels"} for stage in STAGES},
+    "calibrate": {"model", "jit", "kernels", "health"},
     "scoring": {"model"},
     "store": {"model", "append_log"},
     "geo": {"model", "store"},
@@ -52,10 +53,10 @@ ALLOWED = {
     "results": {"model", "store", "geo", "scoring", *METHOD},
     "design": {"model", "kernels", "imaging", "simulate", *METHOD},
     "report": {"model", "screen", "scoring", *METHOD, "results", "design"} | FILES,
-    "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live"},
+    "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live", "health"},
     "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
     "proving_ground": set(),
-    "accessor": {"model", "imaging", "calibrate", "screen", *METHOD, "results"},
+    "accessor": {"model", "imaging", "health", "screen", *METHOD, "results"},
     "viewer": {"model"} | FILES,
     "notebook": {"commands", "results", "viewer"},
     "commands": BELOW | {*METHOD, "results", "report", "design", "jobs", "live", "viewer"},

@@ -18,6 +18,8 @@ import llvmlite.binding
 import flgpr
 from flgpr.door import read_named, refuse_links
 from flgpr.engine import BLOCK
+from flgpr.health.judging import HEALTHY, Health, LeftOut
+from flgpr.health.of_run import health_of_run, without
 from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.method.model import parse_model, read_model
 from flgpr.method.sections import Section
@@ -63,6 +65,13 @@ class LaneJob:
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
     #: folder of passes that jobs of other recipes share (``jobs/pass_cache.py``); "" for none
     pass_cache: str = ""
+    #: what is wrong with the run and what of it is left out: a ``Health``; by default nothing
+    health: Health = HEALTHY
+
+    @property
+    def left_out(self) -> LeftOut:
+        """Pairs and tones of the run that are left out."""
+        return self.health.left_out
 
     @property
     def folder(self) -> Path:
@@ -96,7 +105,7 @@ class LaneJob:
         follows from the rest.
         """
         rows = None if self.section is None else [self.section.start, self.section.stop]
-        return {
+        entries = {
             "rows": rows,
             "run": self.store_sha256,
             "recipe": sha256(self.recipe.encode()),
@@ -109,6 +118,9 @@ class LaneJob:
             "truth": self.truth[1],
             "explains": self.explains,
         }
+        if self.left_out:
+            entries["left_out"] = [list(self.left_out.pairs), list(self.left_out.tones)]
+        return entries
 
     @property
     def lasting_identity(self) -> dict[str, Any]:
@@ -117,7 +129,8 @@ class LaneJob:
         Neither the versions of the program nor the machine are part of it.
         """
         identity = self.identity
-        return {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
+        names = ("run", "recipe", "lane", "model", "others", "left_out")
+        return {name: identity[name] for name in names if name in identity}
 
 
 def choose_lane(
@@ -201,7 +214,9 @@ def make_job(
     """
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
-    area = area_of(open_run(run, options.max_memory), parsed, borders)
+    stored = open_run(run, options.max_memory)
+    health = health_of_run(stored, borders or (None if parsed.lane is None else parsed.lane.lane()))
+    area = area_of(without(stored, health.left_out), parsed, borders)
     other_runs = []
     for name, path in (others or {}).items():
         other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
@@ -225,6 +240,7 @@ def make_job(
         truth=truth_and_digest,
         lane_source=lane_source,
         pass_cache="" if options.pass_cache is None else absolute(options.pass_cache),
+        health=health,
     )
 
 

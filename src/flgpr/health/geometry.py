@@ -1,0 +1,320 @@
+"""Whether data, antennas and poses fit one another, on a sub-sample of consecutive scans.
+
+Three questions that need no target. Do echoes come from paths that a scene has, or from their
+mirror, as when data are conjugated or their tones are in reverse order? Does the ground focus
+better with another order of the receivers? Do consecutive looks agree where the poses say that they
+should? The images are coarse: a patch of ground ahead, the lowest tones, one polarization at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.model.arrays import FloatArray
+from flgpr.model.constants import SPEED_OF_LIGHT
+from flgpr.model.frames import lane_to_scan, vehicle_to_scan
+
+ComplexArray = NDArray[np.complexfloating]
+
+_UNEVEN = 1e-3  # of the step, by which tones that count as even may differ
+_MOST_TONES = 512  # enough for a coarse image
+_OVERSAMPLING = 4  # of range profiles that are read by linear interpolation
+_BRIGHT = 12  # pixels whose focus is compared
+_CELL = 0.05  # of the height, m of a pixel
+_SMOOTH = 3  # pixels over which the levels of a look are averaged, both ways
+_OVERLAP = 8  # least rows that two looks must share
+BLOCKS = 4
+"""Stretches of consecutive scans that are looked at."""
+BLOCK_SCANS = 7
+"""Scans of a stretch."""
+
+
+def sampled_scans(scans: int) -> NDArray[np.intp]:
+    """Return the numbers of the scans that are looked at: stretches, evenly over a run.
+
+    Parameters
+    ----------
+    scans : int
+        Scans of the run.
+    """
+    length = min(BLOCK_SCANS, scans)
+    starts = np.unique(np.linspace(0, scans - length, BLOCKS).astype(int))
+    return np.unique(starts[:, None] + np.arange(length)).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Differences of one figure between two assumptions, scan by scan."""
+
+    differences: FloatArray
+
+    @property
+    def mean(self) -> float:
+        """Their mean; NaN where there are none."""
+        return float(self.differences.mean()) if self.differences.size else np.nan
+
+    @property
+    def deviations(self) -> float:
+        """Mean over its standard error; 0 for fewer than four."""
+        count = self.differences.size
+        if count < 4:
+            return 0.0
+        error = float(self.differences.std(ddof=1)) / np.sqrt(count)
+        return self.mean / error if error > 0 else 0.0
+
+
+@dataclass
+class GeometryFigures:
+    """What a sub-sample of scans shows of paths, focus and poses; NaN or empty: not checked."""
+
+    #: power at paths of the scene over that at their mirror, dB, the lowest of the polarizations
+    path_db: float = np.nan
+    #: focus with conjugated data over that with their tones reversed; above 1: conjugated
+    conjugated: float = np.nan
+    #: focus with the receivers in reverse order, less that as stated
+    reversed_receivers: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    #: correlation of consecutive looks where the poses put them, their median
+    agreement: float = np.nan
+    #: the same with the way driven backwards, less that as stated
+    backwards: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    #: the same with the poses of the scan after, and of the scan before, less that as stated
+    late: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    early: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+
+
+class GeometryCheck:
+    """Judges a sub-sample of scans.
+
+    Parameters
+    ----------
+    frequency : (frequency,) ndarray of float
+        Tones, Hz.
+    tx_position, rx_position : (pair, 3) ndarray of float
+        Antennas in the vehicle frame, m.
+    polarizations : sequence of str
+        Names of the polarizations.
+    standing : (polarization, pair, frequency) ndarray of complex
+        What stands still, and is no echo of the ground.
+    """
+
+    def __init__(
+        self,
+        frequency: FloatArray,
+        tx_position: FloatArray,
+        rx_position: FloatArray,
+        polarizations: Sequence[str],
+        standing: ComplexArray,
+    ) -> None:
+        self._step = float(np.median(np.diff(frequency))) if frequency.size > 1 else np.nan
+        even = frequency.size > 8 and np.ptp(np.diff(frequency)) < _UNEVEN * self._step
+        self.tones = slice(0, min(frequency.size, _MOST_TONES)) if even else None
+        self._frequency = frequency[self.tones] if even else frequency
+        self._tx = tx_position
+        self._rx = rx_position
+        names = list(polarizations)
+        like = [k for k, name in enumerate(names) if name in ("HH", "VV")]
+        self.polarizations = like or [0]
+        self._standing = standing
+
+    @cached_property
+    def _window(self) -> FloatArray:
+        return np.asarray(np.hanning(self._frequency.size + 2)[1:-1])
+
+    def figures(
+        self, scans: Sequence[int], signals: Sequence[ComplexArray], pose: FloatArray
+    ) -> GeometryFigures:
+        """Judge scans.
+
+        Parameters
+        ----------
+        scans : sequence of int
+            Their numbers, ascending.
+        signals : sequence of (polarization, pair, frequency) ndarray of complex
+            Their data without gaps.
+        pose : (scan, 6) ndarray of float
+            Poses of the whole run.
+        """
+        found = GeometryFigures()
+        if self.tones is None or not len(scans):
+            return found
+        height = float(np.median(pose[:, 2]) + np.mean([self._tx[:, 2], self._rx[:, 2]]))
+        if not height > 0:
+            return found
+        path_db = []
+        conjugated = []
+        receivers = []
+        looks: dict[int, dict[int, FloatArray]] = {}
+        patch = _Patch(height)
+        for k in self.polarizations:
+            looks[k] = {}
+            for number, signal in zip(scans, signals, strict=True):
+                echoes = (signal[k] - self._standing[k])[:, self.tones]
+                profiles, path = self._profiles(echoes)
+                path_db.append(self._path_db(profiles, path, height))
+                antennas = self._antennas(pose[number])
+                image = self._image(profiles, path, *antennas, patch.points)
+                looks[k][number] = patch.look(image.sum(axis=0))
+                tx, rx = antennas
+                mirrored = self._image(profiles, path, tx, rx * [-1, 1, 1], patch.points)
+                receivers.append(_focus(mirrored) - _focus(image))
+                other = [echoes.conj(), echoes[:, ::-1]]
+                focus = (
+                    [
+                        _focus(self._image(*self._profiles(one), tx, rx, patch.points))
+                        for one in other
+                    ]
+                    if path_db[-1] < 0
+                    else [np.nan, np.nan]
+                )
+                conjugated.append(focus[0] / focus[1])
+        known = [value for value in path_db if np.isfinite(value)]
+        found.path_db = float(np.median(known)) if known else np.nan
+        known = [value for value in conjugated if np.isfinite(value)]
+        found.conjugated = float(np.median(known)) if known else np.nan
+        found.reversed_receivers = Paired(np.array(receivers))
+        self._compare_looks(found, looks, pose, patch)
+        return found
+
+    def _antennas(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the antennas in the scan frame, whose origin is the ground below the array."""
+        return vehicle_to_scan(self._tx, pose), vehicle_to_scan(self._rx, pose)
+
+    def _profiles(self, echoes: ComplexArray) -> tuple[ComplexArray, float]:
+        """Return range profiles (pair, bin) and the path of a bin, m."""
+        tones = self._frequency.size
+        size = 1 << int(_OVERSAMPLING * tones - 1).bit_length()
+        spectrum = np.zeros((len(echoes), size), np.complex64)
+        # the middle tone at zero: profiles turn slowly from bin to bin
+        places = (np.arange(tones) - tones // 2) % size
+        spectrum[:, places] = echoes * self._window
+        profiles = np.fft.ifft(spectrum, axis=-1, norm="forward")
+        return profiles, SPEED_OF_LIGHT / (self._step * size)
+
+    def _path_db(self, profiles: ComplexArray, path: float, height: float) -> float:
+        """Return the power at paths of the scene over that at their mirror, dB."""
+        power = (np.abs(profiles) ** 2).sum(axis=0)
+        unambiguous = path * power.size
+        nearest = 2.1 * height
+        farthest = min(8 * height, unambiguous / 2)
+        if farthest < 1.3 * nearest:
+            return np.nan
+        paths = path * np.arange(power.size)
+        scene = power[(paths > nearest) & (paths < farthest)].sum()
+        mirror = power[(unambiguous - paths > nearest) & (unambiguous - paths < farthest)].sum()
+        return float(10 * np.log10(scene / mirror)) if scene > 0 and mirror > 0 else np.nan
+
+    def _image(
+        self,
+        profiles: ComplexArray,
+        path: float,
+        tx: FloatArray,
+        rx: FloatArray,
+        points: FloatArray,
+    ) -> ComplexArray:
+        """Return the image of every pair (pair, point)."""
+        length = np.linalg.norm(points - tx[:, None], axis=-1)
+        length += np.linalg.norm(points - rx[:, None], axis=-1)
+        position = length / path
+        below = np.floor(position).astype(np.intp)
+        share = (position - below).astype(np.float32)
+        rows = np.arange(len(profiles))[:, None]
+        bins = profiles.shape[1]
+        values = (
+            profiles[rows, below % bins] * (1 - share) + profiles[rows, (below + 1) % bins] * share
+        )
+        centre = self._frequency[self._frequency.size // 2]
+        return np.asarray(values * np.exp(2j * np.pi * centre / SPEED_OF_LIGHT * length))
+
+    def _compare_looks(
+        self,
+        found: GeometryFigures,
+        looks: dict[int, dict[int, FloatArray]],
+        pose: FloatArray,
+        patch: _Patch,
+    ) -> None:
+        """Correlate consecutive looks where the poses put them, and where others would."""
+        stated = []
+        backwards = []
+        late = []
+        early = []
+        for of_scan in looks.values():
+            for number in sorted(of_scan):
+                if number + 1 not in of_scan:
+                    continue
+                pair = (of_scan[number], of_scan[number + 1])
+                here = patch.agreement(*pair, _driven(pose, number))
+                if not np.isfinite(here):
+                    continue
+                stated.append(here)
+                backwards.append(patch.agreement(*pair, -_driven(pose, number)) - here)
+                for shift, differences in ((1, late), (-1, early)):
+                    if number + shift >= 0 and number + 1 + shift < len(pose):
+                        other = patch.agreement(*pair, _driven(pose, number + shift)) - here
+                        differences.append(other)
+        found.agreement = float(np.median(stated)) if stated else np.nan
+        found.backwards = _paired(backwards)
+        found.late = _paired(late)
+        found.early = _paired(early)
+
+
+class _Patch:
+    """Ground ahead of an array at a height, m, that a coarse image is made of."""
+
+    def __init__(self, height: float) -> None:
+        self.cell = _CELL * height
+        across = np.arange(-0.6 * height, 0.61 * height, self.cell)
+        ahead = np.arange(height, 2.8 * height, self.cell)
+        self.shape = (ahead.size, across.size)
+        x, y = np.meshgrid(across, ahead)
+        self.points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+
+    def look(self, image: ComplexArray) -> FloatArray:
+        """Return the levels (y, x) of an image, dB, without what only falls off with distance."""
+        power = (np.abs(image) ** 2).reshape(self.shape)
+        levels = 10 * np.log10(power + 1e-30)
+        levels = levels - levels.mean(axis=1, keepdims=True)
+        kernel = np.ones(_SMOOTH) / _SMOOTH
+        for axis in (0, 1):
+            levels = np.apply_along_axis(np.convolve, axis, levels, kernel, "same")
+        return np.asarray(levels)
+
+    def agreement(self, before: FloatArray, after: FloatArray, driven: float) -> float:
+        """Return the correlation of two looks, the second one ``driven`` m farther on."""
+        rows = driven / self.cell
+        below = int(np.floor(rows))
+        share = rows - below
+        values = []
+        for shift in (below, below + 1):
+            if shift >= 0:
+                first, second = before[shift:], after[: len(after) - shift]
+            else:
+                first, second = before[:shift], after[-shift:]
+            if len(first) < _OVERLAP:
+                return np.nan
+            values.append(float(np.corrcoef(first.ravel(), second.ravel())[0, 1]))
+        return (1 - share) * values[0] + share * values[1]
+
+
+def _driven(pose: FloatArray, number: int) -> float:
+    """Return how far a vehicle drives along its heading from a scan to the next, m."""
+    there = np.array([*pose[number + 1][:2], 0.0])
+    return float(lane_to_scan(there, pose[number])[1])
+
+
+def _focus(image: ComplexArray) -> float:
+    """Return the coherence factor over pairs at the brightest pixels, mean."""
+    total = np.abs(image.sum(axis=0)) ** 2
+    bright = np.argsort(total)[-_BRIGHT:]
+    power = (np.abs(image[:, bright]) ** 2).sum(axis=0)
+    return float((total[bright] / (len(image) * power + 1e-30)).mean())
+
+
+def _paired(differences: Sequence[float]) -> Paired:
+    """Return differences, those that are known."""
+    values = np.array(differences, dtype=np.float64)
+    return Paired(values[np.isfinite(values)])
