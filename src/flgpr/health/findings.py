@@ -141,8 +141,8 @@ TURNED_LIKENESS = 0.25
 """Median correlation of neighbouring pairs that is needed to tell a turned sign."""
 NOISY_LIKENESS = 0.5
 """Share of the median likeness of neighbouring tones under which a tone holds noise."""
-STEADY_DB = -5.0
-"""Median change from scan to scan, dB, up to which there is a standing part to tell jitter by."""
+CLEAR = 0.98
+"""Agreement of the tones on the delay from scan to scan that is needed to tell jitter."""
 MOVING_DB = 6.0
 """Change from scan to scan under that of a driving vehicle, dB, from where on it may stand."""
 MOST_PAIRS = 0.5

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from flgpr.health.channels import channel_levels
 from flgpr.health.findings import (
+    CLEAR,
     DEVIATIONS,
     LEAST_SCANS,
     LEAST_TONES,
@@ -18,7 +19,6 @@ from flgpr.health.findings import (
     MOST_TONES,
     MOVING_DB,
     NOISY_LIKENESS,
-    STEADY_DB,
     TURNED_LIKENESS,
     Finding,
     finding,
@@ -209,8 +209,7 @@ def _repeated(sums: HealthSums) -> Iterator[Finding]:
 
 def _noise(sums: HealthSums) -> Iterator[Finding]:
     """Yield that neighbouring tones have nothing in common."""
-    product, power = sums.neighbour
-    difference = 1 - product / power if power > 0 else 0.0
+    difference = 1 - sums.likeness
     if difference > LIMITS["noise"].most:
         yield finding("noise", difference)
 
@@ -249,11 +248,10 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
 
 def _jitter(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     """Yield how far time zero jumps, where a standing part is strong enough to tell."""
-    steps = np.diff(sums.delays)
-    if steps.size < LEAST_SCANS or not sums.median_change_db < STEADY_DB:
+    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
         return
     step = float(np.median(np.diff(radar.frequency)))
-    deviation = float(np.std(steps)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+    deviation = float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
     if deviation > LIMITS["jitter"].most:
         yield finding("jitter", deviation)
 

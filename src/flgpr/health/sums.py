@@ -71,14 +71,13 @@ class HealthSums:
         self.repeated = 0  # scans that hold the numbers of the scan before
         self.alike = np.zeros(channels, np.complex128)  # of a pair's change with the next pair's
         self.change_power = np.zeros(channels)  # of the change on the lowest tones
-        self.next_tone = np.zeros(
-            max(tones - 1, 0), np.complex128
-        )  # of a tone's change with the next
+        between = max(tones - 1, 0)
+        self.next_tone = np.zeros(between, np.complex128)  # of a tone's change with the next
         self.tone_power = np.zeros(tones)  # of the change
-        self.neighbour = np.zeros(2)  # of neighbouring tones: their product, and their power
-        self.delays: list[
-            float
-        ] = []  # of every scan against the standing part, phase per tone, rad
+        self.neighbour = np.zeros(between, np.complex128)  # of a tone with the next
+        self.tone_sum = np.zeros(tones)  # of the power
+        self.delays: list[float] = []  # of every scan from the one before, phase per tone, rad
+        self.clearness: list[float] = []  # of these: 1 where all tones agree
         self.changed: list[float] = []  # power of every change over that of its scan, dB
         self._before: ComplexArray | None = None
         self._before_finite: BoolArray | None = None
@@ -94,8 +93,7 @@ class HealthSums:
         channel_power = power.mean(axis=-1, dtype=np.float64)
         self.sweeps += finite
         self.power += np.where(finite, channel_power, 0)
-        self._add_neighbours(signal)
-        self._add_delay(signal)
+        self._add_neighbours(signal, power)
         whole = signal if finite.all() else np.where(finite[..., None], signal, 0)
         self.standing += whole
         self._add_quarters(whole, finite)
@@ -116,18 +114,25 @@ class HealthSums:
             self.last += whole
             self.in_last += finite
 
-    def _add_neighbours(self, signal: ComplexArray) -> None:
+    def _add_neighbours(self, signal: ComplexArray, power: NDArray[np.floating]) -> None:
         """Add how alike neighbouring tones are: echoes of a scene are, noise is not."""
-        product = np.vdot(signal[..., :-1], signal[..., 1:])
-        power = float(np.vdot(signal, signal).real)
-        self.neighbour += (abs(product), power)
+        self.neighbour += np.einsum("apf,apf->f", signal[..., 1:], signal[..., :-1].conj())
+        self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
 
-    def _add_delay(self, signal: ComplexArray) -> None:
-        """Add how much later a scan is than the mean of those before, as phase per tone."""
-        if not self.scans or signal.shape[-1] < 3:
-            return
-        across = np.einsum("apf,apf->f", signal, self.standing.conj().astype(np.complex64))
-        self.delays.append(float(np.angle(np.vdot(across[:-1], across[1:]))))
+    def _add_delay(
+        self, signal: ComplexArray, before: ComplexArray, channel_power: FloatArray
+    ) -> None:
+        """Add how much later a scan is than the one before, as phase per tone, and how clearly.
+
+        What stands still has the same phase in both, but for the delay. Every channel weighs the
+        same, so that none decides alone.
+        """
+        weight = (1 / np.maximum(channel_power, LEAST_POWER)).astype(np.float32)
+        across = np.einsum("apf,apf->f", signal, before.conj() * weight[..., None])
+        product = np.vdot(across[:-1], across[1:])
+        power = float(np.vdot(across, across).real)
+        self.delays.append(float(np.angle(product)))
+        self.clearness.append(abs(product) / power if power > 0 else 0.0)
 
     def _add_change(
         self, signal: ComplexArray, finite: BoolArray, channel_power: FloatArray
@@ -153,6 +158,7 @@ class HealthSums:
         if not total:
             self.repeated += 1
             return True, -np.inf
+        self._add_delay(signal, before, channel_power)
         self.change_db += _tone_levels(change_power, both)
         self.changes += 1
         changed = change if both.all() else change[both][None]
@@ -179,6 +185,13 @@ class HealthSums:
     def changed_db(self) -> FloatArray:
         """Change from scan to scan of every tone (frequency,) over that of the tones around, dB."""
         return over_neighbours(self.change_db / max(self.changes, 1))
+
+    @property
+    def likeness(self) -> float:
+        """How alike a tone and the next are, 0 to 1, the median of the tones."""
+        power = np.sqrt(self.tone_sum[1:] * self.tone_sum[:-1])
+        alike = np.abs(self.neighbour)[power > 0] / power[power > 0]
+        return float(np.median(alike)) if alike.size else 1.0
 
     @property
     def tone_likeness(self) -> FloatArray:
