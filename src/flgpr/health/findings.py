@@ -120,9 +120,9 @@ LIMITS: dict[str, Limit] = {
         "the heading is turned by 180 degrees, or the positions run backwards",
     ),
     "lag": Limit(
-        0.02,
+        0.03,
         "1",
-        "consecutive looks agree better with the positions of the scan {where}, by {value:.3f}, "
+        "consecutive images agree better with the positions of the scan {where}, by {value:.3f}, "
         "at most {most:.3f}",
         "shift the positions by one scan",
     ),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flgpr.model.arrays import FloatArray
 from flgpr.model.constants import SPEED_OF_LIGHT
-from flgpr.model.frames import lane_to_scan, vehicle_to_scan
+from flgpr.model.frames import lane_to_scan, scan_to_lane, vehicle_to_scan
 
 ComplexArray = NDArray[np.complexfloating]
 
@@ -82,8 +82,9 @@ class GeometryFigures:
     agreement: float = np.nan
     #: the same with the way driven backwards, less that as stated
     backwards: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
-    #: the same with the poses of the scan after, and of the scan before, less that as stated
+    #: likeness of consecutive images with the poses of the scan after, less that as stated
     late: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    #: the same with the poses of the scan before
     early: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
 
 
@@ -145,40 +146,80 @@ class GeometryCheck:
         height = float(np.median(pose[:, 2]) + np.mean([self._tx[:, 2], self._rx[:, 2]]))
         if not height > 0:
             return found
-        path_db = []
+        patch = _Patch(height)
+        paths = []
         conjugated = []
         receivers = []
-        looks: dict[int, dict[int, FloatArray]] = {}
-        patch = _Patch(height)
+        stated = []
+        backwards = []
+        late = []
+        early = []
         for k in self.polarizations:
-            looks[k] = {}
+            before: tuple[int, ComplexArray, FloatArray] | None = None
             for number, signal in zip(scans, signals, strict=True):
                 echoes = (signal[k] - self._standing[k])[:, self.tones]
-                profiles, path = self._profiles(echoes)
-                path_db.append(self._path_db(profiles, path, height))
-                antennas = self._antennas(pose[number])
-                image = self._image(profiles, path, *antennas, patch.points)
-                looks[k][number] = patch.look(image.sum(axis=0))
-                tx, rx = antennas
-                mirrored = self._image(profiles, path, tx, rx * [-1, 1, 1], patch.points)
-                receivers.append(_focus(mirrored) - _focus(image))
-                other = [echoes.conj(), echoes[:, ::-1]]
-                focus = (
-                    [
-                        _focus(self._image(*self._profiles(one), tx, rx, patch.points))
-                        for one in other
-                    ]
-                    if path_db[-1] < 0
-                    else [np.nan, np.nan]
-                )
-                conjugated.append(focus[0] / focus[1])
-        known = [value for value in path_db if np.isfinite(value)]
-        found.path_db = float(np.median(known)) if known else np.nan
-        known = [value for value in conjugated if np.isfinite(value)]
-        found.conjugated = float(np.median(known)) if known else np.nan
-        found.reversed_receivers = Paired(np.array(receivers))
-        self._compare_looks(found, looks, pose, patch)
+                profiles, step = self._profiles(echoes)
+                path_db = self._path_db(profiles, step, height)
+                paths.append(path_db)
+                tx, rx = self._antennas(pose[number])
+                image = self._image(profiles, step, tx, rx, patch.points)
+                if number % 2:
+                    mirrored = self._image(profiles, step, tx, rx * [-1, 1, 1], patch.points)
+                    receivers.append(_focus(mirrored) - _focus(image))
+                if path_db < 0:
+                    focus = []
+                    for other in (echoes.conj(), echoes[:, ::-1]):
+                        focus.append(
+                            _focus(self._image(*self._profiles(other), tx, rx, patch.points))
+                        )
+                    conjugated.append(focus[0] / focus[1])
+                total = image.sum(axis=0)
+                look = patch.look(total)
+                if before is not None and before[0] == number - 1:
+                    here = patch.agreement(before[2], look, _driven(pose, number - 1))
+                    there = patch.agreement(before[2], look, -_driven(pose, number - 1))
+                    stated.append(here)
+                    backwards.append(there - here)
+                    likeness = self._likeness(before[1], profiles, step, pose, number, patch)
+                    late.append(likeness[1] - likeness[0])
+                    early.append(likeness[-1] - likeness[0])
+                before = (number, total, look)
+        found.path_db = _median(paths)
+        found.conjugated = _median(conjugated)
+        found.reversed_receivers = _paired(receivers)
+        found.agreement = _median(stated)
+        found.backwards = _paired(backwards)
+        found.late = _paired(late)
+        found.early = _paired(early)
         return found
+
+    def _likeness(
+        self,
+        before: ComplexArray,
+        profiles: ComplexArray,
+        step: float,
+        pose: FloatArray,
+        number: int,
+        patch: _Patch,
+    ) -> dict[int, float]:
+        """Return how alike the ground looks to a scan and to the one before, phase included.
+
+        Where the second lies from the first is taken from the poses as they are (0), from those of
+        one scan later (1) and of one earlier (-1).
+        """
+        tx, rx = self._antennas(pose[number])
+        seen = before[::2]
+        alike = {}
+        for shift in (0, 1, -1):
+            first, second = number - 1 + shift, number + shift
+            if first < 0 or second >= len(pose):
+                alike[shift] = np.nan
+                continue
+            places = lane_to_scan(scan_to_lane(patch.points[::2], pose[first]), pose[second])
+            again = self._image(profiles, step, tx, rx, places).sum(axis=0)
+            power = np.linalg.norm(seen) * np.linalg.norm(again)
+            alike[shift] = float(abs(np.vdot(again, seen)) / power) if power > 0 else np.nan
+        return alike
 
     def _antennas(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the antennas in the scan frame, whose origin is the ground below the array."""
@@ -217,49 +258,22 @@ class GeometryCheck:
         points: FloatArray,
     ) -> ComplexArray:
         """Return the image of every pair (pair, point)."""
-        length = np.linalg.norm(points - tx[:, None], axis=-1)
-        length += np.linalg.norm(points - rx[:, None], axis=-1)
+        wave = 2j * np.pi * self._frequency[self._frequency.size // 2] / SPEED_OF_LIGHT
+        length: FloatArray | float = 0.0
+        turn: ComplexArray | complex = 1.0
+        for antennas in (tx, rx):  # pairs share antennas
+            places, of_pair = np.unique(antennas, axis=0, return_inverse=True)
+            way = np.linalg.norm(points - places[:, None], axis=-1)
+            length = length + way[of_pair.ravel()]
+            turn = turn * np.exp(wave * way).astype(np.complex64)[of_pair.ravel()]
         position = length / path
-        below = np.floor(position).astype(np.intp)
+        below = position.astype(np.int32)
         share = (position - below).astype(np.float32)
-        rows = np.arange(len(profiles))[:, None]
         bins = profiles.shape[1]
-        values = (
-            profiles[rows, below % bins] * (1 - share) + profiles[rows, (below + 1) % bins] * share
-        )
-        centre = self._frequency[self._frequency.size // 2]
-        return np.asarray(values * np.exp(2j * np.pi * centre / SPEED_OF_LIGHT * length))
-
-    def _compare_looks(
-        self,
-        found: GeometryFigures,
-        looks: dict[int, dict[int, FloatArray]],
-        pose: FloatArray,
-        patch: _Patch,
-    ) -> None:
-        """Correlate consecutive looks where the poses put them, and where others would."""
-        stated = []
-        backwards = []
-        late = []
-        early = []
-        for of_scan in looks.values():
-            for number in sorted(of_scan):
-                if number + 1 not in of_scan:
-                    continue
-                pair = (of_scan[number], of_scan[number + 1])
-                here = patch.agreement(*pair, _driven(pose, number))
-                if not np.isfinite(here):
-                    continue
-                stated.append(here)
-                backwards.append(patch.agreement(*pair, -_driven(pose, number)) - here)
-                for shift, differences in ((1, late), (-1, early)):
-                    if number + shift >= 0 and number + 1 + shift < len(pose):
-                        other = patch.agreement(*pair, _driven(pose, number + shift)) - here
-                        differences.append(other)
-        found.agreement = float(np.median(stated)) if stated else np.nan
-        found.backwards = _paired(backwards)
-        found.late = _paired(late)
-        found.early = _paired(early)
+        rows = np.arange(len(profiles))[:, None]
+        lower = profiles[rows, below % bins]
+        upper = profiles[rows, (below + 1) % bins]
+        return np.asarray((lower + share * (upper - lower)) * turn)
 
 
 class _Patch:
@@ -312,6 +326,12 @@ def _focus(image: ComplexArray) -> float:
     bright = np.argsort(total)[-_BRIGHT:]
     power = (np.abs(image[:, bright]) ** 2).sum(axis=0)
     return float((total[bright] / (len(image) * power + 1e-30)).mean())
+
+
+def _median(values: Sequence[float]) -> float:
+    """Return the median of values that are known; NaN where none is."""
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else np.nan
 
 
 def _paired(differences: Sequence[float]) -> Paired:
