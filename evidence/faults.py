@@ -257,7 +257,9 @@ def live(folder: Path, path: Path, recipe: str, truth: pd.DataFrame, name: str) 
     events = [json.loads(line) for line in (output / "live.jsonl").read_text().splitlines()]
     problems = [event for event in events if event["event"] == "problem"]
     alarms = read_table(output / "alarms.csv", "alarms")
-    told = list(dict.fromkeys(event.get("kind", "problem") for event in problems))
+    told = list(
+        dict.fromkeys(event.get("finding", event.get("kind", "problem")) for event in problems)
+    )
     acted = list(dict.fromkeys(event["done"] for event in problems if "done" in event))
     return Outcome(found_of(alarms, truth), len(alarms), told, acted, seconds)
 

@@ -54,7 +54,7 @@ ALLOWED = {
     "design": {"model", "kernels", "imaging", "simulate", *METHOD},
     "report": {"model", "screen", "scoring", *METHOD, "results", "design"} | FILES,
     "jobs": {"model", "jit", "store", *METHOD, "results", "report", "simulate", "live", "health"},
-    "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
+    "live": {"health", "model", "store", "geo", *METHOD, "append_log"} | STAGES,
     "proving_ground": set(),
     "accessor": {"model", "imaging", "health", "screen", *METHOD, "results"},
     "viewer": {"model"} | FILES,

@@ -78,7 +78,7 @@ def test_a_live_session_keeps_to_the_schema_with_events_of_every_kind(tmp_path):
     assert kinds == {
         "start", "scan", "view", "alarm", "anew", "problem", "counts", "resume", "end",
     }  # fmt: skip
-    assert len(kinds) == len(maker().EVENTS) - 1  # a position is a problem, too
+    assert len(kinds) == len(maker().EVENTS) - 2  # positions and health are problems, too
     assert any("kind" in line for line in lines if line["event"] == "problem")
     assert any({"latitude", "margin_m"} <= line.keys() for line in lines)
 

@@ -126,6 +126,18 @@ LIMITS: dict[str, Limit] = {
         "at most {most:.3f}",
         "shift the positions by one scan",
     ),
+    "no positions": Limit(
+        1.0,
+        "scans",
+        "{value:.0f} scans in a row came without a position",
+        "stop: nobody knows where the vehicle is",
+    ),
+    "restart": Limit(
+        0.0,
+        "scans",
+        "scan numbers begin again at {where}: the radar was started again",
+        "its scans are a new series",
+    ),
     "course": Limit(
         1.0,
         "m",
@@ -135,6 +147,8 @@ LIMITS: dict[str, Limit] = {
 }
 """What may be found, by name."""
 
+STOPPING = ("no positions", "frozen positions", "repeated scans", "noise")
+"""What makes a driver's screen say stop: nothing ahead is seen, or nobody knows where."""
 DEVIATIONS = 4.0
 """Standard errors that a paired difference must have, too."""
 TURNED_LIKENESS = 0.25

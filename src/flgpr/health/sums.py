@@ -6,7 +6,8 @@ by scan are judged by the same numbers.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import deque
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,20 @@ LEAST_POWER = 1e-30
 """Power that stands for none where a level is taken, in the square of the signal's unit."""
 LOWEST_SHARE = 10
 """Neighbouring receivers are compared on the lowest one in so many of the tones."""
+REMEMBERED = 256
+"""Latest scans whose delays and changes are remembered one by one."""
 TONES_AROUND = 101
 """Tones around one whose median is what it is compared with."""
 BURST_DB = 10.0
 """Level of a tone in one scan, over those around it, from which it stands out."""
+
+
+_SUMMED = (
+    *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
+    *("changes", "excess_db", "bursts", "repeated", "alike", "change_power", "next_tone"),
+    *("tone_power", "neighbour", "tone_sum", "delays", "clearness", "changed"),
+)
+"""Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
 
 
 class ScanFigures(NamedTuple):
@@ -76,9 +87,11 @@ class HealthSums:
         self.tone_power = np.zeros(tones)  # of the change
         self.neighbour = np.zeros(between, np.complex128)  # of a tone with the next
         self.tone_sum = np.zeros(tones)  # of the power
-        self.delays: list[float] = []  # of every scan from the one before, phase per tone, rad
-        self.clearness: list[float] = []  # of these: 1 where all tones agree
-        self.changed: list[float] = []  # power of every change over that of its scan, dB
+        # of every scan from the one before, the latest: delay as phase per tone, rad, how clear it
+        # is (1 where all tones agree), and power of the change over that of the scan, dB
+        self.delays = deque[float](maxlen=REMEMBERED)
+        self.clearness = deque[float](maxlen=REMEMBERED)
+        self.changed = deque[float](maxlen=REMEMBERED)
         self._before: ComplexArray | None = None
         self._before_finite: BoolArray | None = None
 
@@ -174,6 +187,26 @@ class HealthSums:
         """Let the next scan not be compared with the one before: scans in between are left out."""
         self._before = None
         self._before_finite = None
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the state as arrays, copies, for a later :meth:`restore`."""
+        arrays = {name: np.asarray(getattr(self, name)).copy() for name in _SUMMED}
+        if self._before is not None and self._before_finite is not None:
+            arrays |= {"before": self._before.copy(), "before_finite": self._before_finite.copy()}
+        return arrays
+
+    def restore(self, arrays: dict[str, NDArray[Any]]) -> None:
+        """Continue from arrays that :meth:`state` returned."""
+        for name in _SUMMED:
+            value: Any = arrays[name]
+            kind = type(getattr(self, name))
+            if kind is int:
+                value = int(value)
+            elif kind is deque:
+                value = deque(value.tolist(), maxlen=REMEMBERED)
+            setattr(self, name, value)
+        self._before = arrays.get("before")
+        self._before_finite = arrays.get("before_finite")
 
     @property
     def median_change_db(self) -> float:
