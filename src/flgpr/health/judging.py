@@ -29,6 +29,7 @@ from flgpr.health.sums import HealthSums
 from flgpr.model.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
+_ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
 @dataclass(frozen=True)
@@ -176,18 +177,42 @@ def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     yield _of_channels("missing pairs", at_fault, float(share.max()), radar)
 
 
+def over_alike(levels: FloatArray, radar: Radar) -> FloatArray:
+    """Return levels (polarization, pair) over those of the pairs whose antennas are as far apart.
+
+    Receivers beside a transmitter are louder than others, all of them.
+
+    Parameters
+    ----------
+    levels : (polarization, pair) ndarray of float
+        Levels over the median pair, dB; NaN where they are not known.
+    radar : Radar
+        Places of the antennas.
+    """
+    apart = np.linalg.norm(radar.tx_position - radar.rx_position, axis=1)
+    over = levels.copy()
+    for pair in range(len(apart)):
+        alike = np.argsort(np.abs(apart - apart[pair]), kind="stable")[:_ALIKE]
+        for k, of_polarization in enumerate(levels[:, alike]):
+            known = of_polarization[np.isfinite(of_polarization)]
+            if known.size:
+                over[k, pair] -= max(float(np.median(known)), 0.0)
+    return over
+
+
 def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     """Yield pairs that are far under or over the others."""
     levels = channel_levels(sums)
     known = sums.sweeps > 0
     dead = known & (levels < -LIMITS["dead pairs"].most)
-    hot = known & (levels > LIMITS["hot pairs"].most)
+    over = over_alike(levels, radar)
+    hot = known & (over > LIMITS["hot pairs"].most)
     if levels.shape[1] < 4 or not np.isfinite(levels[known]).any():
         return
     if dead.any():
         yield _of_channels("dead pairs", dead, float(-levels[dead].min()), radar)
     if hot.any():
-        yield _of_channels("hot pairs", hot, float(levels[hot].max()), radar)
+        yield _of_channels("hot pairs", hot, float(over[hot].max()), radar)
 
 
 def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from flgpr.health.findings import (
     listed,
 )
 from flgpr.health.geometry import GeometryCheck, GeometryFigures, Paired
-from flgpr.health.judging import Radar, judge_geometry, judge_sums, tone_names
+from flgpr.health.judging import Radar, judge_geometry, judge_sums, over_alike, tone_names
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
 from flgpr.model.arrays import FloatArray
 
@@ -165,7 +165,10 @@ class LiveHealth:
         lacking = ~figures.finite.all(axis=0)
         self._absent = np.where(lacking, self._absent + 1, 0)
         with np.errstate(invalid="ignore"):
-            hot = (level > LIMITS["hot pairs"].most).any(axis=0)
+            over = level
+            if (level > LIMITS["hot pairs"].most).any():
+                over = over_alike(level, self._radar)
+            hot = (over > LIMITS["hot pairs"].most).any(axis=0)
             quiet = (level < -LIMITS["dead pairs"].most).any(axis=0)
         if level.shape[1] < _LEAST_CHANNELS:
             hot[:] = quiet[:] = False
@@ -176,7 +179,7 @@ class LiveHealth:
             return np.zeros_like(hot), found
         values = (
             ("missing pairs", absent, 1.0),
-            ("hot pairs", hot, _largest(level[:, hot])),
+            ("hot pairs", hot, _largest(over[:, hot])),
             ("dead pairs", dead, _largest(-level[:, dead])),
         )
         for name, at_fault, value in values:
