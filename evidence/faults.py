@@ -1,8 +1,8 @@
 """What faults of a radar and of its poses cost, and whether they are told: batch and live.
 
-The drive is declared in ``faults.toml``: 80 scans of ``sri-array`` over 16 metal mines. One fault at a time is put into
-its data or its poses, and the recipe is run on what comes out. A mine counts as found where one of the 32 most confident
-alarms lies within 1 m of it. Usage::
+The drive is declared in ``faults.toml``: 80 m of ``sri-array`` over 16 metal mines, in 96 scans. One fault at a time is
+put into its data or its poses, and the recipe is run on what comes out. A mine counts as found where one of the 32 most
+confident alarms lies within 1 m of it. Usage::
 
     python evidence/faults.py WORK_FOLDER [--recipe wang2007] [--only NAME ...] [--roads batch live] [--table]
 
@@ -96,13 +96,13 @@ def on_signal(
 
 def on_pose(change: Callable[[np.ndarray], np.ndarray]) -> Callable[..., Arrays]:
     """Return a fault that changes the poses."""
-    return lambda signal, pose, rng: (signal, change(pose))
+    return lambda signal, pose, _: (signal, change(pose))
 
 
 def put(place: tuple[Any, ...], value: complex) -> Callable[..., Arrays]:
     """Return a fault that overwrites a part of the signal."""
 
-    def change(signal: np.ndarray, rng: np.random.Generator) -> None:
+    def change(signal: np.ndarray, _: np.random.Generator) -> None:
         signal[place] = value
 
     return on_signal(change)
@@ -111,7 +111,7 @@ def put(place: tuple[Any, ...], value: complex) -> Callable[..., Arrays]:
 def scaled(place: tuple[Any, ...], factor: float) -> Callable[..., Arrays]:
     """Return a fault that multiplies a part of the signal."""
 
-    def change(signal: np.ndarray, rng: np.random.Generator) -> None:
+    def change(signal: np.ndarray, _: np.random.Generator) -> None:
         signal[place] *= factor
 
     return on_signal(change)
@@ -122,7 +122,7 @@ def _noisy_tones(signal: np.ndarray, rng: np.random.Generator) -> None:
     part += _noise(rng, part.shape, mean_power(signal))
 
 
-def _frozen_signal(signal: np.ndarray, rng: np.random.Generator) -> None:
+def _frozen_signal(signal: np.ndarray, _: np.random.Generator) -> None:
     middle = len(signal) // 2
     signal[middle:] = signal[middle]
 
@@ -144,10 +144,10 @@ FAULTS: dict[str, Callable[..., Arrays]] = {
     "one pair NaN from the middle on": put((slice(40, None), EVERY, 7), np.nan),
     "one pair 80 dB hot": scaled((EVERY, EVERY, 7), 1e4),
     "one pair dead": scaled((EVERY, EVERY, 7), 1e-4),
-    "conjugated": on_signal(lambda signal, rng: signal.conj()),
-    "tones in reverse order": on_signal(lambda signal, rng: signal[..., ::-1].copy()),
+    "conjugated": on_signal(lambda signal, _: signal.conj()),
+    "tones in reverse order": on_signal(lambda signal, _: signal[..., ::-1].copy()),
     "receivers in reverse order": on_signal(
-        lambda signal, rng: signal.reshape(*signal.shape[:2], 2, 18, -1)[..., ::-1, :].reshape(
+        lambda signal, _: signal.reshape(*signal.shape[:2], 2, 18, -1)[..., ::-1, :].reshape(
             signal.shape
         )
     ),
@@ -157,7 +157,7 @@ FAULTS: dict[str, Callable[..., Arrays]] = {
     "130 tones noisy": on_signal(_noisy_tones),
     "100 tones zero": put((EVERY, EVERY, EVERY, slice(400, 500)), 0.0),
     "all scans the same": on_signal(
-        lambda signal, rng: np.broadcast_to(signal[:1], signal.shape).copy()
+        lambda signal, _: np.broadcast_to(signal[:1], signal.shape).copy()
     ),
     "noise alone": on_signal(lambda signal, rng: _noise(rng, signal.shape, mean_power(signal))),
     "signal frozen from the middle on": on_signal(_frozen_signal),

@@ -1,7 +1,7 @@
 """The highest value of every statistic of a run's health on clean simulated drives: what the limits stand on.
 
-Short drives of all packaged arrays over all packaged sites, each with its own seed, with the sensor errors of the array:
-bursts, interference, drift, missing sweeps and errors of the positions are in them, because every clean run has those.
+Short drives of all packaged arrays over all packaged sites, each with its own seed, with the errors of the array's
+sensors: bursts, interference, drift, missing sweeps and wrong positions are in them, because every clean run has those.
 Usage::
 
     python evidence/health_limits.py WORK_FOLDER [--seeds 1 2 ...] [--seconds S]
@@ -16,10 +16,17 @@ import argparse
 import time
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from common import markdown, with_share
+from flgpr.health.channels import channel_levels
+from flgpr.health.findings import CLEAR, LIMITS, NOISY_LIKENESS
+from flgpr.health.judging import LeftOut, judge_motion, over_alike, turned_pairs
+from flgpr.health.of_run import geometry_figures, health_of_run, radar_of, read_sums
+from flgpr.health.streaming import LiveHealth
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.scene.scene import sites
@@ -63,6 +70,67 @@ def stored_drive(folder: Path, site: str, array: str, seed: int) -> xr.Dataset:
     return open_run(path)
 
 
+def statistics(run: xr.Dataset) -> dict[str, float]:
+    """Return every statistic that a limit stands on, and whether the run warns."""
+    radar = radar_of(run)
+    sums, steps, samples = read_sums(run)
+    figures = geometry_figures(run, radar, sums, samples, LeftOut())
+    levels = channel_levels(sums)
+    likeness = sums.tone_likeness
+    clear = float(np.median(sums.clearness))
+    tone_step = float(np.median(np.diff(radar.frequency)))
+    deviation = float(np.std(sums.delays)) / (2 * np.pi * tone_step) * 1e12 / np.sqrt(2)
+    motion = judge_motion(steps, np.array(sums.changed))
+    return {
+        "missing pairs": float((1 - sums.sweeps / sums.scans).max()),
+        "dead pairs": float(-levels.min()),
+        "hot pairs": float(over_alike(levels, radar).max()),
+        "stuck pairs": float((sums.stuck >= sums.steps[..., None]).mean(axis=-1).max()),
+        "turned pairs": float(len(turned_pairs(sums, radar))),
+        "disturbed tones": float(sums.changed_db.max()),
+        "noisy tones": float((likeness < NOISY_LIKENESS * np.median(likeness)).mean()),
+        "noise": 1 - sums.likeness,
+        "jitter": deviation if clear >= CLEAR else np.nan,
+        "repeated scans": float(sums.repeated),
+        "frozen positions": motion[0].value if motion else 0.0,
+        "paths": -figures.path_db,
+        "receivers": figures.reversed_receivers.mean,
+        "heading": figures.backwards.mean,
+        "lag": max(figures.late.mean, figures.early.mean),
+        "warns": float(bool(health_of_run(run).findings)),
+    }
+
+
+def live_warnings(run: xr.Dataset) -> list[str]:
+    """Return the names of what is told of a run that comes scan by scan."""
+    watch = LiveHealth(radar_of(run))
+    told = []
+    for number in range(run.sizes["scan"]):
+        scan = run.isel(scan=number)
+        told += watch.take(scan["signal"].values, scan["pose"].values).findings
+    return [finding.name for finding in told]
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the highest clean value of every statistic beside its limit."""
+    cells = []
+    for name, limit in LIMITS.items():
+        known = [row for row in rows if np.isfinite(row.get(name, np.nan))]
+        if not known:
+            continue
+        highest = max(known, key=lambda row: row[name])
+        cells.append(
+            (
+                name,
+                f"{highest[name]:.3g}",
+                highest["drive"],
+                f"{limit.most:g} {limit.unit}",
+                len(known),
+            )
+        )
+    return markdown(("statistic", "highest clean value", "of", "limit", "drives"), cells)
+
+
 def main() -> None:
     """Simulate drives, and print the highest clean values."""
     parser = argparse.ArgumentParser(
@@ -71,14 +139,24 @@ def main() -> None:
     parser.add_argument("work", type=Path, help="folder that keeps the drives")
     parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2])
     parser.add_argument("--seconds", type=float, default=np.inf, help="no new drive after these")
+    parser.add_argument("--stored", action="store_true", help="judge the drives that are there")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     begun = time.monotonic()
+    rows = []
     for seed, site, array in product(options.seeds, sites(), ARRAYS):
-        if time.monotonic() - begun > options.seconds:
-            break
+        name = f"{array}-{site}-{seed}"
+        is_new = not (options.work / f"{name}.zarr").exists()
+        if is_new and (options.stored or time.monotonic() - begun > options.seconds):
+            continue
         run = stored_drive(options.work, site, array, seed)
-        print(array, site, seed, dict(run.sizes), round(time.monotonic() - begun), flush=True)
+        row = {"drive": name, **statistics(run), "live": live_warnings(run)}
+        rows.append(row)
+        print(row, flush=True)
+    print(table(rows))
+    warned = sum(bool(row["warns"]) for row in rows)
+    print(f"batch warns on {with_share(warned, len(rows))}")
+    print(f"live warns on {with_share(sum(bool(row['live']) for row in rows), len(rows))}")
 
 
 if __name__ == "__main__":

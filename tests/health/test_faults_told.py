@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from faulty import FAULTS, PAIRS, TONES, make_drive, with_fault
+
 from flgpr.health.findings import LIMITS
 from flgpr.health.of_run import health_of_run, without
 from flgpr.model import Lane, complete_scans

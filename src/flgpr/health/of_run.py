@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.health.findings import LEAST_SCANS, LIMITS, Finding, finding
-from flgpr.health.geometry import GeometryCheck, sampled_scans
+from flgpr.health.geometry import GeometryCheck, GeometryFigures, sampled_scans
 from flgpr.health.judging import (
     Health,
     LeftOut,
@@ -26,7 +26,6 @@ from flgpr.model.arrays import FloatArray
 MOST_SCANS = 256
 """Scans that are read: of a longer run stretches, evenly over it."""
 _STRETCH = 32  # scans of a stretch
-_MOST_GEOMETRY = 10.0  # m, height up to which a patch of ground ahead is looked at
 
 
 def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
@@ -45,14 +44,15 @@ def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
         What is wrong, and which pairs and tones are to be left out.
     """
     radar = radar_of(run)
-    sums, steps, samples = _read(run)
+    sums, steps, samples = read_sums(run)
     found = judge_sums(sums, radar)
     found += judge_motion(steps, np.array(sums.changed))
     settled = what_to_leave_out(found, radar)
     findings = list(settled.findings)
     names = {one.name for one in findings}
     if not names & {"noise", "repeated scans"} and run.attrs.get("sounding") != "ground-coupled":
-        findings += _geometry(run, radar, sums, samples, settled.left_out)
+        figures = geometry_figures(run, radar, sums, samples, settled.left_out)
+        findings += judge_geometry(figures)
     findings += _course(run, lane)
     return Health(tuple(findings), settled.left_out)
 
@@ -67,7 +67,7 @@ def radar_of(run: xr.Dataset) -> Radar:
     )
 
 
-def _read(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArray[Any]]]:
+def read_sums(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArray[Any]]]:
     """Read scans once.
 
     Return their sums, the distance (m) of each from the one before, and the data of those that are
@@ -97,17 +97,17 @@ def _read(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArray[An
     return sums, np.where(np.isfinite(steps), steps, 0.0), samples
 
 
-def _geometry(
+def geometry_figures(
     run: xr.Dataset,
     radar: Radar,
     sums: HealthSums,
     samples: dict[int, NDArray[Any]],
     left_out: LeftOut,
-) -> list[Finding]:
+) -> GeometryFigures:
     """Return what the scans that were kept tell of paths, receivers and poses."""
     pose = np.asarray(run["pose"].values, np.float64)
     if sums.scans < LEAST_SCANS or not np.isfinite(pose).all():
-        return []
+        return GeometryFigures()
     pairs = np.setdiff1d(np.arange(sums.shape[1]), left_out.pairs)
     standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
     standing = standing.astype(np.complex64)
@@ -127,7 +127,7 @@ def _geometry(
         radar.polarizations,
         standing[:, pairs],
     )
-    return judge_geometry(check.figures(list(usable), list(usable.values()), pose))
+    return check.figures(list(usable), list(usable.values()), pose)
 
 
 def _course(run: xr.Dataset, lane: Lane | None) -> list[Finding]:

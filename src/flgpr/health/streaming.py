@@ -94,14 +94,15 @@ class LiveHealth:
         drives = self._drives(pose)
         found = self._positions(figures, pose, drives)
         pairs, of_pairs = self._pairs_at_fault(figures)
+        gaps, of_gaps = self._few_gaps(signal, pairs)
         tones, of_tones = self._tones_at_fault(figures)
-        found += of_pairs + of_tones
+        found += (of_gaps or of_pairs) + of_tones
         if figures.repeated and drives:
             found += self._tell(
                 finding("repeated scans", self.sums.repeated).acted("they are left out")
             )
             return CheckedScan(None, found, repeated=True)
-        cleaned = self._cleaned(signal, figures, pairs, tones)
+        cleaned = self._cleaned(signal, figures, pairs & ~gaps, gaps, tones)
         if cleaned is not None:
             found += self._later(cleaned, pose)
         return CheckedScan(cleaned, found)
@@ -216,14 +217,18 @@ class LiveHealth:
         return marked, self._tell(one.acted("left out of the scans in which they stand out"))
 
     def _cleaned(
-        self, signal: ComplexArray, figures: ScanFigures, pairs: BoolArray, tones: BoolArray
+        self,
+        signal: ComplexArray,
+        figures: ScanFigures,
+        pairs: BoolArray,
+        gaps: BoolArray,
+        tones: BoolArray,
     ) -> ComplexArray | None:
-        """Return a scan without pairs and tones; None where more is missing."""
+        """Return a scan without pairs and tones, and gaps filled in; None where more is missing."""
         if figures.finite.all() and not pairs.any() and not tones.any():
             return signal
         cleaned = signal.copy()
-        if self._fill_in(cleaned, pairs):
-            pairs = pairs & (self._absent < LASTING)
+        _fill_in(cleaned, gaps)
         cleaned[:, pairs] = 0
         cleaned[..., tones] = 0
         if not np.isfinite(cleaned).all():
@@ -231,18 +236,19 @@ class LiveHealth:
         kept = np.count_nonzero(~pairs)
         return np.asarray(cleaned * np.float32(pairs.size / kept)) if kept < pairs.size else cleaned
 
-    def _fill_in(self, signal: ComplexArray, pairs: BoolArray) -> bool:
-        """Fill in lasting gaps of a few tones from the tones beside; return whether it was done."""
-        lasting = pairs & (self._absent >= LASTING)
-        gaps = ~np.isfinite(signal[:, lasting])
-        if not lasting.any() or gaps.sum(axis=-1).max() > max(_FEW_TONES * gaps.shape[-1], 1):
-            return False
-        for pair in np.flatnonzero(lasting):
-            for sweep in signal[:, pair]:
-                good = np.isfinite(sweep)
-                tones = np.arange(sweep.size)
-                sweep[~good] = np.interp(tones[~good], tones[good], sweep[good])
-        return True
+    def _few_gaps(self, signal: ComplexArray, pairs: BoolArray) -> tuple[BoolArray, list[Finding]]:
+        """Return which of the lost pairs (pair,) lack a few tones only, and what is told of it."""
+        lost = pairs & (self._absent >= LASTING)
+        missing = (~np.isfinite(signal)).sum(axis=-1).max(axis=0)
+        gaps = lost & (missing <= max(_FEW_TONES * signal.shape[-1], 1))
+        if not gaps.any() or (lost & ~gaps).any():
+            return gaps, []
+        numbers = np.flatnonzero(gaps).tolist()
+        one = finding(
+            "missing tones", 1.0, f"a few tones of pairs {listed(numbers)}", pairs=numbers
+        )
+        self._told.add("missing pairs")
+        return gaps, self._tell(one.acted("filled in from the tones beside"))
 
     def _later(self, signal: ComplexArray, pose: FloatArray | None) -> list[Finding]:
         """Judge what takes more scans: sums, and whether data and poses fit one another."""
@@ -332,6 +338,15 @@ class LiveHealth:
 
 _PAIRED = ("reversed_receivers", "backwards", "late", "early")
 """Figures of the geometry that add up."""
+
+
+def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
+    """Fill in the gaps of pairs from the tones beside, in place."""
+    for pair in np.flatnonzero(pairs):
+        for sweep in signal[:, pair]:
+            good = np.isfinite(sweep)
+            tones = np.arange(sweep.size)
+            sweep[~good] = np.interp(tones[~good], tones[good], sweep[good])
 
 
 def _is_power(number: int) -> bool:
