@@ -203,7 +203,14 @@ class Finding:
         return replace(self, done=done)
 
 
-def finding(name: str, value: float, where: str = "", **which: Sequence[Any]) -> Finding:
+def finding(
+    name: str,
+    value: float,
+    where: str = "",
+    pairs: Sequence[int] = (),
+    polarizations: Sequence[str] = (),
+    tones: Sequence[int] = (),
+) -> Finding:
     """Return a finding of ``LIMITS``.
 
     Parameters
@@ -214,13 +221,24 @@ def finding(name: str, value: float, where: str = "", **which: Sequence[Any]) ->
         The number, in the limit's unit.
     where : str
         What it concerns, for the sentence.
-    **which
-        ``pairs``, ``polarizations`` and ``tones``.
+    pairs, tones : sequence of int
+        Their numbers, from 0.
+    polarizations : sequence of str
+        Their names.
     """
     limit = LIMITS[name]
     words = limit.words.format(where=where, value=value, most=limit.most)
-    chosen = {key: tuple(values) for key, values in which.items()}
-    return Finding(name, float(value), limit.most, limit.unit, words, limit.advice, **chosen)
+    return Finding(
+        name,
+        float(value),
+        limit.most,
+        limit.unit,
+        words,
+        limit.advice,
+        tuple(pairs),
+        tuple(polarizations),
+        tuple(tones),
+    )
 
 
 def listed(values: Sequence[Any], most: int = 8) -> str:

@@ -259,8 +259,8 @@ class GeometryCheck:
     ) -> ComplexArray:
         """Return the image of every pair (pair, point)."""
         wave = 2j * np.pi * self._frequency[self._frequency.size // 2] / SPEED_OF_LIGHT
-        length: FloatArray | float = 0.0
-        turn: ComplexArray | complex = 1.0
+        length = np.zeros(1)
+        turn: ComplexArray = np.ones(1, np.complex64)
         for antennas in (tx, rx):  # pairs share antennas
             places, of_pair = np.unique(antennas, axis=0, return_inverse=True)
             way = np.linalg.norm(points - places[:, None], axis=-1)

@@ -64,7 +64,7 @@ class LiveHealth:
         self._radar = radar
         shape = (len(radar.polarizations), len(radar.tx_position), radar.frequency.size)
         self.sums = HealthSums(shape)
-        self._told: set[str] = set()
+        self._told: dict[str, set[int]] = {}  # by name, of which pairs or tones
         self._absent = np.zeros(shape[1], np.int64)  # scans in a row that lack a pair
         self._quiet = np.zeros(shape[1], np.int64)  # in which it was dead
         self._doubts = 0  # scans in a row without good positions
@@ -93,25 +93,28 @@ class LiveHealth:
         figures = self.sums.add(signal)
         drives = self._drives(pose)
         found = self._positions(figures, pose, drives)
-        pairs, of_pairs = self._pairs_at_fault(figures)
-        gaps, of_gaps = self._few_gaps(signal, pairs)
+        self._absent = np.where(figures.finite.all(axis=0), 0, self._absent + 1)
+        gaps, of_gaps = self._few_gaps(signal)
+        pairs, of_pairs = self._pairs_at_fault(figures, (self._absent >= LASTING) & ~gaps)
         tones, of_tones = self._tones_at_fault(figures)
-        found += (of_gaps or of_pairs) + of_tones
+        found += of_gaps + of_pairs + of_tones
         if figures.repeated and drives:
             found += self._tell(
                 finding("repeated scans", self.sums.repeated).acted("they are left out")
             )
             return CheckedScan(None, found, repeated=True)
-        cleaned = self._cleaned(signal, figures, pairs & ~gaps, gaps, tones)
+        cleaned = self._cleaned(signal, figures, pairs, gaps, tones)
         if cleaned is not None:
             found += self._later(cleaned, pose)
         return CheckedScan(cleaned, found)
 
     def _tell(self, one: Finding) -> list[Finding]:
-        """Return a finding unless it was told before."""
-        if one.name in self._told:
+        """Return a finding unless it was told before, of all its pairs or tones."""
+        numbers = set(one.pairs or one.tones)
+        known = self._told.get(one.name)
+        if known is not None and numbers <= known:
             return []
-        self._told.add(one.name)
+        self._told[one.name] = numbers | (known or set())
         return [one]
 
     def _drives(self, pose: FloatArray | None) -> bool:
@@ -157,25 +160,25 @@ class LiveHealth:
     def _sure(self) -> None:
         """Note that the position is good: what is wrong with a later one is told again."""
         self._doubts = 0
-        self._told -= {"no positions", "frozen positions"}
+        for name in ("no positions", "frozen positions"):
+            self._told.pop(name, None)
 
-    def _pairs_at_fault(self, figures: ScanFigures) -> tuple[BoolArray, list[Finding]]:
+    def _pairs_at_fault(
+        self, figures: ScanFigures, absent: BoolArray
+    ) -> tuple[BoolArray, list[Finding]]:
         """Return which pairs (pair,) are left out of this scan, and what is told of it."""
         found: list[Finding] = []
         level = figures.level_db
-        lacking = ~figures.finite.all(axis=0)
-        self._absent = np.where(lacking, self._absent + 1, 0)
         with np.errstate(invalid="ignore"):
             over = level
             if (level > LIMITS["hot pairs"].most).any():
                 over = over_alike(level, self._radar)
-            hot = (over > LIMITS["hot pairs"].most).any(axis=0)
-            quiet = (level < -LIMITS["dead pairs"].most).any(axis=0)
+            hot = np.any(over > LIMITS["hot pairs"].most, axis=0)
+            quiet = np.any(level < -LIMITS["dead pairs"].most, axis=0)
         if level.shape[1] < _LEAST_CHANNELS:
-            hot[:] = quiet[:] = False
+            hot = quiet = np.zeros(level.shape[1], np.bool_)
         self._quiet = np.where(quiet, self._quiet + 1, 0)
         dead = self._quiet >= LASTING
-        absent = self._absent >= LASTING
         if np.count_nonzero(hot | dead | absent) > MOST_PAIRS * hot.size:
             return np.zeros_like(hot), found
         values = (
@@ -236,18 +239,17 @@ class LiveHealth:
         kept = np.count_nonzero(~pairs)
         return np.asarray(cleaned * np.float32(pairs.size / kept)) if kept < pairs.size else cleaned
 
-    def _few_gaps(self, signal: ComplexArray, pairs: BoolArray) -> tuple[BoolArray, list[Finding]]:
+    def _few_gaps(self, signal: ComplexArray) -> tuple[BoolArray, list[Finding]]:
         """Return which of the lost pairs (pair,) lack a few tones only, and what is told of it."""
-        lost = pairs & (self._absent >= LASTING)
+        lost = self._absent >= LASTING
         missing = (~np.isfinite(signal)).sum(axis=-1).max(axis=0)
         gaps = lost & (missing <= max(_FEW_TONES * signal.shape[-1], 1))
-        if not gaps.any() or (lost & ~gaps).any():
+        if not gaps.any():
             return gaps, []
         numbers = np.flatnonzero(gaps).tolist()
         one = finding(
             "missing tones", 1.0, f"a few tones of pairs {listed(numbers)}", pairs=numbers
         )
-        self._told.add("missing pairs")
         return gaps, self._tell(one.acted("filled in from the tones beside"))
 
     def _later(self, signal: ComplexArray, pose: FloatArray | None) -> list[Finding]:
@@ -303,7 +305,7 @@ class LiveHealth:
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
         values = {
-            "told": sorted(self._told),
+            "told": {name: sorted(numbers) for name, numbers in self._told.items()},
             "absent": self._absent.tolist(),
             "quiet": self._quiet.tolist(),
             "doubts": self._doubts,
@@ -322,7 +324,7 @@ class LiveHealth:
     def restore(self, values: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Continue from what :meth:`state` returned."""
         self.sums.restore(arrays)
-        self._told = set(values["told"])
+        self._told = {name: set(numbers) for name, numbers in values["told"].items()}
         self._absent = np.array(values["absent"], np.int64)
         self._quiet = np.array(values["quiet"], np.int64)
         self._doubts = int(values["doubts"])

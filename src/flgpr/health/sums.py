@@ -58,7 +58,7 @@ class HealthSums:
         Scans that will come; with it the first and the last quarter are summed, which tell drift.
     """
 
-    def __init__(self, shape: tuple[int, int, int], scans: int = 0) -> None:
+    def __init__(self, shape: tuple[int, ...], scans: int = 0) -> None:
         self.shape = shape
         self._quarter = scans // 4
         self._total = scans
@@ -98,7 +98,7 @@ class HealthSums:
     def add(self, signal: ComplexArray) -> ScanFigures:
         """Take in a scan (polarization, pair, frequency), and return what it shows by itself."""
         not_finite = ~np.isfinite(signal)
-        finite = ~not_finite.any(axis=-1)
+        finite: BoolArray = np.logical_not(np.any(not_finite, axis=-1))
         if not finite.all():
             self.not_finite += not_finite
             signal = np.where(not_finite, 0, signal)

@@ -105,7 +105,7 @@ class LaneJob:
         follows from the rest.
         """
         rows = None if self.section is None else [self.section.start, self.section.stop]
-        entries = {
+        entries: dict[str, Any] = {
             "rows": rows,
             "run": self.store_sha256,
             "recipe": sha256(self.recipe.encode()),
