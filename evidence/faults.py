@@ -27,6 +27,8 @@ import xarray as xr
 from common import markdown, with_share
 from flgpr.commands.detect import detect
 from flgpr.commands.simulate import simulate_lane
+from flgpr.health.of_run import health_of_run, radar_of
+from flgpr.health.streaming import LiveHealth
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.model import make_run
@@ -34,6 +36,7 @@ from flgpr.store import (
     describe_for_live,
     encode_scan,
     open_run,
+    read_lane,
     read_table,
     save_run,
     write_description,
@@ -279,6 +282,35 @@ def _frames(run: xr.Dataset, name: str, run_id: str) -> Iterator[bytes]:
         yield encode_scan(number, scan.signal, pose, scan.time, run_id)
 
 
+def costs(folder: Path, recipe: str) -> str:
+    """Return the processor time of the health of the drive beside that of a detection, medians of three.
+
+    In live it is that of all scans together.
+    """
+    run = open_run(folder / "drive.zarr")
+    lane = folder / "drive-lane.toml"
+    seconds: dict[str, list[float]] = {"health": [], "detection": [], "live health": []}
+    for _ in range(3):
+        begun = time.process_time()
+        health_of_run(run, read_lane(lane))
+        seconds["health"].append(time.process_time() - begun)
+        begun = time.process_time()
+        detect(
+            folder / "drive.zarr", recipe, folder / "costs", lane=lane, report=False, overwrite=True
+        )
+        seconds["detection"].append(time.process_time() - begun)
+        loaded = run["signal"].values
+        watch = LiveHealth(radar_of(run))
+        begun = time.process_time()
+        for signal, pose in zip(loaded, run["pose"].values, strict=True):
+            watch.take(signal, pose)
+        seconds["live health"].append(time.process_time() - begun)
+    medians = {name: float(np.median(values)) for name, values in seconds.items()}
+    share = medians["health"] / medians["detection"]
+    per_scan = 1e3 * medians["live health"] / run.sizes["scan"]
+    return f"{medians}: {share:.1%} of a detection, live {per_scan:.1f} ms a scan"
+
+
 def write_down(path: Path, entries: dict[str, Any]) -> None:
     """Add a line to what was run."""
     with path.open("a") as file:
@@ -315,9 +347,13 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[*FAULTS, *LIVE_FAULTS])
     parser.add_argument("--roads", nargs="*", default=["batch", "live"])
     parser.add_argument("--table", action="store_true")
+    parser.add_argument("--costs", action="store_true")
     options = parser.parse_args()
     folder = options.work
     folder.mkdir(parents=True, exist_ok=True)
+    if options.costs:
+        print(costs(folder, options.recipe))
+        return
     log = folder / f"faults-{Path(options.recipe).stem}.jsonl"
     rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     if not options.table:

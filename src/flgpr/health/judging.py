@@ -265,7 +265,8 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         yield finding("disturbed tones", value, tone_names(tones, radar), tones=tones.tolist())
     likeness = sums.tone_likeness
     usual = float(np.median(likeness))
-    noisy = np.flatnonzero(likeness < NOISY_LIKENESS * usual)
+    told = marked[1:] | marked[:-1]
+    noisy = np.flatnonzero((likeness < NOISY_LIKENESS * usual) & ~told)
     share = noisy.size / likeness.size
     if usual > 0.2 and share > LIMITS["noisy tones"].most:
         yield finding("noisy tones", share, tone_names(noisy, radar))
