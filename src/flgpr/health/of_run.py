@@ -80,7 +80,7 @@ def read_sums(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArra
         numbers = np.unique(starts[:, None] + np.arange(_STRETCH))
     pose = run["pose"].values
     looked_at = set(numbers[sampled_scans(numbers.size)].tolist())
-    sums = HealthSums(run["signal"].shape[1:], numbers.size)
+    sums = HealthSums(run["signal"].shape[1:])
     steps = np.full(numbers.size, np.nan)
     samples: dict[int, NDArray[Any]] = {}
     before = -2

@@ -29,6 +29,8 @@ BURST_DB = 10.0
 """Level of a tone in one scan, over those around it, from which it stands out."""
 
 
+_NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
+_MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
     *("changes", "excess_db", "bursts", "repeated", "alike", "change_power", "next_tone"),
@@ -106,7 +108,8 @@ class HealthSums:
         channel_power = power.mean(axis=-1, dtype=np.float64)
         self.sweeps += finite
         self.power += np.where(finite, channel_power, 0)
-        self._add_neighbours(signal, power)
+        if self.scans % _NEIGHBOURS_EVERY == 0:
+            self._add_neighbours(signal, power)
         whole = signal if finite.all() else np.where(finite[..., None], signal, 0)
         self.standing += whole
         self._add_quarters(whole, finite)
@@ -137,11 +140,13 @@ class HealthSums:
     ) -> None:
         """Add how much later a scan is than the one before, as phase per tone, and how clearly.
 
-        What stands still has the same phase in both, but for the delay. Every channel weighs the
-        same, so that none decides alone.
+        What stands still has the same phase in both, but for the delay. Every second pair is
+        asked, and weighs the same, so that none decides alone.
         """
         weight = (1 / np.maximum(channel_power, LEAST_POWER)).astype(np.float32)
-        across = np.einsum("apf,apf->f", signal, before.conj() * weight[..., None])
+        some = slice(0, None, 2)
+        turned = before[:, some].conj() * weight[:, some, None]
+        across = np.einsum("apf,apf->f", signal[:, some], turned)
         product = np.vdot(across[:-1], across[1:])
         power = float(np.vdot(across, across).real)
         self.delays.append(float(np.angle(product)))
@@ -174,9 +179,10 @@ class HealthSums:
         self._add_delay(signal, before, channel_power)
         self.change_db += _tone_levels(change_power, both)
         self.changes += 1
-        changed = change if both.all() else change[both][None]
-        self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
-        self.tone_power += change_power[both].sum(axis=0, dtype=np.float64)
+        if self.changes % 2:
+            changed = change if both.all() else change[both][None]
+            self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
+            self.tone_power += change_power[both].sum(axis=0, dtype=np.float64)
         low = change[..., : max(8, change.shape[-1] // LOWEST_SHARE)]
         self.alike[:, :-1] += np.einsum("apf,apf->ap", low[:, 1:].conj(), low[:, :-1])
         self.change_power += _power(low).sum(axis=-1)
@@ -282,4 +288,7 @@ def over_neighbours(levels: FloatArray, around: int = TONES_AROUND) -> FloatArra
     half = min(around // 2, (levels.size - 1) // 2)
     padded = np.pad(levels, half, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    return np.asarray(levels - np.median(windows, axis=-1), np.float64)
+    # A median of so many changes slowly from tone to tone.
+    centres = np.arange(0, levels.size, _MEDIAN_EVERY)
+    usual = np.interp(np.arange(levels.size), centres, np.median(windows[centres], axis=-1))
+    return np.asarray(levels - usual, np.float64)
