@@ -24,6 +24,8 @@ ComplexArray = NDArray[np.complexfloating]
 _UNEVEN = 1e-3  # of the step, by which tones that count as even may differ
 _MOST_TONES = 512  # enough for a coarse image
 _OVERSAMPLING = 4  # of range profiles that are read by linear interpolation
+_AIRBORNE = 100.0  # m above the ground, from where on no ground vehicle's array looks ahead
+_LEAST_SHARE = 0.05  # of the power that the paths of a scene and their mirror hold, to be compared
 _BRIGHT = 12  # pixels whose focus is compared
 _CELL = 0.05  # of the height, m of a pixel
 _SMOOTH = 3  # pixels over which the levels of a look are averaged, both ways
@@ -144,7 +146,7 @@ class GeometryCheck:
         if self.tones is None or not len(scans):
             return found
         height = float(np.median(pose[:, 2]) + np.mean([self._tx[:, 2], self._rx[:, 2]]))
-        if not height > 0:
+        if not 0 < height < _AIRBORNE:
             return found
         patch = _Patch(height)
         paths = []
@@ -247,7 +249,9 @@ class GeometryCheck:
         paths = path * np.arange(power.size)
         scene = power[(paths > nearest) & (paths < farthest)].sum()
         mirror = power[(unambiguous - paths > nearest) & (unambiguous - paths < farthest)].sum()
-        return float(10 * np.log10(scene / mirror)) if scene > 0 and mirror > 0 else np.nan
+        if not (scene > 0 and mirror > 0 and scene + mirror > _LEAST_SHARE * power.sum()):
+            return np.nan
+        return float(10 * np.log10(scene / mirror))
 
     def _image(
         self,
