@@ -24,6 +24,7 @@ from flgpr.commands.preparing import RemoveBackground, Step, Subtract, TimeZero,
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.health.channels import channel_health, disturbed_tones, health_summary
+from flgpr.health.of_run import health_of_run
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
 from flgpr.json_text import parse_json
@@ -256,8 +257,9 @@ class RawRun:
             channels[name] = table[name].tolist()
         for name in ("level_db", "coherence", "gain_drift_db", "phase_drift_rad"):
             channels[name] = _numbers(table[name].to_numpy(float))
+        faults = [finding.sentence for finding in health_of_run(self._run).findings]
         return {
-            "summary": health_summary(table) + geometry_doubts(self._run),
+            "summary": health_summary(table) + faults + geometry_doubts(self._run),
             "every": stride,
             "channels": channels,
         }
