@@ -56,8 +56,9 @@ lint: $(VENV)/.test
 	$(LINT)
 
 # Tests of what docs/evidence/robustness.md promises.
-ROBUSTNESS := robustness test_bounds.py method/test_demo.py commands/test_commands_errors.py \
-    commands/test_doubts.py commands/test_implausible_poses.py ground/test_scorers.py ground/test_submission.py \
+ROBUSTNESS := robustness health test_bounds.py method/test_demo.py commands/test_commands_errors.py \
+    commands/test_doubts.py commands/test_health_told.py commands/test_implausible_poses.py \
+    ground/test_scorers.py ground/test_submission.py live/test_live_health.py \
     exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_secret.py live/test_senders.py live/test_session.py live/test_sockets.py \
     live/test_watch.py \

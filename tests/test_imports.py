@@ -19,7 +19,7 @@ from sources import BESIDE, ROOT, modules_of, place
 
 PAPERS = ROOT.parent / "flgpr_papers"
 EXCHANGE = ROOT.parent / "flgpr_exchange"
-STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
+STAGES = {"health", "calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 METHOD = {"engine", "progress", "stages", "recipe", "method"}
 BELOW_METHOD = {"model", "jit", "kernels", "store", "engine", "progress", "stages", "recipe"}
@@ -38,6 +38,7 @@ ALLOWED = {
     "jit": set(),
     "kernels": {"jit"},
     **{stage: {"model", "jit", "kernels"} for stage in STAGES},
+    "calibrate": {"model", "jit", "kernels", "health"},
     "scoring": {"model"},
     "store": {"model", "append_log"},
     "geo": {"model", "store"},
@@ -53,10 +54,21 @@ ALLOWED = {
     "results": {"model", "store", "geo", "scoring", *METHOD},
     "design": {"model", "kernels", "imaging", "simulate", *METHOD},
     "report": {"model", "screen", "scoring", *METHOD, "results", "design"} | FILES,
-    "jobs": {"model", "jit", "store", *METHOD, "results", "report", "scoring", "simulate", "live"},
-    "live": {"model", "store", "geo", *METHOD, "append_log"} | STAGES,
+    "jobs": {
+        "model",
+        "jit",
+        "store",
+        *METHOD,
+        "results",
+        "report",
+        "scoring",
+        "simulate",
+        "live",
+        "health",
+    },
+    "live": {"health", "model", "store", "geo", *METHOD, "append_log"} | STAGES,
     "proving_ground": set(),
-    "accessor": {"model", "imaging", "calibrate", "screen", *METHOD, "results"},
+    "accessor": {"model", "imaging", "health", "screen", *METHOD, "results"},
     "viewer": {"model"} | FILES,
     "notebook": {"commands", "results", "viewer"},
     "commands": BELOW | {*METHOD, "results", "report", "design", "jobs", "live", "viewer"},

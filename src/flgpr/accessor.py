@@ -14,7 +14,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flgpr.calibrate import channel_health
+from flgpr.health.channels import channel_health
 from flgpr.imaging import ScanImager
 from flgpr.imaging.ground import covered_ground
 from flgpr.model import Grid, Lane, check_run, complete_scans, vehicle_to_lane

@@ -38,7 +38,7 @@ class IntakeMachine(RuleBasedStateMachine):
         self.frames = self.bad = 0
 
     def frame(self, number, pose=True, whole=True, run=TINY.run_id):
-        signal = np.full(TINY.shape, 1.0 if whole else np.nan)
+        signal = np.full(TINY.shape, 1.0 + number if whole else np.nan)
         where = [np.sin(number), 0.4 * number, 2.0, 0.02 * number, 0, 0] if pose else None
         return encode_scan(number, signal, where, run_id=run), where
 

@@ -80,8 +80,8 @@ def test_a_live_session_keeps_to_the_schema_with_events_of_every_kind(tmp_path):
     assert kinds == {
         "start", "scan", "view", "alarm", "anew", "problem", "counts", "resume", "end",
     }  # fmt: skip
-    # A position is a problem, too, and without a model nothing is said of the ground.
-    assert len(kinds) == len(maker().EVENTS) - 2
+    # Positions and health are problems, too, and without a model nothing is said of the ground.
+    assert len(kinds) == len(maker().EVENTS) - 3
     assert any("kind" in line for line in lines if line["event"] == "problem")
     assert any({"latitude", "margin_m"} <= line.keys() for line in lines)
 

@@ -134,6 +134,48 @@ def problem(number, kind="pose"):
     return {"event": "problem", "name": "a.scan", "words": words, "kind": kind, "scan": number}
 
 
+def health(finding, stop):
+    words = f"{finding}: 2, at most 1"
+    return {
+        "event": "problem", "name": "a.scan", "words": words, "kind": "health",
+        "finding": finding, "stop": stop,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("finding", "told"),
+    [
+        ("frozen positions", ("Positions frozen", "check the GPS")),
+        ("no positions", ("No positions", "check the GPS")),
+        ("repeated scans", ("Radar frozen", "start it again")),
+    ],
+)
+def test_what_blinds_the_radar_says_stop_until_a_scan_is_of_use_again(driving, finding, told):
+    screen, feeder = driving
+    for number in range(1, 5):
+        feeder.give(scan(number, float(number)))
+        screen.alive()
+        screen.pass_time(250)
+    feeder.give(health("disturbed tones", stop=False))  # a line, and no more
+    screen.alive()
+    screen.pass_time(250)
+    said = screen.says()
+    assert said["state-words"] == ""
+    assert screen.page.locator("#drive-faults").inner_text() == "radar: disturbed tones"
+    feeder.give(health(finding, stop=True))
+    for number in range(5, 8):
+        feeder.give(scan(number, 4.0) | {"outcome": "still"})
+        screen.alive()
+        screen.pass_time(250)
+        said = screen.says()
+        assert (said["state-words"], said["state-detail"]) == told
+        assert said["verdict"] == "blind"
+    feeder.give(scan(8, 5.0))
+    screen.alive()
+    screen.pass_time(250)
+    assert screen.says()["state-words"] == ""
+
+
 def test_positions_that_are_wrong_are_seen_within_a_second_and_until_they_are_good_again(driving):
     screen, feeder = driving
     near = alarm("alarm-1", 0.5, 12.0, 4.5, 4.0)

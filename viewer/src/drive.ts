@@ -20,6 +20,13 @@ const LEAST_UPRIGHT = [640, 1280] as const;
 const ENLARGED = 2.6;
 /** What the driver is told of scans that went wrong. */
 const TOLD: Record<string, string> = { missing: "lost", late: "late", duplicate: "twice", masked: "holes", corrupt: "corrupt", refused: "refused", pose_missing: "no pose", implausible: "wrong place", restarts: "moved" };
+/** What the driver is told where a radar sees nothing, or nobody knows where it is, and what to do. */
+const HALTED: Record<string, readonly [string, string]> = {
+  "no positions": ["No positions", "check the GPS"],
+  "frozen positions": ["Positions frozen", "check the GPS"],
+  "repeated scans": ["Radar frozen", "start it again"],
+  noise: ["Radar blind", "check the transmitter"],
+};
 const THEMES = { light: "Day", night: "Night", sun: "Sun" };
 type Theme = keyof typeof THEMES;
 
@@ -42,6 +49,10 @@ export function health(live: Live, now: number): Health {
   if (now - came.frame > limit) return lost("No radar", now - came.frame);
   const { wrong } = live;
   if (wrong && (wrong.scans > 1 || now - wrong.since > DOUBT)) return { level: "lost", words: "Positions wrong", detail: "check the GPS" };
+  if (live.halted !== null) {
+    const [words, detail] = HALTED[live.halted] ?? ["Radar at fault", "check it"];
+    return { level: "lost", words, detail };
+  }
   if (now - came.use > limit) return lost("Scans unusable", now - came.use);
   if (live.delay > BEHIND) return { level: "slow", words: "Too slow", detail: `${fixed(live.delay / 1000, 1)} s late` };
   return { level: "ok", words: "", detail: "" };
@@ -220,7 +231,9 @@ export class Drive {
     el("drive-speed").textContent = live.speed === null ? "speed not known" : `${fixed(3.6 * live.speed, 0)} km/h${from} stops in ${fixed(live.stopping ?? 0, 1)} m`;
     el("drive-next").textContent = !stale && rest.length ? `then ${rest.slice(0, LISTED - 1).map(({ left }) => `${fixed(left, 1)} m`).join(", ")}${rest.length >= LISTED ? " …" : ""}` : "";
     const faults = Object.entries(TOLD).flatMap(([name, what]) => (live.counts[name] ? [`${what} ${live.counts[name]}`] : []));
-    el("drive-faults").textContent = faults.length ? `scans: ${faults.join(", ")}` : "";
+    const lines = faults.length ? [`scans: ${faults.join(", ")}`] : [];
+    if (live.found.size) lines.push(`radar: ${[...live.found].join(", ")}`);
+    el("drive-faults").textContent = lines.join("; ");
   }
 
   private ring(ahead: { alarm: LiveAlarm; left: number }[], state: Health): void {

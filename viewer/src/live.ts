@@ -10,6 +10,8 @@ interface Event {
   arrived?: number;
   threshold?: number | null;
   outcome?: string;
+  finding?: string;
+  stop?: boolean;
   alarm_id?: string;
   state?: string;
   x?: number;
@@ -135,6 +137,10 @@ export class Live {
   private problem = "";
   /** Since when and for how many scans in a row positions have been wrong, on the page's clock, ms; null while they are good. */
   wrong: { since: number; scans: number } | null = null;
+  /** Names of what is wrong with the radar, as told so far. */
+  readonly found = new Set<string>();
+  /** What blinds the radar or hides where it is, until a scan is of use again; null: nothing does. */
+  halted: string | null = null;
   /** Alarms of before detection started anew: where positions were others, so that none of them lies ahead. */
   private past: ReadonlySet<string> = new Set();
   private latency: number[] = [];
@@ -261,7 +267,8 @@ export class Live {
     this.counts = {};
     this.unlike = [];
     this.problem = "";
-    this.wrong = null;
+    this.wrong = this.halted = null;
+    this.found.clear();
     this.past = new Set();
     this.history.clear();
     this.ended = this.begun = false;
@@ -286,6 +293,11 @@ export class Live {
 
   private takeProblem(event: Event): void {
     this.problem = String(event.words ?? "");
+    if (event.kind === "health") {
+      const name = String(event.finding ?? "");
+      if (event.stop === true) this.halted = name;
+      else this.found.add(name);
+    }
     if (event.kind === "pose") this.wrong = { since: this.wrong?.since ?? performance.now(), scans: (this.wrong?.scans ?? 0) + 1 };
   }
 
@@ -326,6 +338,7 @@ export class Live {
     const [x, y, , heading] = event.pose ?? [];
     if (!number(x) || !number(y)) return;
     this.wrong = null;
+    if (event.outcome === "taken" || event.outcome === "warm-up") this.halted = null;
     const scan = number(event.scan) ? event.scan : this.track.length;
     this.scans.add(scan);
     const one = { scan, x, y, heading: number(heading) ? heading : 0, time: number(event.arrived) ? event.arrived : null };
@@ -421,6 +434,7 @@ export class Live {
     if (this.stopping !== null) parts.push(make("p", { class: "soft" }, `Stopping distance ${fixed(this.stopping, 1)} m`));
     const faults = Object.entries(FAULTS).flatMap(([name, what]) => (this.counts[name] ? [`${this.counts[name]} ${what}`] : []));
     if (faults.length) parts.push(make("p", { id: "live-faults", class: "soft", title: this.problem }, `Scans: ${faults.join(", ")}`));
+    if (this.found.size) parts.push(make("p", { id: "live-health", class: "soft", title: this.problem }, `Radar: ${[...this.found].join(", ")}`));
     const all = this.ahead(this.least);
     const list = make("ul", { "aria-label": "Alarms ahead" });
     for (const { alarm, left } of all.slice(0, LISTED)) {

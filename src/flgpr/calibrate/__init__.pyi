@@ -4,9 +4,6 @@ from flgpr.calibrate.clock import estimate_clock as estimate_clock
 from flgpr.calibrate.clock import remove_range_bias as remove_range_bias
 from flgpr.calibrate.clock import sharpness as sharpness
 from flgpr.calibrate.clock import with_track as with_track
-from flgpr.calibrate.health import channel_health as channel_health
-from flgpr.calibrate.health import disturbed_tones as disturbed_tones
-from flgpr.calibrate.health import health_summary as health_summary
 from flgpr.calibrate.joint import BiasFit as BiasFit
 from flgpr.calibrate.joint import estimate_joint as estimate_joint
 from flgpr.calibrate.joint import estimate_range_bias as estimate_range_bias
@@ -31,4 +28,7 @@ from flgpr.calibrate.reflector import scattering_matrices as scattering_matrices
 from flgpr.calibrate.vna import divide_by_through as divide_by_through
 from flgpr.calibrate.vna import remove_delay as remove_delay
 from flgpr.calibrate.vna import subtract_standard as subtract_standard
+from flgpr.health.channels import channel_health as channel_health
+from flgpr.health.channels import disturbed_tones as disturbed_tones
+from flgpr.health.channels import health_summary as health_summary
 from flgpr.model.aperture import synthetic_aperture as synthetic_aperture

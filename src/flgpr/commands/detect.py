@@ -78,6 +78,8 @@ def _lines_of_result(result: Result) -> Iterator[str]:
         left_out = f"{len(masked_scans)} of {run['scans']} scans"
         yield f"{left_out} left out for missing sweeps: {masked_scans}"
     yield from run.get("motion", {}).get("notes", [])
+    for finding in run.get("health", []):
+        yield finding["sentence"]
     yield from run.get("searched", {}).get("notes", [])
     if run.get("trained_on_this_run"):
         yield TRAINED_ON_THIS_RUN
@@ -96,7 +98,7 @@ def _as_json(returned: Result | Survey, call: Arguments) -> Any:
 def _summary(result: Result) -> dict[str, Any]:
     """Return number of alarms, scans left out, and folder of a result."""
     run = result.manifest["run"]
-    return {
+    summary = {
         "alarms": len(result.detections[0].alarms),
         "masked_scans": run["masked_scans"],
         "implausible_scans": run.get("motion", {}).get("scans", []),
@@ -106,6 +108,9 @@ def _summary(result: Result) -> dict[str, Any]:
         "far": run.get("far", {}),
         "result": str(result.folder),
     }
+    if "health" in run:
+        summary["health"] = run["health"]
+    return summary
 
 
 @command(

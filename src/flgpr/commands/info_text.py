@@ -27,6 +27,8 @@ def info_lines(report: dict[str, Any]) -> list[str]:
         lines.append(_coverage_line(report))
     for health in report["health"]:
         lines.append(f"  channels       {health}")
+    for finding in report.get("findings", []):
+        lines.append(f"  fault          {finding['sentence']}")
     lines += _recipe_lines(report["recipes"])
     for sentence in report["import_notes"]:
         lines.append(f"  note           {sentence}")

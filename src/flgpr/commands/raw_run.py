@@ -1,7 +1,7 @@
 """Raw data of a run as the viewer's pages ask for them: B-scans, spectra, images and health.
 
 What is computed has its home below (:mod:`flgpr.imaging.range_profiles`,
-:mod:`flgpr.calibrate.health`, :mod:`flgpr.imaging.focus`); here queries are checked and bounded.
+:mod:`flgpr.health.channels`, :mod:`flgpr.imaging.focus`); here queries are checked and bounded.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.commands.picture import Picture, picture_of
 from flgpr.commands.preparing import RemoveBackground, Step, Subtract, TimeZero, check_steps
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.formats.reader import is_recording, recording_reader
+from flgpr.health.channels import channel_health, disturbed_tones, health_summary
+from flgpr.health.of_run import health_of_run
 from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
 from flgpr.json_text import parse_json
@@ -259,8 +260,9 @@ class RawRun:
             channels[name] = table[name].tolist()
         for name in ("level_db", "coherence", "gain_drift_db", "phase_drift_rad"):
             channels[name] = _numbers(table[name].to_numpy(float))
+        faults = [finding.sentence for finding in health_of_run(self._run).findings]
         return {
-            "summary": health_summary(table) + geometry_doubts(self._run),
+            "summary": health_summary(table) + faults + geometry_doubts(self._run),
             "every": stride,
             "channels": channels,
         }

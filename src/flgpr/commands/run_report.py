@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.calibrate import channel_health, health_summary
 from flgpr.door import Folder
+from flgpr.health.channels import channel_health, health_summary
+from flgpr.health.of_run import health_of_run, without
 from flgpr.imaging import count_looks
 from flgpr.imaging.ground import covered_ground, grid_ahead
 from flgpr.model import (
@@ -65,6 +66,7 @@ def run_info(
         (m), ``array_m`` (extent of the antennas across, along and up), ``looks`` on a coarse grid,
         what of ``recipes`` does not fit the run, entry by entry, ``import_notes`` of what an import
         assumed, replaced or left out, and ``warnings`` of what is seldom meant.
+        Where the radar or its poses are at fault, ``findings`` lists what is wrong.
 
     Raises
     ------
@@ -76,7 +78,11 @@ def run_info(
     motion_rules = None if parsed is None else parsed.motion
     motion = judge_run(stored, motion_rules)
     description = describe_run(stored, run, motion_rules)
-    dataset = plausible_run(stored, motion_rules)
+    judged = health_of_run(
+        stored, None if parsed is None or parsed.lane is None else parsed.lane.lane()
+    )
+    whole = plausible_run(stored, motion_rules)
+    dataset = plausible_run(without(stored, judged.left_out), motion_rules)
 
     if not complete_scans(dataset).any():
         count = dataset.sizes["scan"]
@@ -93,11 +99,11 @@ def run_info(
 
     doubts = geometry_doubts(dataset) + motion.notes()
     import_notes = dataset.attrs.get("import_notes", [])
-    return {
+    report = {
         **description,
         **_tone_figures(dataset["frequency"].values),
         **_geometry_figures(description, poses),
-        "health": health_summary(channel_health(dataset)),
+        "health": health_summary(channel_health(whole)),
         "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
         "looks": {
             "mean": float(looks.mean()),
@@ -109,6 +115,9 @@ def run_info(
         "import_notes": [str(line) for line in import_notes if line not in doubts],
         "warnings": doubts,
     }
+    if judged.findings:
+        report["findings"] = [finding.as_json() for finding in judged.findings]
+    return report
 
 
 def _tone_figures(frequency: NDArray[np.float64]) -> dict[str, Any]:

@@ -18,6 +18,8 @@ import llvmlite.binding
 import flgpr
 from flgpr.door import read_named, refuse_links
 from flgpr.engine import BLOCK
+from flgpr.health.judging import HEALTHY, Health, LeftOut
+from flgpr.health.of_run import health_of_run, without
 from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.method.model import parse_model, read_model
 from flgpr.method.sections import Section
@@ -75,6 +77,14 @@ class LaneJob:
         """What is asked of the detection about how far it can be trusted."""
         return Trust(self.unlike, self.far, self.only_measures)
 
+    #: what is wrong with the run and what of it is left out: a ``Health``; by default nothing
+    health: Health = HEALTHY
+
+    @property
+    def left_out(self) -> LeftOut:
+        """Pairs and tones of the run that are left out."""
+        return self.health.left_out
+
     @property
     def folder(self) -> Path:
         """The result folder to make."""
@@ -107,7 +117,7 @@ class LaneJob:
         follows from the rest.
         """
         rows = None if self.section is None else [self.section.start, self.section.stop]
-        return {
+        entries: dict[str, Any] = {
             "rows": rows,
             "run": self.store_sha256,
             "recipe": sha256(self.recipe.encode()),
@@ -122,6 +132,9 @@ class LaneJob:
             "unlike": self.unlike,
             "far": self.far,
         }
+        if self.left_out:
+            entries["left_out"] = [list(self.left_out.pairs), list(self.left_out.tones)]
+        return entries
 
     @property
     def lasting_identity(self) -> dict[str, Any]:
@@ -130,7 +143,8 @@ class LaneJob:
         Neither the versions of the program nor the machine are part of it.
         """
         identity = self.identity
-        lasting = {name: identity[name] for name in ("run", "recipe", "lane", "model", "others")}
+        names = ("run", "recipe", "lane", "model", "others", "left_out")
+        lasting = {name: identity[name] for name in names if name in identity}
         if self.unlike != "fallback":
             lasting["unlike"] = self.unlike
         if self.far is not None:
@@ -226,7 +240,9 @@ def make_job(
     Trust(unlike, far)  # refuses what it cannot be
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
-    area = area_of(open_run(run, options.max_memory), parsed, borders)
+    stored = open_run(run, options.max_memory)
+    health = health_of_run(stored, borders or (None if parsed.lane is None else parsed.lane.lane()))
+    area = area_of(without(stored, health.left_out), parsed, borders)
     other_runs = []
     for name, path in (others or {}).items():
         other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
@@ -252,6 +268,7 @@ def make_job(
         pass_cache="" if options.pass_cache is None else absolute(options.pass_cache),
         unlike=unlike,
         far=far,
+        health=health,
     )
 
 

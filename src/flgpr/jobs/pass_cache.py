@@ -55,6 +55,8 @@ class PassCache:
             return None
         identity = self._job.identity
         context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
+        if "left_out" in identity:
+            context["left_out"] = identity["left_out"]
         context["layout"] = _LAYOUT
         return sha256(canonical_json([context, name, depends_on]))[:32]
 

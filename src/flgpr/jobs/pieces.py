@@ -19,6 +19,7 @@ from typing import Any
 from flgpr import system
 from flgpr.door import read_named
 from flgpr.engine import Arrays, Engine, block_name, worker_state
+from flgpr.health.of_run import without
 from flgpr.jobs.checkpoint import BlockCheckpoint, Checkpoint
 from flgpr.jobs.job import LaneJob, code_versions, processor
 from flgpr.jobs.workers import Report
@@ -146,6 +147,8 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
     described = describe_run(lane.run, job.run, lane.recipe.motion)
     searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
     described["searched"] = searched.as_json()
+    if job.health.findings:
+        described["health"] = [finding.as_json() for finding in job.health.findings]
     if trained_on(lane.model, job.store_sha256):
         described["trained_on_this_run"] = True
     if job.far is not None:
@@ -220,7 +223,7 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
     model = None if model_data is None else parse_model(model_data, str(job.model))
     truth = None if truth_data is None else parse_table(truth_data, "truth", job.truth[0])
     recipe = parse_recipe(job.recipe)
-    run = open_run(job.run, job.max_memory)
+    run = without(open_run(job.run, job.max_memory), job.left_out)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
     work = Checkpoint(job.work, job.largest)
     results = work.with_shared(job.shared)

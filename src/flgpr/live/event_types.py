@@ -165,6 +165,23 @@ class PositionEvent(ProblemEvent, StepEntries):
     kind: Literal["pose", "clock"]
 
 
+class HealthEvent(ProblemEvent):
+    """Something is wrong with the radar or its positions; told once while it lasts."""
+
+    kind: Literal["health"]
+    scan: ScanNumber  #: with which it was found
+    finding: str  #: its name, see ``health.findings.LIMITS``
+    value: float  #: in ``unit``
+    limit: float
+    unit: str
+    advice: str  #: what to do
+    stop: bool  #: whether nothing ahead is seen, or nobody knows where: the vehicle is to stop
+    done: NotRequired[str]  #: what was done about it
+    pairs: NotRequired[list[Count]]  #: numbers of the pairs, from 0
+    tones: NotRequired[list[Count]]  #: numbers of the tones, from 0
+    polarizations: NotRequired[list[str]]
+
+
 class CountsEvent(TypedDict):
     """How many scans had which fault; the members are those of ``live.intake.COUNTS``."""
 
@@ -217,6 +234,7 @@ EVENTS = (
     AnewEvent,
     ProblemEvent,
     PositionEvent,
+    HealthEvent,
     CountsEvent,
     ResumeEvent,
     EndEvent,

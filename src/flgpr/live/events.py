@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 
 from flgpr.append_log import write_all
 from flgpr.door import open_own
+from flgpr.health.findings import STOPPING, Finding
 from flgpr.live.event_rate import BURST, EventRate
 from flgpr.live.event_types import (
     AlarmEvent,
     AnewEvent,
     Event,
     GroundEvent,
+    HealthEvent,
     LaneBorders,
     PositionEvent,
     ProblemEvent,
@@ -301,6 +303,41 @@ def ground_event(scan: int, comparison: Comparison) -> GroundEvent:
     """
     words = comparison.notes() or ["this ground is like the training again: the confidences hold"]
     return {"event": "ground", "scan": scan, "unlike": comparison.unlike, "words": words}
+
+
+def health_events(name: str, findings: Iterable[Finding], scan: int) -> list[HealthEvent]:
+    """Return the events of what is wrong with the radar or its positions.
+
+    Parameters
+    ----------
+    name : str
+        The frame's file, or the socket.
+    findings : iterable of Finding
+        What was found.
+    scan : int
+        Number of the scan with which it was found.
+
+    Returns
+    -------
+    list of HealthEvent
+        The events.
+    """
+    events = []
+    for finding in findings:
+        entries = finding.as_json()
+        entries["finding"] = entries.pop("name")
+        entries["words"] = entries.pop("sentence")
+        stop = finding.name in STOPPING
+        event = {
+            "event": "problem",
+            "name": name,
+            "kind": "health",
+            "scan": scan,
+            "stop": stop,
+            **entries,
+        }
+        events.append(cast(HealthEvent, event))
+    return events
 
 
 def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> AnewEvent:

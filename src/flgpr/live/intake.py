@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
+import zlib
 from collections.abc import Iterable, Sequence
 from operator import itemgetter
 from typing import Any
@@ -17,6 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.health.findings import Finding, finding
+from flgpr.health.judging import Radar
+from flgpr.health.streaming import LiveHealth
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 from flgpr.store.scan_file import Frame, pose_fault
@@ -47,6 +51,8 @@ COUNTS = {
     "because they sent nothing of use for too long, or began with something else than a frame",
 }
 _KNOWN_POSES = 8
+_FIRST_NUMBERS = 16  # of a series, whose contents are remembered: a radar begins again with them
+_RESTARTED = 2  # scans in a row with such a number and another content, from which on it has
 _FORGOTTEN = ("taken", "warm_up", "out_of_order", "late", "still", "refused")
 """Counts of scans that detection forgets when it begins anew from nothing."""
 _LARGEST = 2**63  # beyond any number of a scan
@@ -117,6 +123,22 @@ class Intake:
         #: why the pose in the last frame cannot be one, and what became of its scan; "" if it can,
         #: or if the frame states that it has none
         self.pose_report = ""
+        radar = Radar(
+            tuple(description.polarization),
+            np.asarray(description.frequency, np.float64),
+            np.asarray(description.tx_position, np.float64),
+            np.asarray(description.rx_position, np.float64),
+        )
+        self.health = LiveHealth(radar)
+        #: what was found with the last frame and not told before
+        self.findings: list[Finding] = []
+        #: number of the last scan that was looked at
+        self.newest = 0
+        # What the first scans of this series held, by number as sent; and which came otherwise.
+        self._first_contents: dict[int, int] = {}
+        self._again: list[int] = []
+        # What is added to the numbers of a radar that was started again.
+        self._offset = 0
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
         """Return a frame's scan; None, and a count, if it cannot be used.
@@ -138,6 +160,7 @@ class Intake:
         """
         self.counts["received"] += 1
         self.pose_report = ""
+        self.findings = []
         try:
             if fault is not None:
                 raise fault
@@ -146,13 +169,19 @@ class Intake:
         except ScanFileError:
             self.counts["corrupt"] += 1
             raise
+        # No CRC-32: a frame ends in its own, and that of both is the same for all frames.
+        scan = self._in_series(scan, zlib.adler32(data))
         if scan.number in self._used:
             self.counts["duplicate"] += 1
             return None
         self._record(scan)
-        if not np.isfinite(scan.signal).all():
-            self.counts["masked"] += 1
+        self.newest = scan.number
+        checked = self.health.take(scan.signal, scan.pose)
+        self.findings += checked.findings
+        if checked.signal is None:
+            self.counts["refused" if checked.repeated else "masked"] += 1
             return None
+        scan = Scan(scan.number, scan.time, scan.pose, checked.signal)
         if scan.pose is not None:
             return scan
         # While scans are held back it is in doubt where the vehicle is.
@@ -163,6 +192,33 @@ class Intake:
             return None
         self.counts["pose_filled"] += 1
         return Scan(scan.number, scan.time, pose, scan.signal)
+
+    def _in_series(self, scan: Scan, content: int) -> Scan:
+        """Return a scan by its number in the whole run.
+
+        A radar that was started again begins with the numbers that it began with before, and other
+        data: its scans are a new series, which is counted on.
+        """
+        sent = scan.number
+        known = self._first_contents.get(sent)
+        if known is None or known == content:
+            self._again = []
+            if len(self._first_contents) < _FIRST_NUMBERS and known is None:
+                self._first_contents[sent] = content
+        else:
+            self._again.append(sent)
+            last = self._came.runs[-1][1] if self._came.runs else -1
+            in_row = self._again[-_RESTARTED:]
+            ascending = all(after > before for before, after in itertools.pairwise(in_row))
+            if len(in_row) == _RESTARTED and ascending and last - self._offset > sent:
+                self._offset = last + 1 - sent
+                self._first_contents = {sent: content}
+                self._again = []
+                done = f"its scans are counted on from {last + 1}"
+                self.findings.append(finding("restart", 1.0, str(in_row[0])).acted(done))
+        if not self._offset:
+            return scan
+        return Scan(sent + self._offset, scan.time, scan.pose, scan.signal)
 
     def _note_pose_fault(self, number: int, frame: Frame, *, filled: bool) -> None:
         """Note in words what is wrong with the pose in a frame."""
@@ -238,6 +294,9 @@ class Intake:
             "came": [list(run) for run in self._came.runs],
             "poses": _poses_as_json(self._poses),
             "own_poses": _poses_as_json(self._own_poses),
+            "first_contents": [list(item) for item in self._first_contents.items()],
+            "again": list(self._again),
+            "offset": self._offset,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -249,6 +308,10 @@ class Intake:
         self._came = Numbers(state["came"])
         self._poses = _poses_from_json(state["poses"])
         self._own_poses = _poses_from_json(state["own_poses"])
+        # A snapshot of a version before has none of these.
+        self._first_contents = {int(k): int(v) for k, v in state.get("first_contents", [])}
+        self._again = [int(number) for number in state.get("again", [])]
+        self._offset = int(state.get("offset", 0))
 
     def _record(self, scan: Scan) -> None:
         """Record the number of a scan that came, and its pose if others are filled in from it.

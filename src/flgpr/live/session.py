@@ -42,6 +42,7 @@ from flgpr.live.events import (
     EventFile,
     anew_event,
     ground_event,
+    health_events,
     position_events,
     problem_event,
     scan_event,
@@ -396,14 +397,17 @@ class LiveRun:
             scan = intake.admit(arrival.data, arrival.value)
         except ScanFileError as error:
             problem = str(error)
+        health = health_events(arrival.name, intake.findings, intake.newest)
         if detector is None:
             if scan is None:
+                events.append(health)
                 reasons = [problem] if problem else [intake.pose_report, _NO_POSE]
                 problems = [problem_event(arrival.name, reason) for reason in reasons if reason]
                 events.append(problems)
                 return False
             recipe = self._fit_recipe(scan, intake.description, events)
             detector = self._build(recipe, intake, events, None)
+        lines += health
         if intake.pose_report:
             lines.append(problem_event(arrival.name, intake.pose_report))
         update = None

@@ -59,7 +59,12 @@ def take_snapshot(
     header, arrays
         The state, as :func:`write_snapshot` takes it.
     """
-    return _header(detector, intake, names, fingerprint), _arrays(detector)
+    header = _header(detector, intake, names, fingerprint)
+    arrays = _arrays(detector)
+    header["health"], of_health = intake.health.state()
+    for name, value in of_health.items():
+        arrays[f"health.{name}"] = value
+    return header, arrays
 
 
 def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
@@ -250,6 +255,8 @@ def _restore(
         signal = arrays[f"held{number}.signal"]
         detector.held[number] = Scan(number, sighting.time, sighting.pose, signal)
     intake.restore(header["intake"])
+    if "health" in header:  # a snapshot of a version before has none
+        intake.health.restore(header["health"], arrays_under(arrays, "health."))
 
 
 class SnapshotWriter(AbstractContextManager["SnapshotWriter"]):

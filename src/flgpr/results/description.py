@@ -30,12 +30,17 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
+def _is_finding(value: Any) -> bool:
+    return isinstance(value, dict) and _is_text(value.get("sentence"))
+
+
 _RULES: dict[str, Callable[[Any], bool]] = {
     "text": _is_text,
     "a count": _is_count,
     "a table": lambda value: isinstance(value, dict),
     "a list of scan numbers": lambda value: isinstance(value, list) and all(map(_is_count, value)),
     "a list of texts": lambda value: isinstance(value, list) and all(map(_is_text, value)),
+    "a list of findings": lambda value: isinstance(value, list) and all(map(_is_finding, value)),
 }
 """What an entry of a manifest may have to be, in words and as a check."""
 
@@ -120,6 +125,7 @@ def check_description(description: Any) -> None:
         entries = description.get(name, {})
         _check(f"run.{name}", "a table", entries)
         _check(f"run.{name}.notes", "a list of texts", entries.get("notes", []))
+    _check("run.health", "a list of findings", description.get("health", []))
     _check("run.polarizations", "a list of texts", description.get("polarizations", []))
     for name, length in _ROWS.items():
         rows = description.get(name, [])

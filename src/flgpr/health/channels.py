@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.health.sums import HealthSums
 from flgpr.model import check_run
+from flgpr.model.arrays import FloatArray
 
 QUIET = -25.0
 """Level under the median of a polarization's pairs at which a channel counts as dead, dB."""
@@ -41,37 +45,73 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
         ``quiet`` dB, stuck or without any sweep).
     """
     check_run(run)
-    rows = []
-    signal = run["signal"].values
     valid = run["valid"].values
-    for k, label in enumerate(run["polarization"].values):
-        sweeps_by_pair = []
-        for pair in range(run.sizes["pair"]):
-            sweeps_by_pair.append(signal[valid[:, k, pair], k, pair])
-        power = np.array([_power(sweeps) for sweeps in sweeps_by_pair])
-        # Pairs without a sweep do not count for the median.
-        median = float(np.median(power[power > 0])) if (power > 0).any() else 1.0
-        for pair, sweeps in enumerate(sweeps_by_pair):
-            level = 10 * np.log10(power[pair] / median) if power[pair] > 0 else -np.inf
-            stuck = 0.0
-            if len(sweeps) > 1:
-                stuck = float((sweeps == sweeps[:1]).all(axis=0).mean())
-            double = sweeps.astype(np.complex128)
-            gain, phase = _drift(double)
+    sums = HealthSums(run["signal"].shape[1:], run.sizes["scan"])
+    for scan in range(run.sizes["scan"]):
+        signal = run["signal"].variable[scan].values
+        if not valid[scan].all():
+            signal = np.where(valid[scan, ..., None], signal, np.nan)
+        sums.add(signal)
+    labels = [str(label) for label in run["polarization"].values]
+    return channel_table(sums, labels, (~valid).sum(axis=0), quiet)
+
+
+def channel_table(
+    sums: HealthSums,
+    polarizations: Sequence[str],
+    missing: NDArray[np.integer],
+    quiet: float = QUIET,
+) -> pd.DataFrame:
+    """Return the table of :func:`channel_health` from sums.
+
+    Parameters
+    ----------
+    sums : HealthSums
+        Sums of a run.
+    polarizations : sequence of str
+        Their names.
+    missing : (polarization, pair) ndarray of int
+        Sweeps that are missing.
+    quiet : float
+        Level under the median pair at which a channel is dead, dB.
+    """
+    level = channel_levels(sums)
+    always = (sums.stuck == sums.steps[..., None]) & (sums.steps[..., None] > 0)
+    stuck = always.mean(axis=-1)
+    coherence = _coherence(sums)
+    gain, phase = _drift(sums)
+    dead = (sums.sweeps == 0) | (level < quiet) | (stuck > 0.5)
+    rows = []
+    for k, label in enumerate(polarizations):
+        for pair in range(level.shape[1]):
             rows.append(
                 {
-                    "polarization": str(label),
+                    "polarization": label,
                     "pair": pair,
-                    "level_db": level,
-                    "missing": int(np.count_nonzero(~valid[:, k, pair])),
-                    "stuck": stuck,
-                    "coherence": _coherence(double),
-                    "gain_drift_db": gain,
-                    "phase_drift_rad": phase,
-                    "dead": bool(len(sweeps) == 0 or level < quiet or stuck > 0.5),
+                    "level_db": level[k, pair],
+                    "missing": int(missing[k, pair]),
+                    "stuck": float(stuck[k, pair]),
+                    "coherence": coherence[k, pair],
+                    "gain_drift_db": gain[k, pair],
+                    "phase_drift_rad": phase[k, pair],
+                    "dead": bool(dead[k, pair]),
                 }
             )
     return pd.DataFrame(rows)
+
+
+def channel_levels(sums: HealthSums) -> FloatArray:
+    """Return the mean level of channels (polarization, pair) over the median pair, dB.
+
+    Pairs without a sweep, and without power, do not count for the median.
+    """
+    power = sums.power / np.maximum(sums.sweeps, 1)
+    levels = np.full(power.shape, -np.inf)
+    for row, of_row in zip(levels, power, strict=True):
+        known = of_row > 0
+        if known.any():
+            row[known] = 10 * np.log10(of_row[known] / np.median(of_row[known]))
+    return levels
 
 
 def health_summary(table: pd.DataFrame) -> list[str]:
@@ -99,36 +139,33 @@ def health_summary(table: pd.DataFrame) -> list[str]:
     return [f"all {len(table)} channels are alive" + (", none drifts" if len(steady) else "")]
 
 
-def _power(sweeps: NDArray[np.complexfloating]) -> float:
-    """Return the mean power; 0 without a sweep."""
-    return float(np.mean(np.abs(sweeps.astype(np.complex128)) ** 2)) if sweeps.size else 0.0
-
-
-def _coherence(sweeps: NDArray[np.complex128]) -> float:
+def _coherence(sums: HealthSums) -> FloatArray:
     """Return the power of the mean over the mean power, less what chance makes of it.
 
     The mean of N independent sweeps has 1/N of their power.
     """
-    count = len(sweeps)
-    total = _power(sweeps)
-    if count < 2 or total == 0:
-        return 0.0
-    share = _power(sweeps.mean(axis=0)) / total
-    return max(0.0, (share - 1 / count) / (1 - 1 / count))
+    count = np.maximum(sums.sweeps, 1)
+    standing = np.mean(np.abs(sums.standing / count[..., None]) ** 2, axis=-1)
+    total = sums.power / count
+    share = np.divide(standing, total, out=np.zeros_like(total), where=total > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        known = (share - 1 / count) / (1 - 1 / count)
+    return np.where((count < 2) | (total == 0), 0.0, np.maximum(known, 0.0))
 
 
-def _drift(sweeps: NDArray[np.complex128]) -> tuple[float, float]:
+def _drift(sums: HealthSums) -> tuple[FloatArray, FloatArray]:
     """Return the drift of gain, dB, and phase, rad, from the first to the last quarter of scans."""
-    quarter = len(sweeps) // 4
-    if quarter < 1:
-        return np.nan, np.nan
-    first = sweeps[:quarter].mean(axis=0)
-    last = sweeps[-quarter:].mean(axis=0)
-    base = float((np.abs(first) ** 2).sum())
-    factor = complex((first.conj() * last).sum()) / base if base > 0 else 0j
-    if not factor:
-        return np.nan, np.nan
-    return 20 * np.log10(abs(factor)), float(np.angle(factor))
+    unknown = np.full(sums.sweeps.shape, np.nan)
+    if not sums.first.size:
+        return unknown, unknown
+    first = sums.first / np.maximum(sums.in_first, 1)[..., None]
+    last = sums.last / np.maximum(sums.in_last, 1)[..., None]
+    base = (np.abs(first) ** 2).sum(axis=-1)
+    product = (first.conj() * last).sum(axis=-1)
+    known = (base > 0) & (product != 0)
+    factor = np.divide(product, base, out=np.ones_like(product), where=known)
+    gain = np.where(known, 20 * np.log10(np.abs(factor)), np.nan)
+    return gain, np.where(known, np.angle(factor), np.nan)
 
 
 def disturbed_tones(signal: ArrayLike) -> NDArray[np.bool_]:

@@ -1,0 +1,344 @@
+"""Whether data, antennas and poses fit one another, on a sub-sample of consecutive scans.
+
+Three questions that need no target. Do echoes come from paths that a scene has, or from their
+mirror, as when data are conjugated or their tones are in reverse order? Does the ground focus
+better with another order of the receivers? Do consecutive looks agree where the poses say that they
+should? The images are coarse: a patch of ground ahead, the lowest tones, one polarization at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.model.arrays import FloatArray
+from flgpr.model.constants import SPEED_OF_LIGHT
+from flgpr.model.frames import lane_to_scan, scan_to_lane, vehicle_to_scan
+
+ComplexArray = NDArray[np.complexfloating]
+
+_UNEVEN = 1e-3  # of the step, by which tones that count as even may differ
+_MOST_TONES = 512  # enough for a coarse image
+_OVERSAMPLING = 4  # of range profiles that are read by linear interpolation
+_AIRBORNE = 100.0  # m above the ground, from where on no ground vehicle's array looks ahead
+_LEAST_SHARE = 0.05  # of the power that the paths of a scene and their mirror hold, to be compared
+_BRIGHT = 12  # pixels whose focus is compared
+_CELL = 0.05  # of the height, m of a pixel
+_SMOOTH = 3  # pixels over which the levels of a look are averaged, both ways
+_OVERLAP = 8  # least rows that two looks must share
+BLOCKS = 4
+"""Stretches of consecutive scans that are looked at."""
+BLOCK_SCANS = 7
+"""Scans of a stretch."""
+
+
+def sampled_scans(scans: int) -> NDArray[np.intp]:
+    """Return the numbers of the scans that are looked at: stretches, evenly over a run.
+
+    Parameters
+    ----------
+    scans : int
+        Scans of the run.
+    """
+    length = min(BLOCK_SCANS, scans)
+    starts = np.unique(np.linspace(0, scans - length, BLOCKS).astype(int))
+    return np.unique(starts[:, None] + np.arange(length)).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Differences of one figure between two assumptions, scan by scan."""
+
+    differences: FloatArray
+
+    @property
+    def mean(self) -> float:
+        """Their mean; NaN where there are none."""
+        return float(self.differences.mean()) if self.differences.size else np.nan
+
+    @property
+    def deviations(self) -> float:
+        """Mean over its standard error; 0 for fewer than four."""
+        count = self.differences.size
+        if count < 4:
+            return 0.0
+        error = float(self.differences.std(ddof=1)) / np.sqrt(count)
+        return self.mean / error if error > 0 else 0.0
+
+
+@dataclass
+class GeometryFigures:
+    """What a sub-sample of scans shows of paths, focus and poses; NaN or empty: not checked."""
+
+    #: power at paths of the scene over that at their mirror, dB, the lowest of the polarizations
+    path_db: float = np.nan
+    #: focus with conjugated data over that with their tones reversed; above 1: conjugated
+    conjugated: float = np.nan
+    #: focus with the receivers in reverse order, less that as stated
+    reversed_receivers: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    #: correlation of consecutive looks where the poses put them, their median
+    agreement: float = np.nan
+    #: the same with the way driven backwards, less that as stated
+    backwards: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    #: likeness of consecutive images with the poses of the scan after, less that as stated
+    late: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    #: the same with the poses of the scan before
+    early: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+
+
+class GeometryCheck:
+    """Judges a sub-sample of scans.
+
+    Parameters
+    ----------
+    frequency : (frequency,) ndarray of float
+        Tones, Hz.
+    tx_position, rx_position : (pair, 3) ndarray of float
+        Antennas in the vehicle frame, m.
+    polarizations : sequence of str
+        Names of the polarizations.
+    standing : (polarization, pair, frequency) ndarray of complex
+        What stands still, and is no echo of the ground.
+    """
+
+    def __init__(
+        self,
+        frequency: FloatArray,
+        tx_position: FloatArray,
+        rx_position: FloatArray,
+        polarizations: Sequence[str],
+        standing: ComplexArray,
+    ) -> None:
+        self._step = float(np.median(np.diff(frequency))) if frequency.size > 1 else np.nan
+        even = frequency.size > 8 and np.ptp(np.diff(frequency)) < _UNEVEN * self._step
+        self.tones = slice(0, min(frequency.size, _MOST_TONES)) if even else None
+        self._frequency = frequency[self.tones] if even else frequency
+        self._tx = tx_position
+        self._rx = rx_position
+        names = list(polarizations)
+        like = [k for k, name in enumerate(names) if name in ("HH", "VV")]
+        self.polarizations = like or [0]
+        self._standing = standing
+
+    @cached_property
+    def _window(self) -> FloatArray:
+        return np.asarray(np.hanning(self._frequency.size + 2)[1:-1])
+
+    def figures(
+        self, scans: Sequence[int], signals: Sequence[ComplexArray], pose: FloatArray
+    ) -> GeometryFigures:
+        """Judge scans.
+
+        Parameters
+        ----------
+        scans : sequence of int
+            Their numbers, ascending.
+        signals : sequence of (polarization, pair, frequency) ndarray of complex
+            Their data without gaps.
+        pose : (scan, 6) ndarray of float
+            Poses of the whole run.
+        """
+        found = GeometryFigures()
+        if self.tones is None or not len(scans):
+            return found
+        height = float(np.median(pose[:, 2]) + np.mean([self._tx[:, 2], self._rx[:, 2]]))
+        if not 0 < height < _AIRBORNE:
+            return found
+        patch = _Patch(height)
+        paths = []
+        conjugated = []
+        receivers = []
+        stated = []
+        backwards = []
+        late = []
+        early = []
+        for k in self.polarizations:
+            before: tuple[int, ComplexArray, FloatArray] | None = None
+            for number, signal in zip(scans, signals, strict=True):
+                echoes = (signal[k] - self._standing[k])[:, self.tones]
+                profiles, step = self._profiles(echoes)
+                path_db = self._path_db(profiles, step, height)
+                paths.append(path_db)
+                tx, rx = self._antennas(pose[number])
+                image = self._image(profiles, step, tx, rx, patch.points)
+                if number % 2:
+                    mirrored = self._image(profiles, step, tx, rx * [-1, 1, 1], patch.points)
+                    receivers.append(_focus(mirrored) - _focus(image))
+                if path_db < 0:
+                    focus = []
+                    for other in (echoes.conj(), echoes[:, ::-1]):
+                        focus.append(
+                            _focus(self._image(*self._profiles(other), tx, rx, patch.points))
+                        )
+                    conjugated.append(focus[0] / focus[1])
+                total = image.sum(axis=0)
+                look = patch.look(total)
+                if before is not None and before[0] == number - 1:
+                    here = patch.agreement(before[2], look, _driven(pose, number - 1))
+                    there = patch.agreement(before[2], look, -_driven(pose, number - 1))
+                    stated.append(here)
+                    backwards.append(there - here)
+                    likeness = self._likeness(before[1], profiles, step, pose, number, patch)
+                    late.append(likeness[1] - likeness[0])
+                    early.append(likeness[-1] - likeness[0])
+                before = (number, total, look)
+        found.path_db = _median(paths)
+        found.conjugated = _median(conjugated)
+        found.reversed_receivers = _paired(receivers)
+        found.agreement = _median(stated)
+        found.backwards = _paired(backwards)
+        found.late = _paired(late)
+        found.early = _paired(early)
+        return found
+
+    def _likeness(
+        self,
+        before: ComplexArray,
+        profiles: ComplexArray,
+        step: float,
+        pose: FloatArray,
+        number: int,
+        patch: _Patch,
+    ) -> dict[int, float]:
+        """Return how alike the ground looks to a scan and to the one before, phase included.
+
+        Where the second lies from the first is taken from the poses as they are (0), from those of
+        one scan later (1) and of one earlier (-1).
+        """
+        tx, rx = self._antennas(pose[number])
+        seen = before[::2]
+        alike = {}
+        for shift in (0, 1, -1):
+            first, second = number - 1 + shift, number + shift
+            if first < 0 or second >= len(pose):
+                alike[shift] = np.nan
+                continue
+            places = lane_to_scan(scan_to_lane(patch.points[::2], pose[first]), pose[second])
+            again = self._image(profiles, step, tx, rx, places).sum(axis=0)
+            power = np.linalg.norm(seen) * np.linalg.norm(again)
+            alike[shift] = float(abs(np.vdot(again, seen)) / power) if power > 0 else np.nan
+        return alike
+
+    def _antennas(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the antennas in the scan frame, whose origin is the ground below the array."""
+        return vehicle_to_scan(self._tx, pose), vehicle_to_scan(self._rx, pose)
+
+    def _profiles(self, echoes: ComplexArray) -> tuple[ComplexArray, float]:
+        """Return range profiles (pair, bin) and the path of a bin, m."""
+        tones = self._frequency.size
+        size = 1 << int(_OVERSAMPLING * tones - 1).bit_length()
+        spectrum = np.zeros((len(echoes), size), np.complex64)
+        # the middle tone at zero: profiles turn slowly from bin to bin
+        places = (np.arange(tones) - tones // 2) % size
+        spectrum[:, places] = echoes * self._window
+        profiles = np.fft.ifft(spectrum, axis=-1, norm="forward")
+        return profiles, SPEED_OF_LIGHT / (self._step * size)
+
+    def _path_db(self, profiles: ComplexArray, path: float, height: float) -> float:
+        """Return the power at paths of the scene over that at their mirror, dB."""
+        power = (np.abs(profiles) ** 2).sum(axis=0)
+        unambiguous = path * power.size
+        nearest = 2.1 * height
+        farthest = min(8 * height, unambiguous / 2)
+        if farthest < 1.3 * nearest:
+            return np.nan
+        paths = path * np.arange(power.size)
+        scene = power[(paths > nearest) & (paths < farthest)].sum()
+        mirror = power[(unambiguous - paths > nearest) & (unambiguous - paths < farthest)].sum()
+        if not (scene > 0 and mirror > 0 and scene + mirror > _LEAST_SHARE * power.sum()):
+            return np.nan
+        return float(10 * np.log10(scene / mirror))
+
+    def _image(
+        self,
+        profiles: ComplexArray,
+        path: float,
+        tx: FloatArray,
+        rx: FloatArray,
+        points: FloatArray,
+    ) -> ComplexArray:
+        """Return the image of every pair (pair, point)."""
+        wave = 2j * np.pi * self._frequency[self._frequency.size // 2] / SPEED_OF_LIGHT
+        length = np.zeros(1)
+        turn: ComplexArray = np.ones(1, np.complex64)
+        for antennas in (tx, rx):  # pairs share antennas
+            places, of_pair = np.unique(antennas, axis=0, return_inverse=True)
+            way = np.linalg.norm(points - places[:, None], axis=-1)
+            length = length + way[of_pair.ravel()]
+            turn = turn * np.exp(wave * way).astype(np.complex64)[of_pair.ravel()]
+        position = length / path
+        below = position.astype(np.int32)
+        share = (position - below).astype(np.float32)
+        bins = profiles.shape[1]
+        rows = np.arange(len(profiles))[:, None]
+        lower = profiles[rows, below % bins]
+        upper = profiles[rows, (below + 1) % bins]
+        return np.asarray((lower + share * (upper - lower)) * turn)
+
+
+class _Patch:
+    """Ground ahead of an array at a height, m, that a coarse image is made of."""
+
+    def __init__(self, height: float) -> None:
+        self.cell = _CELL * height
+        across = np.arange(-0.6 * height, 0.61 * height, self.cell)
+        ahead = np.arange(height, 2.8 * height, self.cell)
+        self.shape = (ahead.size, across.size)
+        x, y = np.meshgrid(across, ahead)
+        self.points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+
+    def look(self, image: ComplexArray) -> FloatArray:
+        """Return the levels (y, x) of an image, dB, without what only falls off with distance."""
+        power = (np.abs(image) ** 2).reshape(self.shape)
+        levels = 10 * np.log10(power + 1e-30)
+        levels = levels - levels.mean(axis=1, keepdims=True)
+        kernel = np.ones(_SMOOTH) / _SMOOTH
+        for axis in (0, 1):
+            levels = np.apply_along_axis(np.convolve, axis, levels, kernel, "same")
+        return np.asarray(levels)
+
+    def agreement(self, before: FloatArray, after: FloatArray, driven: float) -> float:
+        """Return the correlation of two looks, the second one ``driven`` m farther on."""
+        rows = driven / self.cell
+        below = int(np.floor(rows))
+        share = rows - below
+        values = []
+        for shift in (below, below + 1):
+            if shift >= 0:
+                first, second = before[shift:], after[: len(after) - shift]
+            else:
+                first, second = before[:shift], after[-shift:]
+            if len(first) < _OVERLAP:
+                return np.nan
+            values.append(float(np.corrcoef(first.ravel(), second.ravel())[0, 1]))
+        return (1 - share) * values[0] + share * values[1]
+
+
+def _driven(pose: FloatArray, number: int) -> float:
+    """Return how far a vehicle drives along its heading from a scan to the next, m."""
+    there = np.array([*pose[number + 1][:2], 0.0])
+    return float(lane_to_scan(there, pose[number])[1])
+
+
+def _focus(image: ComplexArray) -> float:
+    """Return the coherence factor over pairs at the brightest pixels, mean."""
+    total = np.abs(image.sum(axis=0)) ** 2
+    bright = np.argsort(total)[-_BRIGHT:]
+    power = (np.abs(image[:, bright]) ** 2).sum(axis=0)
+    return float((total[bright] / (len(image) * power + 1e-30)).mean())
+
+
+def _median(values: Sequence[float]) -> float:
+    """Return the median of values that are known; NaN where none is."""
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else np.nan
+
+
+def _paired(differences: Sequence[float]) -> Paired:
+    """Return differences, those that are known."""
+    values = np.array(differences, dtype=np.float64)
+    return Paired(values[np.isfinite(values)])

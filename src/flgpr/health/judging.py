@@ -1,0 +1,345 @@
+"""From sums to findings: which channels and tones are at fault, and which of them may be left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.health.channels import channel_levels
+from flgpr.health.findings import (
+    CLEAR,
+    DEVIATIONS,
+    LEAST_SCANS,
+    LEAST_TONES,
+    LIMITS,
+    MOST_PAIRS,
+    MOST_TONES,
+    MOVING_DB,
+    NOISY_LIKENESS,
+    TURNED_LIKENESS,
+    Finding,
+    finding,
+    listed,
+)
+from flgpr.health.geometry import GeometryFigures, Paired
+from flgpr.health.sums import HealthSums
+from flgpr.model.arrays import FloatArray
+
+BoolArray = NDArray[np.bool_]
+_ALIKE = 5  # pairs whose antennas are as far apart, the nearest
+
+
+@dataclass(frozen=True)
+class Radar:
+    """What sums are judged by: the names and places of channels and tones."""
+
+    polarizations: tuple[str, ...]
+    frequency: FloatArray  #: (frequency,) Hz
+    tx_position: FloatArray  #: (pair, 3) m, in the vehicle frame
+    rx_position: FloatArray  #: (pair, 3) m
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Pairs and tones that are left out of a run, by their numbers from 0."""
+
+    pairs: tuple[int, ...] = ()
+    tones: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.pairs or self.tones)
+
+
+@dataclass(frozen=True)
+class Health:
+    """What is wrong with a run, and what of it is left out."""
+
+    findings: tuple[Finding, ...] = ()
+    left_out: LeftOut = LeftOut()
+
+
+HEALTHY = Health()
+"""Nothing is wrong, and nothing left out."""
+
+
+def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
+    """Return what sums tell of channels, tones, time zero and repeated scans."""
+    found = [*_missing(sums, radar), *_levels(sums, radar), *_stuck(sums, radar)]
+    if sums.scans < LEAST_SCANS:
+        return found
+    found += _repeated(sums)
+    if sums.shape[2] >= LEAST_TONES:
+        found += [*_noise(sums), *_tones(sums, radar), *_jitter(sums, radar)]
+    found += _turned(sums, radar)
+    return found
+
+
+def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
+    """Decide which pairs and tones are left out, and say so in the findings.
+
+    At most half of the pairs and a tenth of the tones are: of less there is no image.
+    """
+    pairs: set[int] = set()
+    tones: set[int] = set()
+    settled = []
+    for one in findings:
+        chosen, count, most = pairs, len(radar.tx_position), MOST_PAIRS
+        numbers = one.pairs
+        if one.name in ("missing tones", "disturbed tones"):
+            chosen, count, most = tones, radar.frequency.size, MOST_TONES
+            numbers = one.tones
+        elif one.name not in ("missing pairs", "dead pairs", "hot pairs", "stuck pairs"):
+            settled.append(one)
+            continue
+        together = chosen | set(numbers)
+        if len(together) > most * count:
+            settled.append(one)
+            continue
+        chosen |= together
+        what = "pair" if chosen is pairs else "tone"
+        left = f"{len(numbers)} {what}{'' if len(numbers) == 1 else 's'} left out"
+        settled.append(one.acted(left))
+    return Health(tuple(settled), LeftOut(tuple(sorted(pairs)), tuple(sorted(tones))))
+
+
+def judge_geometry(figures: GeometryFigures) -> list[Finding]:
+    """Return what a sub-sample of scans tells of paths, receivers and poses."""
+    if figures.path_db < -LIMITS["paths"].most:
+        what = "conjugated, or their tones are in reverse order"
+        if figures.conjugated > 1.25:
+            what = "conjugated (or, less likely, their tones are in reverse order)"
+        elif figures.conjugated < 0.8:
+            what = "in reverse order of the tones (or, less likely, conjugated)"
+        # The looks of such data say nothing.
+        return [finding("paths", -figures.path_db, what)]
+    found = []
+    if _is_better(figures.reversed_receivers, "receivers"):
+        found.append(finding("receivers", figures.reversed_receivers.mean))
+    if _is_better(figures.backwards, "heading"):
+        return [*found, finding("heading", figures.backwards.mean)]
+    for paired, where in ((figures.late, "after"), (figures.early, "before")):
+        if _is_better(paired, "lag"):
+            found.append(finding("lag", paired.mean, where))
+    return found
+
+
+def _is_better(paired: Paired, name: str) -> bool:
+    """Return whether another assumption fits better than what is stated, beyond chance."""
+    return paired.mean > LIMITS[name].most and paired.deviations > DEVIATIONS
+
+
+def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:
+    """Return whether positions stand still while the ground goes by.
+
+    Parameters
+    ----------
+    steps : (step,) ndarray of float
+        Distances between consecutive scans by their poses, m.
+    change_db : (step,) ndarray of float
+        Power of the change of the data, over that of the scan, dB; NaN where it is not known.
+    """
+    known = np.isfinite(change_db)
+    if np.count_nonzero(known) < LEAST_SCANS or not (steps > 0).any():
+        return []
+    stands = steps < 0.2 * np.quantile(steps[known], 0.75)
+    driving = known & ~stands
+    if not driving.any():
+        return []
+    goes_by = change_db > np.median(change_db[driving]) - MOVING_DB
+    share = np.count_nonzero(known & stands & goes_by) / np.count_nonzero(known)
+    return [finding("frozen positions", share)] if share > LIMITS["frozen positions"].most else []
+
+
+def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield pairs, or tones, that are not finite in many scans.
+
+    A few tones that explain all of it are named instead of their pairs: less is lost by them.
+    """
+    most = LIMITS["missing pairs"].most
+    share = 1 - sums.sweeps / max(sums.scans, 1)
+    at_fault = share > most
+    if sums.scans < 3 or not at_fault.any():
+        return
+    by_tone = sums.not_finite / max(sums.scans, 1)
+    bad = (by_tone > most) & at_fault[..., None]
+    tones = np.flatnonzero(bad.any(axis=(0, 1)))
+    pairs = np.flatnonzero(at_fault.any(axis=0))
+    if tones.size and tones.size / bad.shape[2] <= min(pairs.size / bad.shape[1], MOST_TONES):
+        kept = np.setdiff1d(np.arange(bad.shape[2]), tones)
+        explained = not (by_tone[at_fault][:, kept] > 0).any()
+        if explained:
+            value = float(by_tone[bad].max())
+            yield finding("missing tones", value, tone_names(tones, radar), tones=tones.tolist())
+            return
+    yield _of_channels("missing pairs", at_fault, float(share.max()), radar)
+
+
+def over_alike(levels: FloatArray, radar: Radar) -> FloatArray:
+    """Return levels (polarization, pair) over those of the pairs whose antennas are as far apart.
+
+    Receivers beside a transmitter are louder than others, all of them.
+
+    Parameters
+    ----------
+    levels : (polarization, pair) ndarray of float
+        Levels over the median pair, dB; NaN where they are not known.
+    radar : Radar
+        Places of the antennas.
+    """
+    apart = np.linalg.norm(radar.tx_position - radar.rx_position, axis=1)
+    over = levels.copy()
+    for pair in range(len(apart)):
+        alike = np.argsort(np.abs(apart - apart[pair]), kind="stable")[:_ALIKE]
+        for k, of_polarization in enumerate(levels[:, alike]):
+            known = of_polarization[np.isfinite(of_polarization)]
+            if known.size:
+                over[k, pair] -= max(float(np.median(known)), 0.0)
+    return over
+
+
+def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield pairs that are far under or over the others."""
+    levels = channel_levels(sums)
+    known = sums.sweeps > 0
+    dead = known & (levels < -LIMITS["dead pairs"].most)
+    over = over_alike(levels, radar)
+    hot = known & (over > LIMITS["hot pairs"].most)
+    if levels.shape[1] < 4 or not np.isfinite(levels[known]).any():
+        return
+    if dead.any():
+        yield _of_channels("dead pairs", dead, float(-levels[dead].min()), radar)
+    if hot.any():
+        yield _of_channels("hot pairs", hot, float(over[hot].max()), radar)
+
+
+def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield pairs that hold the same numbers in all scans, while others change."""
+    if sums.changes < 2:
+        return
+    always = (sums.stuck >= sums.steps[..., None]) & (sums.steps[..., None] > 1)
+    share = always.mean(axis=-1)
+    stuck = share > LIMITS["stuck pairs"].most
+    if stuck.any() and not stuck.all():
+        yield _of_channels("stuck pairs", stuck, float(share.max()), radar)
+
+
+def _repeated(sums: HealthSums) -> Iterator[Finding]:
+    """Yield that scans are those before."""
+    if sums.repeated:
+        yield finding("repeated scans", sums.repeated)
+
+
+def _noise(sums: HealthSums) -> Iterator[Finding]:
+    """Yield that neighbouring tones have nothing in common."""
+    difference = 1 - sums.likeness
+    if difference > LIMITS["noise"].most:
+        yield finding("noise", difference)
+
+
+def disturbed(sums: HealthSums) -> BoolArray:
+    """Mark the tones (frequency,) that change or stand out more than the tones around.
+
+    Parameters
+    ----------
+    sums : HealthSums
+        Sums of two scans at least.
+    """
+    most = LIMITS["disturbed tones"].most
+    marked = sums.bursts > max(2, 0.1 * sums.scans)
+    if sums.changes:
+        marked = marked | (sums.changed_db > most)
+    return np.asarray(marked)
+
+
+def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield disturbed tones, and noisy ones."""
+    if not sums.changes:
+        return
+    marked = disturbed(sums)
+    if marked.any():
+        tones = np.flatnonzero(marked)
+        value = float(sums.changed_db[marked].max())
+        yield finding("disturbed tones", value, tone_names(tones, radar), tones=tones.tolist())
+    likeness = sums.tone_likeness
+    usual = float(np.median(likeness))
+    told = marked[1:] | marked[:-1]
+    noisy = np.flatnonzero((likeness < NOISY_LIKENESS * usual) & ~told)
+    share = noisy.size / likeness.size
+    if usual > 0.2 and share > LIMITS["noisy tones"].most:
+        yield finding("noisy tones", share, tone_names(noisy, radar))
+
+
+def _jitter(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield how far time zero jumps, where a standing part is strong enough to tell."""
+    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
+        return
+    step = float(np.median(np.diff(radar.frequency)))
+    deviation = float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+    if deviation > LIMITS["jitter"].most:
+        yield finding("jitter", deviation)
+
+
+def _turned(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield pairs whose sign is opposite to that of the next receivers of the same transmitter."""
+    pairs = turned_pairs(sums, radar)
+    if pairs:
+        yield finding("turned pairs", len(pairs), f"pairs {listed(pairs)}", pairs=pairs)
+
+
+def turned_pairs(sums: HealthSums, radar: Radar) -> list[int]:
+    """Return the numbers of the pairs whose sign is turned; none where it cannot be told.
+
+    Along the receivers of a transmitter every correlation of neighbours has the sign that most of
+    them have, but where one of the two is turned. The fewer are the turned ones.
+    """
+    like = [k for k, name in enumerate(radar.polarizations) if name in ("HH", "VV")] or [0]
+    likeness = sums.pair_likeness[like].mean(axis=0)
+    tx = radar.tx_position
+    same = np.all(np.isclose(tx[1:], tx[:-1]), axis=1)
+    if not same.any():
+        same[:] = True
+    usable = same & np.isfinite(likeness)
+    if np.count_nonzero(usable) < 3:
+        return []
+    usual = float(np.median(likeness[usable]))
+    strength = float(np.median(np.abs(likeness[usable])))
+    if strength < TURNED_LIKENESS:
+        return []
+    usual_sign = np.sign(usual)
+    turned: list[int] = []
+    group: list[tuple[int, int]] = [(0, 1)]
+    for pair in range(1, len(tx)):
+        if not usable[pair - 1]:
+            turned += _fewer(group)
+            group = [(pair, 1)]
+            continue
+        value = likeness[pair - 1] * usual_sign
+        flips = value < -TURNED_LIKENESS / 2
+        sign = -group[-1][1] if flips else group[-1][1]
+        group.append((pair, sign))
+    return turned + _fewer(group)
+
+
+def _fewer(group: Sequence[tuple[int, int]]) -> list[int]:
+    """Return the pairs of the sign that fewer have."""
+    total = sum(sign for _, sign in group)
+    return [pair for pair, sign in group if sign * (1 if total >= 0 else -1) < 0]
+
+
+def _of_channels(name: str, at_fault: BoolArray, value: float, radar: Radar) -> Finding:
+    """Return a finding of channels (polarization, pair)."""
+    pairs = np.flatnonzero(at_fault.any(axis=0)).tolist()
+    labels = [radar.polarizations[k] for k in np.flatnonzero(at_fault.any(axis=1))]
+    plural = "pair" if len(pairs) == 1 else "pairs"
+    where = f"{plural} {listed(pairs)} of {', '.join(labels)}"
+    return finding(name, value, where, pairs=pairs, polarizations=labels)
+
+
+def tone_names(tones: NDArray[np.integer], radar: Radar) -> str:
+    """Return tones by number and in MHz, the first few."""
+    named = [f"{tone} ({radar.frequency[tone] / 1e6:.1f} MHz)" for tone in tones[:4]]
+    more = f" and {tones.size - 4} more" if tones.size > 4 else ""
+    return f"{'tone' if tones.size == 1 else 'tones'} {', '.join(named)}{more}"

@@ -1,0 +1,168 @@
+"""Health of a stored run in one pass, and the run without what is left out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.health.findings import LEAST_SCANS, LIMITS, Finding, finding
+from flgpr.health.geometry import GeometryCheck, GeometryFigures, sampled_scans
+from flgpr.health.judging import (
+    Health,
+    LeftOut,
+    Radar,
+    judge_geometry,
+    judge_motion,
+    judge_sums,
+    what_to_leave_out,
+)
+from flgpr.health.sums import HealthSums
+from flgpr.model import Lane
+from flgpr.model.arrays import FloatArray
+
+MOST_SCANS = 256
+"""Scans that are read: of a longer run stretches, evenly over it."""
+_STRETCH = 32  # scans of a stretch
+
+
+def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
+    """Judge the health of a run by its raw data and poses, in one pass.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    lane : Lane, optional
+        Ground that is to be searched; with it the course is compared with its middle.
+
+    Returns
+    -------
+    Health
+        What is wrong, and which pairs and tones are to be left out.
+    """
+    radar = radar_of(run)
+    sums, steps, samples = read_sums(run)
+    found = judge_sums(sums, radar)
+    found += judge_motion(steps, np.array(sums.changed))
+    settled = what_to_leave_out(found, radar)
+    findings = list(settled.findings)
+    names = {one.name for one in findings}
+    if not names & {"noise", "repeated scans"} and run.attrs.get("sounding") != "ground-coupled":
+        figures = geometry_figures(run, radar, sums, samples, settled.left_out)
+        findings += judge_geometry(figures)
+    findings += _course(run, lane)
+    return Health(tuple(findings), settled.left_out)
+
+
+def radar_of(run: xr.Dataset) -> Radar:
+    """Return what the sums of a run are judged by."""
+    return Radar(
+        tuple(str(label) for label in run["polarization"].values),
+        np.asarray(run["frequency"].values, np.float64),
+        np.asarray(run["tx_position"].values, np.float64),
+        np.asarray(run["rx_position"].values, np.float64),
+    )
+
+
+def read_sums(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArray[Any]]]:
+    """Read scans once.
+
+    Return their sums, the distance (m) of each from the one before, and the data of those that are
+    looked at, by number.
+    """
+    scans = run.sizes["scan"]
+    numbers = np.arange(scans)
+    if scans > MOST_SCANS:
+        starts = np.linspace(0, scans - _STRETCH, MOST_SCANS // _STRETCH).astype(int)
+        numbers = np.unique(starts[:, None] + np.arange(_STRETCH))
+    pose = run["pose"].values
+    looked_at = set(numbers[sampled_scans(numbers.size)].tolist())
+    sums = HealthSums(run["signal"].shape[1:])
+    steps = np.full(numbers.size, np.nan)
+    samples: dict[int, NDArray[Any]] = {}
+    before = -2
+    for place, number in enumerate(numbers.tolist()):
+        if number != before + 1:
+            sums.gap()
+        else:
+            steps[place] = np.hypot(*(pose[number, :2] - pose[before, :2]))
+        signal = run["signal"].variable[number].values
+        sums.add(signal)
+        if number in looked_at:
+            samples[number] = signal
+        before = number
+    return sums, np.where(np.isfinite(steps), steps, 0.0), samples
+
+
+def geometry_figures(
+    run: xr.Dataset,
+    radar: Radar,
+    sums: HealthSums,
+    samples: dict[int, NDArray[Any]],
+    left_out: LeftOut,
+) -> GeometryFigures:
+    """Return what the scans that were kept tell of paths, receivers and poses."""
+    pose = np.asarray(run["pose"].values, np.float64)
+    if sums.scans < LEAST_SCANS or not np.isfinite(pose).all():
+        return GeometryFigures()
+    pairs = np.setdiff1d(np.arange(sums.shape[1]), left_out.pairs)
+    standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
+    standing = standing.astype(np.complex64)
+    standing[..., list(left_out.tones)] = 0
+    usable = {}
+    for number, signal in samples.items():
+        kept = signal
+        if left_out.tones:
+            kept = signal.copy()
+            kept[..., list(left_out.tones)] = 0
+        if np.isfinite(kept[:, pairs]).all():
+            usable[number] = kept[:, pairs]
+    check = GeometryCheck(
+        radar.frequency,
+        radar.tx_position[pairs],
+        radar.rx_position[pairs],
+        radar.polarizations,
+        standing[:, pairs],
+    )
+    return check.figures(list(usable), list(usable.values()), pose)
+
+
+def _course(run: xr.Dataset, lane: Lane | None) -> list[Finding]:
+    """Return whether the course lies beside the middle of the lane."""
+    if lane is None:
+        return []
+    pose = run["pose"].values
+    within = (pose[:, 1] > lane.y_min - 10) & (pose[:, 1] < lane.y_max)
+    if not within.any():
+        return []
+    aside = abs(float(np.median(pose[within, 0])) - (lane.x_min + lane.x_max) / 2)
+    most = max(LIMITS["course"].most, (lane.x_max - lane.x_min) / 3)
+    return [finding("course", aside)] if aside > most else []
+
+
+def without(run: xr.Dataset, left_out: LeftOut) -> xr.Dataset:
+    """Return a run without pairs and tones.
+
+    A sweep whose faulty tones are left out is there again: it is read for it.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    left_out : LeftOut
+        Numbers of its pairs and tones.
+    """
+    if not left_out:
+        return run
+    pairs = np.setdiff1d(np.arange(run.sizes["pair"]), left_out.pairs)
+    tones = np.setdiff1d(np.arange(run.sizes["frequency"]), left_out.tones)
+    kept = run.isel(pair=pairs, frequency=tones)
+    if not left_out.tones:
+        return kept
+    valid = kept["valid"].values.copy()
+    for number in np.flatnonzero(~valid.all(axis=(1, 2))):
+        valid[number] = np.isfinite(kept["signal"].variable[number].values).all(axis=-1)
+    return kept.assign(valid=(kept["valid"].dims, valid))

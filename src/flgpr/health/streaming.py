@@ -1,0 +1,362 @@
+"""Health of a run that comes in scan by scan, and every scan without what is at fault in it."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.health.findings import (
+    LIMITS,
+    MOST_PAIRS,
+    MOST_TONES,
+    MOVING_DB,
+    Finding,
+    finding,
+    listed,
+)
+from flgpr.health.geometry import GeometryCheck, GeometryFigures, Paired
+from flgpr.health.judging import Radar, judge_geometry, judge_sums, over_alike, tone_names
+from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
+from flgpr.model.arrays import FloatArray
+
+BoolArray = NDArray[np.bool_]
+ComplexArray = NDArray[np.complexfloating]
+
+LASTING = 3
+"""Scans in a row with the same fault from which on a pair is left out, or values are filled in."""
+DOUBTFUL = 2
+"""Scans in a row without good positions from which on it is told."""
+_LEAST_STEP = 0.05  # m, under which a vehicle may stand
+_MOST_SWAY = 0.25  # m, beyond which it drives
+_KNOWN_CHANGES = 4  # of a vehicle that drives, which those of one that stands are compared with
+_LEAST_CHANNELS = 4  # of fewer, a burst on one is not told from a disturbed tone
+_FIRST_JUDGED = 12  # scans from which on sums are judged, and then at twice as many each time
+_EVERY = 4  # scans between two looks at the geometry, while there are few
+_MANY = 160  # scans, after which it is looked at once in sixteen
+_LEAST_DIFFERENCES = 10  # of the geometry, to be judged
+_FEW_TONES = 0.01  # share of the tones that are filled in from those beside
+_KEPT = 4  # scans
+
+
+@dataclass(frozen=True)
+class CheckedScan:
+    """A scan without what is at fault in it, and what was found."""
+
+    signal: ComplexArray | None  #: None: the scan is of no use
+    findings: list[Finding] = field(default_factory=list)  #: those that were not told before
+    repeated: bool = False  #: whether it holds the data of the scan before
+
+
+class LiveHealth:
+    """Watches over the scans of a radar as they come.
+
+    Parameters
+    ----------
+    radar : Radar
+        Names and places of channels and tones.
+    """
+
+    def __init__(self, radar: Radar) -> None:
+        self._radar = radar
+        shape = (len(radar.polarizations), len(radar.tx_position), radar.frequency.size)
+        self.sums = HealthSums(shape)
+        self._told: dict[str, set[int]] = {}  # by name, of which pairs or tones
+        self._absent = np.zeros(shape[1], np.int64)  # scans in a row that lack a pair
+        self._quiet = np.zeros(shape[1], np.int64)  # in which it was dead
+        self._doubts = 0  # scans in a row without good positions
+        self._pose: FloatArray | None = None  # that came last
+        self._steps = deque[float](maxlen=32)  # of the vehicle while it drove, m
+        self._changes = deque[float](maxlen=32)  # of the data then, dB
+        self._latest: list[tuple[ComplexArray, FloatArray]] = []  # consecutive scans
+        self._paths: list[float] = []
+        self._differences: dict[str, list[float]] = {name: [] for name in _PAIRED}
+
+    def take(self, signal: ComplexArray, pose: FloatArray | None) -> CheckedScan:
+        """Take in a scan.
+
+        Parameters
+        ----------
+        signal : (polarization, pair, frequency) ndarray of complex
+            Its data.
+        pose : (6,) ndarray of float, or None
+            Its pose, as it came.
+
+        Returns
+        -------
+        CheckedScan
+            The scan with pairs and tones at fault set to zero, and the others scaled up for them.
+        """
+        figures = self.sums.add(signal)
+        drives = self._drives(pose)
+        found = self._positions(figures, pose, drives)
+        self._absent = np.where(figures.finite.all(axis=0), 0, self._absent + 1)
+        gaps, of_gaps = self._few_gaps(signal)
+        pairs, of_pairs = self._pairs_at_fault(figures, (self._absent >= LASTING) & ~gaps)
+        tones, of_tones = self._tones_at_fault(figures)
+        found += of_gaps + of_pairs + of_tones
+        if figures.repeated and drives:
+            found += self._tell(
+                finding("repeated scans", self.sums.repeated).acted("they are left out")
+            )
+            return CheckedScan(None, found, repeated=True)
+        cleaned = self._cleaned(signal, figures, pairs, gaps, tones)
+        if cleaned is not None:
+            found += self._later(cleaned, pose)
+        return CheckedScan(cleaned, found)
+
+    def _tell(self, one: Finding) -> list[Finding]:
+        """Return a finding unless it was told before, of all its pairs or tones."""
+        numbers = set(one.pairs or one.tones)
+        known = self._told.get(one.name)
+        if known is not None and numbers <= known:
+            return []
+        self._told[one.name] = numbers | (known or set())
+        return [one]
+
+    def _drives(self, pose: FloatArray | None) -> bool:
+        """Return whether a pose lies farther from the one before than that of a standing vehicle."""
+        before = self._pose
+        if pose is None or before is None:
+            return False
+        usual = float(np.median(self._steps)) if self._steps else 0.0
+        step = float(np.hypot(*(pose[:2] - before[:2])))
+        return bool(step > np.clip(0.2 * usual, _LEAST_STEP, _MOST_SWAY))
+
+    def _positions(
+        self, figures: ScanFigures, pose: FloatArray | None, drives: bool
+    ) -> list[Finding]:
+        """Judge whether positions come, and go on while the ground goes by."""
+        if pose is None:
+            self._doubts += 1
+            if self._doubts >= DOUBTFUL:
+                return self._tell(finding("no positions", self._doubts))
+            return []
+        before = self._pose
+        self._pose = pose
+        if before is None:
+            self._sure()
+            return []
+        if drives:
+            self._sure()
+            self._steps.append(float(np.hypot(*(pose[:2] - before[:2]))))
+            if np.isfinite(figures.change_db):
+                self._changes.append(figures.change_db)
+            return []
+        goes_by = False
+        if len(self._changes) >= _KNOWN_CHANGES:
+            goes_by = bool(figures.change_db > np.median(self._changes) - MOVING_DB)
+        if not goes_by:  # the vehicle stands
+            self._sure()
+            return []
+        self._doubts += 1
+        if self._doubts < DOUBTFUL:
+            return []
+        return self._tell(finding("frozen positions", 1.0))
+
+    def _sure(self) -> None:
+        """Note that the position is good: what is wrong with a later one is told again."""
+        self._doubts = 0
+        for name in ("no positions", "frozen positions"):
+            self._told.pop(name, None)
+
+    def _pairs_at_fault(
+        self, figures: ScanFigures, absent: BoolArray
+    ) -> tuple[BoolArray, list[Finding]]:
+        """Return which pairs (pair,) are left out of this scan, and what is told of it."""
+        found: list[Finding] = []
+        level = figures.level_db
+        with np.errstate(invalid="ignore"):
+            over = level
+            if (level > LIMITS["hot pairs"].most).any():
+                over = over_alike(level, self._radar)
+            hot = np.any(over > LIMITS["hot pairs"].most, axis=0)
+            quiet = np.any(level < -LIMITS["dead pairs"].most, axis=0)
+        if level.shape[1] < _LEAST_CHANNELS:
+            hot = quiet = np.zeros(level.shape[1], np.bool_)
+        self._quiet = np.where(quiet, self._quiet + 1, 0)
+        dead = self._quiet >= LASTING
+        if np.count_nonzero(hot | dead | absent) > MOST_PAIRS * hot.size:
+            return np.zeros_like(hot), found
+        values = (
+            ("missing pairs", absent, 1.0),
+            ("hot pairs", hot, _largest(over[:, hot])),
+            ("dead pairs", dead, _largest(-level[:, dead])),
+        )
+        for name, at_fault, value in values:
+            if at_fault.any():
+                pairs = np.flatnonzero(at_fault).tolist()
+                where = f"{'pair' if len(pairs) == 1 else 'pairs'} {listed(pairs)}"
+                one = finding(name, value, where, pairs=pairs)
+                found += self._tell(one.acted("left out, and the others are used"))
+        return hot | dead | absent, found
+
+    def _tones_at_fault(self, figures: ScanFigures) -> tuple[BoolArray, list[Finding]]:
+        """Return which tones (frequency,) are left out of this scan, and what is told of it."""
+        sums = self.sums
+        marked = np.zeros(sums.shape[2], np.bool_)
+        if sums.shape[0] * sums.shape[1] < _LEAST_CHANNELS or sums.shape[2] < 2 * _FIRST_JUDGED:
+            return marked, []
+        marked |= figures.excess_db > BURST_DB
+        if sums.changes >= LASTING:
+            marked |= sums.changed_db > LIMITS["disturbed tones"].most
+        if not marked.any():
+            return marked, []
+        excess = figures.excess_db
+        if sums.changes:
+            excess = np.maximum(excess, sums.changed_db)
+        tones = np.flatnonzero(marked)
+        one = finding(
+            "disturbed tones",
+            float(excess[marked].max()),
+            tone_names(tones, self._radar),
+            tones=tones.tolist(),
+        )
+        if tones.size > MOST_TONES * marked.size:
+            return np.zeros_like(marked), self._tell(one)
+        return marked, self._tell(one.acted("left out of the scans in which they stand out"))
+
+    def _cleaned(
+        self,
+        signal: ComplexArray,
+        figures: ScanFigures,
+        pairs: BoolArray,
+        gaps: BoolArray,
+        tones: BoolArray,
+    ) -> ComplexArray | None:
+        """Return a scan without pairs and tones, and gaps filled in; None where more is missing."""
+        if figures.finite.all() and not pairs.any() and not tones.any():
+            return signal
+        cleaned = signal.copy()
+        _fill_in(cleaned, gaps)
+        cleaned[:, pairs] = 0
+        cleaned[..., tones] = 0
+        if not np.isfinite(cleaned).all():
+            return None
+        kept = np.count_nonzero(~pairs)
+        return np.asarray(cleaned * np.float32(pairs.size / kept)) if kept < pairs.size else cleaned
+
+    def _few_gaps(self, signal: ComplexArray) -> tuple[BoolArray, list[Finding]]:
+        """Return which of the lost pairs (pair,) lack a few tones only, and what is told of it."""
+        lost = self._absent >= LASTING
+        missing = (~np.isfinite(signal)).sum(axis=-1).max(axis=0)
+        gaps = lost & (missing <= max(_FEW_TONES * signal.shape[-1], 1))
+        if not gaps.any():
+            return gaps, []
+        numbers = np.flatnonzero(gaps).tolist()
+        one = finding(
+            "missing tones", 1.0, f"a few tones of pairs {listed(numbers)}", pairs=numbers
+        )
+        return gaps, self._tell(one.acted("filled in from the tones beside"))
+
+    def _later(self, signal: ComplexArray, pose: FloatArray | None) -> list[Finding]:
+        """Judge what takes more scans: sums, and whether data and poses fit one another."""
+        found: list[Finding] = []
+        count = self.sums.scans
+        if pose is None:
+            self._latest = []
+        else:
+            self._latest = [*self._latest, (signal, pose)][-_KEPT:]
+        if count >= _FIRST_JUDGED and (
+            count % _FIRST_JUDGED == 0 and _is_power(count // _FIRST_JUDGED)
+        ):
+            for one in judge_sums(self.sums, self._radar):
+                if one.name in ("turned pairs", "noisy tones", "noise", "jitter"):
+                    found += self._tell(one)
+        every = _EVERY if count < _MANY else 4 * _EVERY
+        if count % every == 0 and len(self._latest) == _KEPT:
+            found += self._geometry()
+        return found
+
+    def _geometry(self) -> list[Finding]:
+        """Look at two scans of the latest, and judge all that were looked at."""
+        radar = self._radar
+        standing = self.sums.standing / np.maximum(self.sums.sweeps, 1)[..., None]
+        check = GeometryCheck(
+            radar.frequency,
+            radar.tx_position,
+            radar.rx_position,
+            radar.polarizations,
+            standing.astype(np.complex64),
+        )
+        poses = np.array([pose for _, pose in self._latest])
+        middle = [signal for signal, _ in self._latest[1:3]]
+        figures = check.figures([1, 2], middle, poses)
+        if np.isfinite(figures.path_db):
+            self._paths.append(figures.path_db)
+        for name in _PAIRED:
+            known = self._differences[name]
+            known += getattr(figures, name).differences.tolist()
+            del known[:-_MANY]
+        del self._paths[:-_MANY]
+        if min(len(self._differences["backwards"]), 2 * len(self._paths)) < _LEAST_DIFFERENCES:
+            return []
+        together = GeometryFigures(path_db=float(np.median(self._paths)))
+        for name in _PAIRED:
+            setattr(together, name, Paired(np.array(self._differences[name])))
+        found = []
+        for one in judge_geometry(together):
+            found += self._tell(one)
+        return found
+
+    def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return the state as JSON values and arrays, for a later :meth:`restore`."""
+        values = {
+            "told": {name: sorted(numbers) for name, numbers in self._told.items()},
+            "absent": self._absent.tolist(),
+            "quiet": self._quiet.tolist(),
+            "doubts": self._doubts,
+            "pose": None if self._pose is None else self._pose.tolist(),
+            "steps": list(self._steps),
+            "changes": list(self._changes),
+            "paths": list(self._paths),
+            "differences": {name: list(known) for name, known in self._differences.items()},
+            "latest": [pose.tolist() for _, pose in self._latest],
+        }
+        arrays = self.sums.state()
+        for place, (signal, _) in enumerate(self._latest):
+            arrays[f"latest{place}"] = signal
+        return values, arrays
+
+    def restore(self, values: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Continue from what :meth:`state` returned."""
+        self.sums.restore(arrays)
+        self._told = {name: set(numbers) for name, numbers in values["told"].items()}
+        self._absent = np.array(values["absent"], np.int64)
+        self._quiet = np.array(values["quiet"], np.int64)
+        self._doubts = int(values["doubts"])
+        self._pose = None if values["pose"] is None else np.array(values["pose"], np.float64)
+        self._steps = deque(values["steps"], maxlen=32)
+        self._changes = deque(values["changes"], maxlen=32)
+        self._paths = list(values["paths"])
+        self._differences = {name: list(values["differences"][name]) for name in _PAIRED}
+        self._latest = []
+        for place, pose in enumerate(values["latest"]):
+            self._latest.append((arrays[f"latest{place}"], np.array(pose, np.float64)))
+
+
+_PAIRED = ("reversed_receivers", "backwards", "late", "early")
+"""Figures of the geometry that add up."""
+
+
+def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
+    """Fill in the gaps of pairs from the tones beside, in place."""
+    for pair in np.flatnonzero(pairs):
+        for sweep in signal[:, pair]:
+            good = np.isfinite(sweep)
+            tones = np.arange(sweep.size)
+            sweep[~good] = np.interp(tones[~good], tones[good], sweep[good])
+
+
+def _is_power(number: int) -> bool:
+    """Return whether a number is a power of two."""
+    return number > 0 and number & (number - 1) == 0
+
+
+def _largest(values: FloatArray) -> float:
+    """Return the largest value that is known; 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else 0.0

@@ -1,0 +1,294 @@
+"""Sums over the scans of a run, from its raw data alone, that tell a radar at fault.
+
+They stream: a scan enters once and is not kept, so that a stored run and a run that comes in scan
+by scan are judged by the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.model.arrays import FloatArray
+
+BoolArray = NDArray[np.bool_]
+ComplexArray = NDArray[np.complexfloating]
+
+LEAST_POWER = 1e-30
+"""Power that stands for none where a level is taken, in the square of the signal's unit."""
+LOWEST_SHARE = 10
+"""Neighbouring receivers are compared on the lowest one in so many of the tones."""
+REMEMBERED = 256
+"""Latest scans whose delays and changes are remembered one by one."""
+TONES_AROUND = 101
+"""Tones around one whose median is what it is compared with."""
+BURST_DB = 10.0
+"""Level of a tone in one scan, over those around it, from which it stands out."""
+
+
+_NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
+_MEDIAN_EVERY = 8  # tones between two medians of those around
+_SUMMED = (
+    *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
+    *("changes", "excess_db", "bursts", "repeated", "alike", "change_power", "next_tone"),
+    *("tone_power", "neighbour", "tone_sum", "delays", "clearness", "changed"),
+)
+"""Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
+
+
+class ScanFigures(NamedTuple):
+    """What a scan shows by itself."""
+
+    finite: BoolArray  #: (polarization, pair): sweeps without a value that is not finite
+    level_db: FloatArray  #: (polarization, pair) over the median pair of its polarization
+    excess_db: FloatArray  #: (frequency,) power of a tone over that of the tones around it
+    repeated: bool  #: whether it holds the same numbers as the scan before
+    change_db: float  #: power of its change from the scan before, over that of the scan
+
+
+class HealthSums:
+    """Sums of what tells a radar at fault, scan by scan.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Polarizations, pairs and tones.
+    scans : int, optional
+        Scans that will come; with it the first and the last quarter are summed, which tell drift.
+    """
+
+    def __init__(self, shape: tuple[int, ...], scans: int = 0) -> None:
+        self.shape = shape
+        self._quarter = scans // 4
+        self._total = scans
+        polarizations, pairs, tones = shape
+        channels = (polarizations, pairs)
+        self.scans = 0
+        self.sweeps = np.zeros(channels, np.int64)  # without a value that is not finite
+        self.power = np.zeros(channels)  # sum over these of the mean power of the tones
+        self.standing = np.zeros(shape, np.complex128)  # sum of these
+        self.first = np.zeros(shape if self._quarter else (0, 0, 0), np.complex128)
+        self.last = np.zeros_like(self.first)
+        self.in_first = np.zeros(channels, np.int64)
+        self.in_last = np.zeros(channels, np.int64)
+        self.not_finite = np.zeros(shape, np.int32)  # values
+        self.stuck = np.zeros(shape, np.int32)  # values equal to those of the scan before
+        self.steps = np.zeros(channels, np.int64)  # from a finite sweep to the next
+        self.change_db = np.zeros(tones)  # sum over steps of the mean over channels, dB
+        self.changes = 0
+        self.excess_db = np.zeros(tones)  # sum over scans of a tone's level over those around it
+        self.bursts = np.zeros(tones, np.int64)  # scans in which it stands out
+        self.repeated = 0  # scans that hold the numbers of the scan before
+        self.alike = np.zeros(channels, np.complex128)  # of a pair's change with the next pair's
+        self.change_power = np.zeros(channels)  # of the change on the lowest tones
+        between = max(tones - 1, 0)
+        self.next_tone = np.zeros(between, np.complex128)  # of a tone's change with the next
+        self.tone_power = np.zeros(tones)  # of the change
+        self.neighbour = np.zeros(between, np.complex128)  # of a tone with the next
+        self.tone_sum = np.zeros(tones)  # of the power
+        # of every scan from the one before, the latest: delay as phase per tone, rad, how clear it
+        # is (1 where all tones agree), and power of the change over that of the scan, dB
+        self.delays = deque[float](maxlen=REMEMBERED)
+        self.clearness = deque[float](maxlen=REMEMBERED)
+        self.changed = deque[float](maxlen=REMEMBERED)
+        self._before: ComplexArray | None = None
+        self._before_finite: BoolArray | None = None
+
+    def add(self, signal: ComplexArray) -> ScanFigures:
+        """Take in a scan (polarization, pair, frequency), and return what it shows by itself."""
+        not_finite = ~np.isfinite(signal)
+        finite: BoolArray = np.logical_not(np.any(not_finite, axis=-1))
+        if not finite.all():
+            self.not_finite += not_finite
+            signal = np.where(not_finite, 0, signal)
+        power = _power(signal)
+        channel_power = power.mean(axis=-1, dtype=np.float64)
+        self.sweeps += finite
+        self.power += np.where(finite, channel_power, 0)
+        if self.scans % _NEIGHBOURS_EVERY == 0:
+            self._add_neighbours(signal, power)
+        whole = signal if finite.all() else np.where(finite[..., None], signal, 0)
+        self.standing += whole
+        self._add_quarters(whole, finite)
+        excess = over_neighbours(_tone_levels(power, finite))
+        self.excess_db += excess
+        repeated, change_db = self._add_change(signal, finite, channel_power)
+        self.bursts += excess > BURST_DB
+        self.changed.append(change_db)
+        self.scans += 1
+        return ScanFigures(finite, _levels(channel_power, finite), excess, repeated, change_db)
+
+    def _add_quarters(self, whole: ComplexArray, finite: BoolArray) -> None:
+        """Add a scan to the first or the last quarter of the run."""
+        if self.scans < self._quarter:
+            self.first += whole
+            self.in_first += finite
+        if self._quarter and self.scans >= self._total - self._quarter:
+            self.last += whole
+            self.in_last += finite
+
+    def _add_neighbours(self, signal: ComplexArray, power: NDArray[np.floating]) -> None:
+        """Add how alike neighbouring tones are: echoes of a scene are, noise is not."""
+        self.neighbour += np.einsum("apf,apf->f", signal[..., 1:], signal[..., :-1].conj())
+        self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
+
+    def _add_delay(
+        self, signal: ComplexArray, before: ComplexArray, channel_power: FloatArray
+    ) -> None:
+        """Add how much later a scan is than the one before, as phase per tone, and how clearly.
+
+        What stands still has the same phase in both, but for the delay. Every second pair is
+        asked, and weighs the same, so that none decides alone.
+        """
+        weight = (1 / np.maximum(channel_power, LEAST_POWER)).astype(np.float32)
+        some = slice(0, None, 2)
+        turned = before[:, some].conj() * weight[:, some, None]
+        across = np.einsum("apf,apf->f", signal[:, some], turned)
+        product = np.vdot(across[:-1], across[1:])
+        power = float(np.vdot(across, across).real)
+        self.delays.append(float(np.angle(product)))
+        self.clearness.append(abs(product) / power if power > 0 else 0.0)
+
+    def _add_change(
+        self, signal: ComplexArray, finite: BoolArray, channel_power: FloatArray
+    ) -> tuple[bool, float]:
+        """Add the change from the scan before.
+
+        Return whether there is none, and its power over that of the scan, dB.
+        """
+        before = self._before
+        before_finite = self._before_finite
+        self._before = signal
+        self._before_finite = finite
+        if before is None or before_finite is None:
+            return False, np.nan
+        change = signal - before
+        both = finite & before_finite
+        self.steps += both
+        self.stuck += (change == 0) & both[..., None]
+        if not both.any():
+            return False, np.nan
+        change_power = _power(change)
+        total = float(change_power[both].mean(dtype=np.float64))
+        if not total:
+            self.repeated += 1
+            return True, -np.inf
+        self._add_delay(signal, before, channel_power)
+        self.change_db += _tone_levels(change_power, both)
+        self.changes += 1
+        if self.changes % 2:
+            changed = change if both.all() else change[both][None]
+            self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
+            self.tone_power += change_power[both].sum(axis=0, dtype=np.float64)
+        low = change[..., : max(8, change.shape[-1] // LOWEST_SHARE)]
+        self.alike[:, :-1] += np.einsum("apf,apf->ap", low[:, 1:].conj(), low[:, :-1])
+        self.change_power += _power(low).sum(axis=-1)
+        level = float(channel_power[both].mean())
+        return False, 10 * np.log10(total / max(level, LEAST_POWER))
+
+    def gap(self) -> None:
+        """Let the next scan not be compared with the one before: scans in between are left out."""
+        self._before = None
+        self._before_finite = None
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the state as arrays, copies, for a later :meth:`restore`."""
+        arrays = {name: np.asarray(getattr(self, name)).copy() for name in _SUMMED}
+        if self._before is not None and self._before_finite is not None:
+            arrays |= {"before": self._before.copy(), "before_finite": self._before_finite.copy()}
+        return arrays
+
+    def restore(self, arrays: dict[str, NDArray[Any]]) -> None:
+        """Continue from arrays that :meth:`state` returned."""
+        for name in _SUMMED:
+            value: Any = arrays[name]
+            kind = type(getattr(self, name))
+            if kind is int:
+                value = int(value)
+            elif kind is deque:
+                value = deque(value.tolist(), maxlen=REMEMBERED)
+            setattr(self, name, value)
+        self._before = arrays.get("before")
+        self._before_finite = arrays.get("before_finite")
+
+    @property
+    def median_change_db(self) -> float:
+        """Median power of the change from scan to scan over that of a scan, dB."""
+        known = [value for value in self.changed if np.isfinite(value)]
+        return float(np.median(known)) if known else np.nan
+
+    @property
+    def changed_db(self) -> FloatArray:
+        """Change from scan to scan of every tone (frequency,) over that of the tones around, dB."""
+        return over_neighbours(self.change_db / max(self.changes, 1))
+
+    @property
+    def likeness(self) -> float:
+        """How alike a tone and the next are, 0 to 1, the median of the tones."""
+        power = np.sqrt(self.tone_sum[1:] * self.tone_sum[:-1])
+        alike = np.abs(self.neighbour)[power > 0] / power[power > 0]
+        return float(np.median(alike)) if alike.size else 1.0
+
+    @property
+    def tone_likeness(self) -> FloatArray:
+        """How alike the changes of a tone and of the next are (frequency - 1,), 0 to 1."""
+        power = np.sqrt(self.tone_power[1:] * self.tone_power[:-1])
+        return np.asarray(np.abs(self.next_tone) / np.maximum(power, LEAST_POWER))
+
+    @property
+    def pair_likeness(self) -> FloatArray:
+        """Correlation, real, of a pair's change with the next pair's (polarization, pair - 1).
+
+        It is that of the lowest tones; NaN where nothing changes.
+        """
+        power = np.sqrt(self.change_power[:, 1:] * self.change_power[:, :-1])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.alike[:, :-1].real / power)
+
+
+def _power(signal: ComplexArray) -> NDArray[np.floating]:
+    """Return the power of numbers."""
+    return np.square(signal.real) + np.square(signal.imag)
+
+
+def _tone_levels(power: NDArray[np.floating], which: BoolArray) -> FloatArray:
+    """Return the level of every tone, dB: the mean over channels, so that none decides alone."""
+    levels = np.log10(power[which] + np.float32(LEAST_POWER))
+    if not len(levels):
+        return np.zeros(power.shape[-1])
+    return np.asarray(10 * levels.mean(axis=0, dtype=np.float64), np.float64)
+
+
+def _levels(power: FloatArray, finite: BoolArray) -> FloatArray:
+    """Return levels (polarization, pair) over the median pair of a polarization, dB.
+
+    NaN where a value is not finite.
+    """
+    levels = np.where(finite, 10 * np.log10(np.maximum(power, LEAST_POWER)), np.nan)
+    for row in levels:
+        known = row[~np.isnan(row)]
+        if known.size:
+            row -= np.median(known)
+    return np.asarray(levels, np.float64)
+
+
+def over_neighbours(levels: FloatArray, around: int = TONES_AROUND) -> FloatArray:
+    """Return levels over the running median of the tones around, in the unit of the levels.
+
+    Parameters
+    ----------
+    levels : (frequency,) ndarray of float
+        Levels.
+    around : int
+        Tones whose median is taken; fewer at the ends of the band.
+    """
+    half = min(around // 2, (levels.size - 1) // 2)
+    padded = np.pad(levels, half, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    # A median of so many changes slowly from tone to tone.
+    centres = np.arange(0, levels.size, _MEDIAN_EVERY)
+    usual = np.interp(np.arange(levels.size), centres, np.median(windows[centres], axis=-1))
+    return np.asarray(levels - usual, np.float64)

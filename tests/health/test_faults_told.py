@@ -1,0 +1,107 @@
+"""Every fault of a radar and of its poses is told by its name, and a clean run by none."""
+
+import numpy as np
+import pytest
+from faulty import FAULTS, PAIRS, TONES, make_drive, with_fault
+
+from flgpr.health.findings import LIMITS
+from flgpr.health.of_run import health_of_run, without
+from flgpr.model import Lane, complete_scans
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return make_drive()
+
+
+def names(run, lane=None):
+    return [finding.name for finding in health_of_run(run, lane).findings]
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_a_clean_drive_is_left_in_peace(seed):
+    health = health_of_run(make_drive(seed))
+    assert health.findings == ()
+    assert not health.left_out
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_told_with_number_limit_and_advice(clean, name):
+    health = health_of_run(with_fault(clean, FAULTS[name]))
+    told = {finding.name: finding for finding in health.findings}
+    assert name in told
+    one = told[name]
+    assert one.value > one.limit == LIMITS[name].most
+    assert one.advice in one.sentence or one.done in one.sentence
+
+
+def test_data_in_the_wrong_sense_are_told_with_what_they_are(clean):
+    conjugated = with_fault(clean, lambda signal, pose: (signal.conj(), pose))
+    reversed_tones = with_fault(clean, lambda signal, pose: (signal[..., ::-1], pose))
+    for run in (conjugated, reversed_tones):
+        [one] = health_of_run(run).findings
+        assert one.name == "paths"
+        assert "conjugated" in one.words
+        assert "reverse order" in one.words
+
+
+def test_a_course_beside_the_lane_is_told_and_one_within_is_not(clean):
+    aside = with_fault(clean, lambda signal, pose: (signal, pose + [2, 0, 0, 0, 0, 0]))
+    lane = Lane(-1.5, 1.5, 2.0, 12.0)
+    assert names(clean, lane) == []
+    assert names(aside, lane) == ["course"]
+    assert names(aside) == []  # without a lane nobody can know
+
+
+@pytest.mark.parametrize(
+    ("name", "pairs", "tones"),
+    [
+        ("missing pairs", (4,), ()),
+        ("hot pairs", (4,), ()),
+        ("dead pairs", (4,), ()),
+        ("stuck pairs", (4,), ()),
+        ("missing tones", (), (50,)),
+        ("disturbed tones", (), (31, 77, 120)),
+    ],
+)
+def test_what_is_at_fault_is_left_out_and_the_rest_is_whole(clean, name, pairs, tones):
+    run = with_fault(clean, FAULTS[name])
+    health = health_of_run(run)
+    assert (health.left_out.pairs, health.left_out.tones) == (pairs, tones)
+    assert "left out" in health.findings[0].done
+    kept = without(run, health.left_out)
+    assert kept.sizes["pair"] == PAIRS - len(pairs)
+    assert kept.sizes["frequency"] == TONES - len(tones)
+    assert complete_scans(kept).all()
+    same = np.setdiff1d(np.arange(TONES), [31, 77, 120, 50])
+    expected = np.delete(clean["signal"].values, pairs, axis=2)
+    of_kept = np.isin(kept["frequency"].values, clean["frequency"].values[same])
+    np.testing.assert_array_equal(kept["signal"].values[..., of_kept], expected[..., same])
+
+
+def test_most_of_an_array_is_not_left_out(clean):
+    dead = slice(0, PAIRS * 2 // 3)
+
+    def change(signal, pose):
+        signal[:, :, dead] = np.nan
+
+    health = health_of_run(with_fault(clean, change))
+    assert [finding.name for finding in health.findings] == ["missing pairs"]
+    assert not health.left_out
+
+
+def test_a_sign_is_told_with_its_pairs(clean):
+    [one] = health_of_run(with_fault(clean, FAULTS["turned pairs"])).findings
+    assert one.pairs == (2, 6, 13)
+
+
+def test_a_long_run_is_judged_by_stretches_of_it():
+    run = make_drive(2)
+    many = 300 // run.sizes["scan"] + 1
+    scans = np.tile(np.arange(run.sizes["scan"]), many)
+    long = run.isel(scan=scans)
+    long["pose"].values[:, 1] = 0.5 * np.arange(len(scans))
+    signal = long["signal"].values
+    signal[:, :, 3] *= 1e4
+    told = names(long.assign(signal=(long["signal"].dims, signal)))
+    assert "hot pairs" in told
