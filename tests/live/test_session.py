@@ -182,7 +182,10 @@ def test_what_a_radar_gets_wrong_is_counted_and_survived(home, whole, tmp_path):
     assert counts["pose_filled"] + counts["pose_missing"] == 7
     assert counts["pose_missing"] == 2
     assert counts["received"] == len(sent) - 1
-    words = [line["words"] for line in events(tmp_path / "out", "problem")]
+    problems = events(tmp_path / "out", "problem")
+    health = [line["finding"] for line in problems if line.get("kind") == "health"]
+    assert set(health) == {"no positions"}
+    words = [line["words"] for line in problems if line.get("kind") != "health"]
     poses = [line for line in words if "pose must be six finite numbers" in line]
     # Those that are stated as unknown are no fault.
     assert [line.split(":")[0] for line in poses] == [f"scan {k}" for k in range(30, 35)]

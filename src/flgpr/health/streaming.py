@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.health.findings import (
+    LEAST_TONES,
     LIMITS,
     MOST_PAIRS,
     MOST_TONES,
@@ -34,7 +35,7 @@ _LEAST_STEP = 0.05  # m, under which a vehicle may stand
 _MOST_SWAY = 0.25  # m, beyond which it drives
 _KNOWN_CHANGES = 4  # of a vehicle that drives, which those of one that stands are compared with
 _LEAST_CHANNELS = 4  # of fewer, a burst on one is not told from a disturbed tone
-_FIRST_JUDGED = 12  # scans from which on sums are judged, and then at twice as many each time
+_FIRST_JUDGED = 24  # scans from which on sums are judged, and then at twice as many each time
 _EVERY = 4  # scans between two looks at the geometry, while there are few
 _MANY = 160  # scans, after which it is looked at once in sixteen
 _LEAST_DIFFERENCES = 10  # of the geometry, to be judged
@@ -198,7 +199,7 @@ class LiveHealth:
         """Return which tones (frequency,) are left out of this scan, and what is told of it."""
         sums = self.sums
         marked = np.zeros(sums.shape[2], np.bool_)
-        if sums.shape[0] * sums.shape[1] < _LEAST_CHANNELS or sums.shape[2] < 2 * _FIRST_JUDGED:
+        if sums.shape[0] * sums.shape[1] < _LEAST_CHANNELS or sums.shape[2] < LEAST_TONES:
             return marked, []
         marked |= figures.excess_db > BURST_DB
         if sums.changes >= LASTING:

@@ -169,8 +169,10 @@ class Intake:
         except ScanFileError:
             self.counts["corrupt"] += 1
             raise
-        # No CRC-32: a frame ends in its own, and that of both is the same for all frames.
-        scan = self._in_series(scan, zlib.adler32(data))
+        if np.isfinite(scan.signal).all():  # what lacks values may come again with them
+            scan = self._in_series(scan, zlib.adler32(np.ascontiguousarray(scan.signal)))
+        elif self._offset:
+            scan = Scan(scan.number + self._offset, scan.time, scan.pose, scan.signal)
         if scan.number in self._used:
             self.counts["duplicate"] += 1
             return None
