@@ -71,14 +71,13 @@ class LaneJob:
     far: float | None = None  #: false alarms per m² that a threshold is wanted for
     #: whether the passes end with what is compared with the training lanes
     only_measures: bool = False
+    #: what is wrong with the run and what of it is left out: a ``Health``; by default nothing
+    health: Health = HEALTHY
 
     @property
     def trust(self) -> Trust:
         """What is asked of the detection about how far it can be trusted."""
         return Trust(self.unlike, self.far, self.only_measures)
-
-    #: what is wrong with the run and what of it is left out: a ``Health``; by default nothing
-    health: Health = HEALTHY
 
     @property
     def left_out(self) -> LeftOut:
