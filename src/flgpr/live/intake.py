@@ -170,7 +170,7 @@ class Intake:
             self.counts["corrupt"] += 1
             raise
         if np.isfinite(scan.signal).all():  # what lacks values may come again with them
-            scan = self._in_series(scan, zlib.adler32(np.ascontiguousarray(scan.signal).data))
+            scan = self._in_series(scan, zlib.adler32(scan.signal.tobytes()))
         elif self._offset:
             scan = Scan(scan.number + self._offset, scan.time, scan.pose, scan.signal)
         if scan.number in self._used:
