@@ -47,7 +47,7 @@ def test_coverage_lies_where_the_vehicle_heads(tmp_path):
 
 
 def test_a_run_without_a_complete_scan_is_refused(small_run, tmp_path):
-    small_run["signal"].values[:, 0, 0] = np.nan
+    small_run["signal"].values[:, 0] = np.nan
     run = small_run.assign(valid=np.isfinite(small_run["signal"]).all("frequency"))
     save_run(run, tmp_path / "holes.zarr")
     with pytest.raises(ValueError, match="without missing sweeps, got none among 4"):

@@ -188,7 +188,7 @@ def test_an_apertures_beam_narrows_as_its_gain_grows():
 def test_presets_have_beams_of_their_gain(preset):
     antenna = load_sensor(preset).antenna
     if antenna.kind == "dipole":
-        assert preset == "full-wave"  # whose array is ideal
+        assert preset.startswith("full-wave")  # whose array is ideal
         return
     assert antenna.beam == "aperture"
     assert 10 * np.log10(2 * (antenna.exponent + 1)) == pytest.approx(antenna.gain_db, abs=0.2)

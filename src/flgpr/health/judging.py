@@ -160,7 +160,8 @@ def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     """
     most = LIMITS["missing pairs"].most
     share = 1 - sums.sweeps / max(sums.scans, 1)
-    at_fault = share > most
+    # A single lost sweep is an accident of its scan, which is left out, however short the run.
+    at_fault = (share > most) & (sums.scans - sums.sweeps > 1)
     if sums.scans < 3 or not at_fault.any():
         return
     by_tone = sums.not_finite / max(sums.scans, 1)
