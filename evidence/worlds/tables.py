@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 
 import pandas as pd
@@ -33,4 +32,4 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
     path = folder / f"{name}.csv"
     if not path.is_file():
         return pd.DataFrame()
-    return parse_csv(BytesIO(read_named(path)), keep_default_na=False, na_values=[""])
+    return parse_csv(read_named(path).decode("utf-8"), keep_default_na=False, na_values=[""])

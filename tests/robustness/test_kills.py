@@ -250,13 +250,16 @@ def test_kills_of_an_import(made, tmp_path):
         if (tmp_path / "out" / "run.zarr").exists():
             open_run(tmp_path / "out" / "run.zarr").load()
         else:
-            now = written(tmp_path / "out")
+            now = written(tmp_path / "out", together)
             assert {scan: now.get(scan) for scan in known} == known
             known = now
 
     killer = Killer(8, tmp_path, Import(*made(tmp_path)))
     want = digests(tmp_path / "probe")
-    assert sum("signal/c/" in name for name in want) == 24
+    # Scans of less than 4 KiB share files, so that a small import has one file for all 24.
+    files = sum("signal/c/" in name for name in want)
+    assert files == (24 if made is a_fullwave_lane else 1)
+    together = 24 // files
     while killer.kills < KILLS:
         known = {}
         killer.siege(tmp_path / "out", check)
@@ -264,13 +267,13 @@ def test_kills_of_an_import(made, tmp_path):
         shutil.rmtree(tmp_path / "out")
 
 
-def written(folder):
+def written(folder, together):
     """Scans that a journal says are there, and which file each has."""
     partial = folder / "run.zarr.partial"
     if not (partial / JOURNAL).is_file():
         return {}
     whole = (partial / JOURNAL).read_bytes().count(b"\n") - 1
-    return {k: (partial / f"signal/c/{k}/0/0/0").stat().st_ino for k in range(whole)}
+    return {k: (partial / f"signal/c/{k // together}/0/0/0").stat().st_ino for k in range(whole)}
 
 
 class Given:

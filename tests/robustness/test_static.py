@@ -160,7 +160,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "flgpr_exchange/sigmf/writing.py _write_samples": ({"open"}, JUST_WRITTEN),
     "store/outputs.py _hold": ({"open"}, LOCKED),
     "store/outputs.py _hold_beside": ({"open"}, LOCKED),
-    "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
+    "store/run_writer.py RunWriter._write_piece": ({"read_bytes"}, JUST_WRITTEN),
     "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "jit/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "flgpr_trials/sealing.py seal_truth": ({"open"}, JUST_WRITTEN),

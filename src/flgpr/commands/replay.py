@@ -76,8 +76,9 @@ def replay(
             f"run must be the one the result was made of ({digest[:12]}…), got {store}"
         )
 
-    if "others" in recorded:
-        description["others"] = recorded["others"]
+    for name in ("others", "health"):
+        if name in recorded:
+            description[name] = recorded[name]
 
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "result"
@@ -89,8 +90,14 @@ def _detect_again(
     old: Result, run: xr.Dataset, description: dict[str, Any], folder: Path, track: Track
 ) -> None:
     """Detect by the recipes of a result and write the new result."""
-    from flgpr.method.method import detect
+    from flgpr.health.of_run import health_of_run, without
+    from flgpr.jobs.pieces import with_recipes
+    from flgpr.method.imaged_run import ImagedRun
+    from flgpr.method.instead import describe_threshold, describe_unlike
+    from flgpr.method.method import detections_of, engine_of
     from flgpr.method.sections import noted_section
+    from flgpr.method.unlike import Trust
+    from flgpr.recipe.fit import area_of
     from flgpr.results.description import described_store
     from flgpr.results.result import write_result
     from flgpr.store import open_run, read_manifest
@@ -112,9 +119,27 @@ def _detect_again(
     if section_note is not None:
         lane, section = noted_section(section_note)
 
-    detections = [detect(run, old.recipe, lane, track, model, section, other_runs)]
+    recorded = old.manifest["run"]
+    far = recorded.get("far", {}).get("rate")
+    trust = Trust(recorded.get("unlike", {}).get("choice", "fallback"), far)
+    used = without(run, health_of_run(run).left_out)
+    area = area_of(used, old.recipe, lane)
+    setup = ImagedRun(
+        used, old.recipe, area, model, section=section, others=other_runs, trust=trust
+    )
+    engine_of(setup).run(track)
+    detections = with_recipes(detections_of(setup), old.recipe_text)
+    if far is not None:
+        description["far"] = describe_threshold(setup, detections[0].alarms)
+    unlike = describe_unlike(setup, detections)
+    if unlike is not None:
+        description["unlike"] = unlike
+    made = {detection.name for detection in detections}
     for compared in old.detections[1:]:
-        detections.append(detect_compared(run, compared.name, compared.recipe_text, lane, track))
+        if compared.name not in made:
+            detections.append(
+                detect_compared(run, compared.name, compared.recipe_text, lane, track)
+            )
     write_result(folder, detections, old.recipe_text, old.lane, description, model, section_note)
 
 

@@ -150,7 +150,7 @@ class HealthSums:
         product = np.vdot(across[:-1], across[1:])
         power = float(np.vdot(across, across).real)
         self.delays.append(float(np.angle(product)))
-        self.clearness.append(abs(product) / power if power > 0 else 0.0)
+        self.clearness.append(float(abs(product) / power) if power > 0 else 0.0)
 
     def _add_change(
         self, signal: ComplexArray, finite: BoolArray, channel_power: FloatArray

@@ -128,7 +128,7 @@ def do_finish(job: LaneJob) -> Report:
         section = section_note(lane.lane, lane.section) if job.section else None
         folder = write_result(
             job.folder,
-            _with_recipes(detections, job.recipe),
+            with_recipes(detections, job.recipe),
             job.recipe,
             borders,
             _describe_runs(job, lane, detections),
@@ -163,7 +163,7 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
     return described
 
 
-def _with_recipes(detections: list[Detection], text: str) -> list[Detection]:
+def with_recipes(detections: list[Detection], text: str) -> list[Detection]:
     """Return detections that know their recipe: those beside the result's own are of its recipe."""
     known = []
     for detection in detections:

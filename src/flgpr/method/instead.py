@@ -150,7 +150,7 @@ def rate_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> RateThreshold:
     ranking stands in for what was.
     """
     if lane.trust.far is None:
-        raise ValueError("far must be given for a threshold, got None")
+        raise ValueError("far must be given for a threshold, got none")
     if lane.model.detector is None or lane.substitute:
         inside = section_lane(lane.recipe, lane.lane, lane.section)
         counts = inside.contains(alarms["x"], alarms["y"])

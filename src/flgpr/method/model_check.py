@@ -9,6 +9,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from flgpr.door import Folder
 from flgpr.model.printable import printable
 from flgpr.store import write_whole
 
@@ -69,11 +70,11 @@ def check_sentences(model: Path) -> list[str]:
     ValueError
         If the file of the check is not one that flgpr wrote.
     """
-    file = model / CHECK_FILE
-    if not file.is_file():
+    folder = Folder(model)
+    if not folder.has(CHECK_FILE):
         return []
     try:
-        entries = json.loads(file.read_text("utf-8"))
+        entries = folder.json(CHECK_FILE)
         if list(entries) == [_REASON]:
             return [f"not checked on simulated lanes: {printable(str(entries[_REASON]))}"]
         check = Check(**entries)
@@ -81,4 +82,6 @@ def check_sentences(model: Path) -> list[str]:
             raise ValueError("an entry that is no number")
         return check.sentences()
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{file} must be what `flgpr train` wrote, got {error}") from None
+        raise ValueError(
+            f"{model / CHECK_FILE} must be what `flgpr train` wrote, got {error}"
+        ) from None
