@@ -124,7 +124,7 @@ def feed(
         ``parse_tcp``.
     secret_file : path, optional
         File of the secret that is asked for there; by default that of the environment, if there is
-        one, see :mod:`flgpr.live.secret`.
+        one, see ``live/secret.py``.
 
     Returns
     -------

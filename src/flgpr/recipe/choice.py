@@ -84,7 +84,7 @@ class Figures:
     edges: dict[str, Band]  #: sub-bands as they are written, Hz
     median_step: int  #: pixels between those of the background's median
     step: float  #: between the pixels of a chip, m
-    lengths: dict[str, float]  #: that follow the height, m: see :mod:`flgpr.recipe.lengths`
+    lengths: dict[str, float]  #: that follow the height, m: see ``recipe/lengths.py``
     view_x: Band  #: borders of the run-view across, m in the lane frame
     coarse: float  #: spacing of the run-view, m
     y_max: float  #: how far ahead looks count, m in the scan frame
