@@ -149,8 +149,8 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
 def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, FloatArray]:
     """Return all complete scans of a run as one aperture.
 
-    Each scan is weighted by its share of the track (:func:`flgpr.model.way_weights`), so that a vehicle that
-    stands still for a while is not counted for every scan.
+    Each scan is weighted by its share of the track (:func:`flgpr.model.way_weights`), so that a
+    vehicle that stands still for a while is not counted for every scan.
 
     Parameters
     ----------
@@ -179,8 +179,8 @@ def aperture_run(run: xr.Dataset) -> xr.Dataset:
     """Return a run of a single scan with the antennas of all complete scans as its array.
 
     Its pose is :func:`aperture_pose`. Each position is weighted by its share of the track
-    (:func:`flgpr.model.way_weights`), so that a vehicle that stands still for a while does not count for every
-    scan. A run of more than 0.5 GB, or without a complete scan, is a ValueError.
+    (:func:`flgpr.model.way_weights`), so that a vehicle that stands still for a while does not
+    count for every scan. A run of more than 0.5 GB, or without a complete scan, is a ValueError.
     """
     check_run(run)
     scans = complete_scans(run)
