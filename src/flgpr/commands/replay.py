@@ -93,7 +93,7 @@ def _detect_again(
     from flgpr.health.of_run import health_of_run, without
     from flgpr.jobs.pieces import with_recipes
     from flgpr.method.imaged_run import ImagedRun
-    from flgpr.method.instead import describe_threshold, describe_unlike
+    from flgpr.method.instead import describe_trust
     from flgpr.method.method import detections_of, engine_of
     from flgpr.method.sections import noted_section
     from flgpr.method.unlike import Trust
@@ -129,11 +129,7 @@ def _detect_again(
     )
     engine_of(setup).run(track)
     detections = with_recipes(detections_of(setup), old.recipe_text)
-    if far is not None:
-        description["far"] = describe_threshold(setup, detections[0].alarms)
-    unlike = describe_unlike(setup, detections)
-    if unlike is not None:
-        description["unlike"] = unlike
+    description |= describe_trust(setup, detections)
     made = {detection.name for detection in detections}
     for compared in old.detections[1:]:
         if compared.name not in made:

@@ -25,7 +25,7 @@ from flgpr.jobs.job import LaneJob, code_versions, processor
 from flgpr.jobs.workers import Report
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.instead import describe_threshold, describe_unlike
+from flgpr.method.instead import describe_trust
 from flgpr.method.method import detections_of, engine_of
 from flgpr.method.model import parse_model, read_model, trained_on
 from flgpr.method.searched import searched_ground
@@ -151,11 +151,7 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
         described["health"] = [finding.as_json() for finding in job.health.findings]
     if trained_on(lane.model, job.store_sha256):
         described["trained_on_this_run"] = True
-    if job.far is not None:
-        described["far"] = describe_threshold(lane, detections[0].alarms)
-    unlike = describe_unlike(lane, detections)
-    if unlike is not None:
-        described["unlike"] = unlike
+    described |= describe_trust(lane, detections)
     if job.others:
         described["others"] = {}
         for name, path, digest in job.others:

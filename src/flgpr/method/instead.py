@@ -119,6 +119,20 @@ def _nearest_confidence(
     return found
 
 
+def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str, Any]:
+    """Return what a manifest says of how far a detection can be trusted.
+
+    ``far`` where a false-alarm rate was asked for, ``unlike`` where the ground was compared.
+    """
+    described = {}
+    if lane.trust.far is not None:
+        described["far"] = describe_threshold(lane, detections[0].alarms)
+    unlike = describe_unlike(lane, detections)
+    if unlike is not None:
+        described["unlike"] = unlike
+    return described
+
+
 def describe_unlike(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str, Any] | None:
     """Return what a manifest says of ground that is unlike the training; None without a model."""
     comparison = lane.comparison
