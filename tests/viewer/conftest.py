@@ -7,6 +7,9 @@ from watching import CHROMIUM, FLAGS, Watched
 
 from flgpr.viewer import Viewer
 
+PAGES = []
+"""The pages that a test watches."""
+
 
 @contextmanager
 def running(shown, **options):
@@ -20,10 +23,16 @@ def running(shown, **options):
             time.sleep(0.01)
         yield viewer
     finally:
-        viewer.stop()
-        # Connections that a browser left open end after the server's own deadline of 30 s.
-        thread.join(60)
-        assert not thread.is_alive()
+        try:
+            # A page that still asks would be told that nobody answers.
+            for page in PAGES:
+                if page.origin == f"http://127.0.0.1:{viewer.port}/":
+                    page.close()
+        finally:
+            viewer.stop()
+            # Connections that a browser left open end after the server's own deadline of 30 s.
+            thread.join(60)
+            assert not thread.is_alive()
 
 
 @pytest.fixture(scope="session")
@@ -58,12 +67,12 @@ def browser():
 
 @pytest.fixture
 def watch(browser):
-    pages = []
-
     def start(viewer, **options):
-        pages.append(Watched(browser, viewer, **options))
-        return pages[-1]
+        PAGES.append(Watched(browser, viewer, **options))
+        return PAGES[-1]
 
     yield start
+    pages = list(PAGES)
+    PAGES.clear()
     for page in pages:
         page.close()

@@ -63,7 +63,7 @@ class Watched:
             return
         self.closed = True
         self.page.close()
-        assert self.errors == []
+        assert self.errors == [], self.errors
         own = [url for url in self.requests if not url.startswith(("blob:", "data:"))]
         assert own
         assert all(url.startswith(self.origin) for url in own)
