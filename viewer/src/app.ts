@@ -20,7 +20,7 @@ import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thres
 import { Scrub } from "./scrub";
 import type { Choice, Compare, Detection, Note, Source } from "./types";
 import { View } from "./view";
-import { alarmFacts, alarmWords } from "./words";
+import { alarmFacts, alarmWords, sentences } from "./words";
 
 export class App implements Page {
   a: Choice;
@@ -204,15 +204,15 @@ export class App implements Page {
   // ---------------------------------------------------------------- thresholds, subsets, counts
 
   detectionChanged(): void {
-    const { unlike = [] } = this.source.index;
+    const { unlike = [], stands_out = [] } = this.source.index;
     el("unlike").hidden = !unlike.length;
-    el("unlike").textContent = unlike.map((words) => `${words[0]?.toUpperCase() ?? ""}${words.slice(1)}.`).join(" ");
+    el("unlike").textContent = sentences(unlike);
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
     const border = curve ? null : (this.detection?.border ?? null);
     const learnt = border === null ? -1 : this.thresholds.filter((one) => one === null || one >= border).length - 1;
     this.row = curve?.point?.row ?? (learnt < 0 ? this.thresholds.length - 1 : learnt);
-    el("point").textContent = border === null ? pointWords(curve) : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
+    el("point").textContent = border === null ? pointWords(curve) : sentences(stands_out);
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));

@@ -154,6 +154,7 @@ def demo(
     from flgpr.commands.score_request import ScoreRequest
     from flgpr.commands.scoring import score_result
     from flgpr.method.method import detect
+    from flgpr.method.stands_out import what_stands_out
     from flgpr.progress import silent
     from flgpr.recipe.fit import area_of
     from flgpr.recipe.schema import parse_recipe, recipe_text
@@ -191,6 +192,8 @@ def demo(
             detections.append(detect_compared(run, step, compared[step], lane, silent))
         else:
             if detections:
+                stands_out = what_stands_out(detections[0].alarms, lane)
+                description["stands_out"] = stands_out.as_json()
                 write_result(folder, detections, text, lane, description)
             request = ScoreRequest(
                 lists=[folder],

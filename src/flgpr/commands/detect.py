@@ -85,6 +85,7 @@ def _lines_of_result(result: Result) -> Iterator[str]:
         yield TRAINED_ON_THIS_RUN
     yield from run.get("unlike", {}).get("notes", [])
     yield from run.get("far", {}).get("notes", [])
+    yield from run.get("stands_out", {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
 
@@ -106,6 +107,7 @@ def _summary(result: Result) -> dict[str, Any]:
         "trained_on_this_run": bool(run.get("trained_on_this_run", False)),
         "unlike": run.get("unlike", {}),
         "far": run.get("far", {}),
+        "stands_out": run.get("stands_out", {}),
         "result": str(result.folder),
     }
     if "health" in run:

@@ -20,6 +20,7 @@ from flgpr.method.evidence import in_order
 from flgpr.method.false_alarms import ABOVE, RateThreshold, own_threshold, training_threshold
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.sections import section_lane
+from flgpr.method.stands_out import what_stands_out
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe
 
@@ -122,9 +123,13 @@ def _nearest_confidence(
 def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str, Any]:
     """Return what a manifest says of how far a detection can be trusted.
 
-    ``far`` where a false-alarm rate was asked for, ``unlike`` where the ground was compared.
+    ``stands_out`` always, ``far`` where a false-alarm rate was asked for, ``unlike`` where the
+    ground was compared.
     """
-    described = {}
+    ground = section_lane(lane.recipe, lane.lane, lane.section)
+    detector = None if lane.substitute else lane.model.detector
+    stands_out = what_stands_out(detections[0].alarms, ground, detector)
+    described: dict[str, Any] = {"stands_out": stands_out.as_json()}
     if lane.trust.far is not None:
         described["far"] = describe_threshold(lane, detections[0].alarms)
     unlike = describe_unlike(lane, detections)

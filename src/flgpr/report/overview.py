@@ -15,8 +15,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
 from flgpr.model import Lane
+from flgpr.report.answer import outstanding_alarms
 from flgpr.report.figures import DYNAMIC_RANGE
 from flgpr.report.kit import decibels, shaded, strongest
 from flgpr.results.result import Result, thinned
@@ -40,6 +42,7 @@ _VERGE = 0.35  # of the lane's width, shown on either side
 _MOST_VERGE = 1.0  # m
 _LARGEST_MARK = 140  # points², of the surest alarm
 _SMALLEST_MARK = 12
+_MOST_NUMBERED = 40  # places that stand out
 
 
 def is_short(lane: Lane) -> bool:
@@ -101,15 +104,19 @@ def _draw_scored_alarms(axes: Axes, alarms: pd.DataFrame, threshold: float) -> N
     _draw_points(axes, outside_alarms, "+", _WEAK, 9, "alarm beside the lane")
 
 
-def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
-    """Draw the road and the alarms, the surer the larger.
+def alarm_overview(
+    lane: Lane, alarms: pd.DataFrame, border: float | None = None, most: int = 500
+) -> Figure:
+    """Draw the road and the alarms: those that stand out by their number, else the surer the larger.
 
     Parameters
     ----------
     lane : Lane
         The lane.
     alarms : pandas.DataFrame
-        Alarms with ``x``, ``y`` (m), the most confident first.
+        Alarms with ``x``, ``y`` (m) and ``confidence``, the most confident first.
+    border : float, optional
+        Confidence from which on alarms stand out; None where nobody can say.
     most : int
         Alarms that are drawn.
 
@@ -122,19 +129,36 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, most: int = 500) -> Figure:
     axes = strips[0]
     axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
     shown = alarms[:most]
-    if len(shown):
-        axes.scatter(
-            shown["y"],
-            shown["x"],
-            s=np.linspace(_LARGEST_MARK, _SMALLEST_MARK, len(shown)),
-            fc="none",
-            ec=_FALSE,
-            lw=1.4,
-            label="alarm, the surer the larger",
-            zorder=4,
-        )
+    if border is None:
+        sizes = np.linspace(_LARGEST_MARK, _SMALLEST_MARK, len(shown))
+        _draw_rings(axes, shown, sizes, _FALSE, "alarm, the surer the larger")
+    else:
+        outstanding = outstanding_alarms(shown, lane, border)
+        weak = shown.drop(outstanding.index)
+        _draw_points(axes, weak, ".", _WEAK, 3, "weak, or beside the lane")
+        _draw_rings(axes, outstanding, _LARGEST_MARK, _MISSED, "stands out, by its rank")
+        for rank, alarm in enumerate(outstanding[:_MOST_NUMBERED].itertuples(), 1):
+            axes.annotate(
+                str(rank),
+                (alarm.y, alarm.x),
+                (9, 5),
+                textcoords="offset points",
+                color=_MISSED,
+                weight="bold",
+                zorder=6,
+            )
     _finish(figure, strips)
     return figure
+
+
+def _draw_rings(
+    axes: Axes, alarms: pd.DataFrame, sizes: NDArray[np.float64] | float, color: str, label: str
+) -> None:
+    """Draw alarms as rings of sizes, points²."""
+    if len(alarms):
+        axes.scatter(
+            alarms["y"], alarms["x"], s=sizes, fc="none", ec=color, lw=1.6, label=label, zorder=5
+        )
 
 
 def before_and_after(result: Result) -> tuple[Figure, Figure] | None:

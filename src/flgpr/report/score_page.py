@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.report.answer import places_that_stand_out
 from flgpr.report.curve_figures import figure_bytes, patch_figure, roc_figure
 from flgpr.report.figures import (
     channel_figure,
@@ -275,7 +276,10 @@ def _result_values(
     return {
         "run": run,
         "lane": result.lane,
-        "overview": alarm_overview(result.lane, main.alarms),
+        "overview": alarm_overview(
+            result.lane, main.alarms, run.get("stands_out", {}).get("border")
+        ),
+        "standing": places_that_stand_out(result),
         "swipe": before_and_after(result),
         "side_by_side": is_short(result.lane),
         "views": run_view_figure(result, ["main", *masked], truth, objects),

@@ -1,0 +1,163 @@
+"""Which alarms stand out from the others of their lane, told without truth.
+
+A detector ranks; somebody has to say how far down the list to go. Three answers are taken, the first
+that there is: the threshold for the false-alarm rate that was asked for, the confidence from which on a
+trained detector decides for a mine, and else the tail of the lane's own alarms.
+
+The tail: nearly all alarms are clutter. The excess of the strongest of many alike values over a high
+level is exponential (Pickands, "Statistical inference using extreme order statistics", Annals of
+Statistics 3, 1975, with a shape of zero), and the spacings of such values in order are independent (Rényi,
+"On the theory of order statistics", 1953), so that the scale of the tail is had from alarms that are too
+many to be mines, whatever lies above them. An alarm stands out where that tail lets expect at most one as
+strong on the lane. A lane with few alarms has no tail. The rule is unproven: nothing was learnt, and a
+rock stands out as well as a mine.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.method.false_alarms import ABOVE
+from flgpr.method.model import Detector
+from flgpr.model import Lane
+from flgpr.stages import FloatArray
+
+EXPECTED = 1.0
+"""Alarms of clutter as strong as those that stand out, expected of a lane."""
+DENSEST = 0.1
+"""Mines per m² that the tail of the clutter is kept clear of."""
+FEWEST = 8
+"""Alarms that the scale of a tail must rest on."""
+MANY = 0.1
+"""Places that stand out, per m², from which on the ground is in doubt rather than the places."""
+
+
+@dataclass(frozen=True)
+class StandingOut:
+    """The alarms that stand out from the others of their lane."""
+
+    count: int
+    weak: int  #: the others
+    border: float | None  #: confidence from which on alarms stand out; None where nobody can say
+    source: str  #: "rate", "model", "tail", or "" where nobody can say
+    density: float  #: of those that stand out, per m²
+
+    def sentences(self) -> list[str]:
+        """Return the answer and how it was found, then what is advised."""
+        if not self.source:
+            few = f"{_places(self.weak)}, too few to say which of them stand out"
+            return [few if self.weak else "no place was raised"]
+        verb = "stand" if self.count > 1 else "stands"
+        others = f"{self.weak} {'is' if self.weak == 1 else 'are'} weak"
+        return [f"{_places(self.count)} {verb} out, {others}", _HOW[self.source], *self._advice()]
+
+    def _advice(self) -> list[str]:
+        """Return what to do next."""
+        if self.density > MANY:
+            return [
+                f"{self.density:.2g} places per m² are more than a road holds: look for what is wrong "
+                "with the run (`flgpr info`), or search with another recipe"
+            ]
+        if self.source == "tail":
+            return ["lanes with truth give probabilities in place of this rule: `flgpr train`"]
+        return []
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        return {
+            "count": self.count,
+            "weak": self.weak,
+            "border": self.border,
+            "source": self.source,
+            "notes": self.sentences(),
+        }
+
+
+_HOW = {
+    "rate": "above the threshold for the false-alarm rate",
+    "model": "by the confidence from which on the model decides for a mine",
+    "tail": "at most one place of this lane's clutter is expected to be as strong; the rule is unproven",
+}
+"""How it was found, by source."""
+
+
+def _places(count: int) -> str:
+    return f"{count or 'no'} place{'s' if count > 1 else ''}"
+
+
+def tail_threshold(confidence: FloatArray, area: float) -> float | None:
+    r"""Return the confidence beyond which at most one alarm of a lane's clutter is expected.
+
+    Parameters
+    ----------
+    confidence : (alarm,) ndarray
+        Confidences of all alarms of a lane, in any order.
+    area : float
+        Area of the lane, m².
+
+    Returns
+    -------
+    float or None
+        The threshold; None where too few alarms are left to tell the tail from.
+
+    Notes
+    -----
+    With the alarms in descending order, :math:`c_0 ≥ c_1 ≥ …`, the first :math:`k = ⌈ρ A⌉` may be
+    mines, :math:`ρ` of ``DENSEST``. The mean of the normalized spacings from :math:`k` to the median
+    :math:`m`, :math:`s = (k (c_k - c_m) + \sum_{i=k}^{m-1} (c_i - c_m)) / (m - k)`, is the scale, and
+    :math:`(k + 1)\,e^{-(c - c_k) / s}` alarms are expected beyond :math:`c`.
+    """
+    ordered = np.sort(confidence[np.isfinite(confidence)])[::-1]
+    first = math.ceil(DENSEST * area)
+    last = max(len(ordered) // 2, first + FEWEST)
+    if last >= len(ordered):
+        return None
+    excess = ordered[:last] - ordered[last]
+    scale = (first * excess[first] + excess[first:].sum()) / (last - first)
+    return float(ordered[first] + scale * math.log((first + 1) / EXPECTED))
+
+
+def what_stands_out(
+    alarms: pd.DataFrame, ground: Lane, detector: Detector | None = None
+) -> StandingOut:
+    """Return which alarms of a detection stand out.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Its alarms, with ``confidence``, and whether each lies above the threshold for the
+        false-alarm rate where one was asked for.
+    ground : Lane
+        Ground that was searched; alarms beside it are not counted.
+    detector : Detector, optional
+        The trained detector that the confidences come from.
+
+    Returns
+    -------
+    StandingOut
+        Those on the ground.
+    """
+    inside = alarms[ground.contains(alarms["x"], alarms["y"])]
+    confidence = inside["confidence"].to_numpy(float)
+    border: float | None
+    if ABOVE in inside:
+        source = "rate"
+        border = float(min(confidence[inside[ABOVE] == 1], default=_beyond(confidence)))
+    elif detector is not None:
+        source, border = "model", detector.border
+    else:
+        source, border = "tail", tail_threshold(confidence, ground.area)
+    if border is None:
+        return StandingOut(0, len(inside), None, "", 0.0)
+    count = int((confidence >= border).sum())
+    return StandingOut(count, len(inside) - count, border, source, count / ground.area)
+
+
+def _beyond(confidence: FloatArray) -> float:
+    """Return a confidence that none of these reaches."""
+    return float(np.nextafter(confidence.max(initial=0.0), np.inf))

@@ -1,0 +1,103 @@
+"""Which alarms stand out from those of their lane, without truth."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr.method.false_alarms import ABOVE
+from flgpr.method.stands_out import DENSEST, FEWEST, tail_threshold, what_stands_out
+from flgpr.model import Lane
+from flgpr.report.answer import alarm_sentence
+
+LANE = Lane(-1.5, 1.5, 0.0, 30.0)
+
+
+def alarms_of(confidence, x=0.0):
+    count = len(confidence)
+    return pd.DataFrame(
+        {
+            "alarm_id": [f"alarm-{number}" for number in range(count)],
+            "x": np.broadcast_to(x, count),
+            "y": np.linspace(1.0, 29.0, count),
+            "confidence": confidence,
+        }
+    )
+
+
+def test_one_place_of_clutter_is_expected_as_strong():
+    """The mean over many lanes of clutter whose tail is exponential, for a scale and a level of any kind."""
+    rng = np.random.default_rng(1)
+    beyond = []
+    for _ in range(2000):
+        clutter = 3.0 + 2.5 * rng.exponential(size=80)
+        beyond.append((clutter > tail_threshold(clutter, LANE.area)).sum())
+    assert 0.9 < np.mean(beyond) < 1.2
+
+
+@pytest.mark.parametrize("strength", [15.0, 1e3])
+def test_mines_do_not_hide_one_another(strength):
+    """As many as a lane may hold, however strong they are, leave the threshold as that of clutter alone."""
+    rng = np.random.default_rng(2)
+    clutter = np.sort(rng.exponential(size=100))[::-1]
+    mines = int(np.ceil(DENSEST * LANE.area))
+    mixed = np.concatenate([clutter[mines:], clutter[0] + strength * np.ones(mines)])
+    want = tail_threshold(clutter, LANE.area)
+    assert tail_threshold(mixed, LANE.area) == pytest.approx(want)
+    assert (mixed > want).sum() == mines + (clutter[mines:] > want).sum()
+
+
+def test_a_lane_with_few_alarms_has_no_tail():
+    enough = int(np.ceil(DENSEST * LANE.area)) + FEWEST + 1
+    assert tail_threshold(np.arange(enough - 1.0), LANE.area) is None
+    assert tail_threshold(np.arange(float(enough)), LANE.area) is not None
+    told = what_stands_out(alarms_of(np.arange(5.0)), LANE)
+    assert (told.source, told.border, told.count, told.weak) == ("", None, 0, 5)
+    assert told.sentences() == ["5 places, too few to say which of them stand out"]
+    assert what_stands_out(alarms_of([]), LANE).sentences() == ["no place was raised"]
+
+
+class Decides:
+    border = 0.5
+
+
+def test_a_trained_detector_decides():
+    told = what_stands_out(alarms_of([3.0, 0.5, 0.4, -1.0]), LANE, Decides())
+    assert (told.source, told.border, told.count, told.weak) == ("model", 0.5, 2, 2)
+    assert told.sentences()[0] == "2 places stand out, 2 are weak"
+
+
+def test_the_threshold_for_a_rate_comes_first():
+    alarms = alarms_of([3.0, 0.5, 0.4, -1.0]).assign(**{ABOVE: [1, 0, 0, 0]})
+    told = what_stands_out(alarms, LANE, Decides())
+    assert (told.source, told.border, told.count) == ("rate", 3.0, 1)
+    none = what_stands_out(alarms.assign(**{ABOVE: 0}), LANE, Decides())
+    assert none.count == 0
+    assert none.border > 3.0
+    assert none.sentences()[0] == "no place stands out, 4 are weak"
+    json.dumps(none.as_json(), allow_nan=False)
+
+
+def test_alarms_beside_the_lane_do_not_count():
+    told = what_stands_out(alarms_of([3.0, 2.0, 1.0], x=[0.0, 2.0, 0.0]), LANE, Decides())
+    assert (told.count, told.weak) == (2, 0)
+
+
+def test_too_many_places_are_a_doubt_about_the_run():
+    told = what_stands_out(alarms_of(np.ones(20)), LANE, Decides())
+    assert "more than a road holds" in told.sentences()[-1]
+    assert told.density == pytest.approx(20 / LANE.area)
+
+
+def test_an_alarm_is_explained():
+    alarm = {"x": 1.4, "y": 3.0, "confidence": 5.0, "scans": 1.0, "roadside": 0.8}
+    said = alarm_sentence(alarm, LANE, 4.0)
+    assert said == (
+        "confidence 5 (4 suffices), seen by one scan only: take another look, 80 % of it is the roadside's, "
+        "at the edge of the lane"
+    )
+    plain = {"x": 0.0, "y": 3.0, "confidence": 0.0, "scans": 3.0, "roadside": np.nan}
+    assert alarm_sentence(plain, LANE, -1.0, gives_odds=True) == (
+        "probability 0.50 where mines are as frequent as in training, seen by 3 scans"
+    )
