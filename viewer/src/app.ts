@@ -204,15 +204,16 @@ export class App implements Page {
   // ---------------------------------------------------------------- thresholds, subsets, counts
 
   detectionChanged(): void {
-    const { unlike = [], stands_out = [] } = this.source.index;
+    const { unlike = [], stands_out } = this.source.index;
+    const told = this.detection?.name === "main" ? stands_out : undefined;
     el("unlike").hidden = !unlike.length;
     el("unlike").textContent = sentences(unlike);
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
-    const border = curve ? null : (this.detection?.border ?? null);
+    const border = curve ? null : (told?.border ?? this.detection?.border ?? null);
     const learnt = border === null ? -1 : this.thresholds.filter((one) => one === null || one >= border).length - 1;
     this.row = curve?.point?.row ?? (learnt < 0 ? this.thresholds.length - 1 : learnt);
-    el("point").textContent = border === null ? pointWords(curve) : sentences(stands_out);
+    el("point").textContent = curve ? pointWords(curve) : told ? sentences(told.notes) : border === null ? "" : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));

@@ -32,7 +32,7 @@ export interface Detection {
   contributions: Columns | null;
   training: Training[] | null;
   evidence?: Evidence;
-  /** Confidence from which on alarms stand out. */
+  /** Confidence from which a detector that has learnt decides for a mine. */
   border?: number | null;
 }
 export interface Georeference { latitude: number; longitude: number; azimuth?: number }
@@ -53,8 +53,8 @@ export interface Index {
   georeference: Georeference | null;
   /** What is said of ground that is unlike that of the model's training, or that nobody can tell. */
   unlike?: string[];
-  /** How many alarms stand out, how that was found, and what is advised. */
-  stands_out?: string[];
+  /** How many alarms of the first detection stand out, how that was found and what is advised, and the confidence from which on. */
+  stands_out?: { border: number | null; notes: string[] };
   detections: Detection[];
   run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number]; notes: string[]; recording: boolean };
 }

@@ -138,7 +138,10 @@ def _write_files(
         folder.mkdir(parents=True, exist_ok=True)
         write_detection(folder, detection, run.get("georeference"), recipe_text)
     learnt = as_model(model)
-    write_view(root, detections, lane, run, parse_recipe(recipe_text))
+    border = None
+    if learnt.detector is not None and not run.get("unlike", {}).get("substitute"):
+        border = learnt.detector.border
+    write_view(root, detections, lane, run, parse_recipe(recipe_text), border)
     write_whole(root / "recipe.toml", recipe_text)
     if learnt.detector is not None or learnt.stages:
         save_model(learnt, root / MODEL)

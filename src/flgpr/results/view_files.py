@@ -38,6 +38,7 @@ def write_view(
     lane: Lane,
     run: Mapping[str, Any],
     recipe: Recipe,
+    border: float | None = None,
 ) -> None:
     """Write the viewer's files to ``folder/view``.
 
@@ -53,6 +54,8 @@ def write_view(
         Description of the run.
     recipe : Recipe
         What was computed.
+    border : float, optional
+        Confidence at which a learnt detector decides.
 
     Raises
     ------
@@ -72,12 +75,8 @@ def write_view(
     layers: list[dict[str, Any]] = []
     for name, stage, view in views:
         layers.extend(_write_layers(view_folder, name, stage, view))
-    stands_out = run.get("stands_out", {})
     entries = []
     for detection in detections:
-        # A lane's own tail is that of one ranking.
-        holds = detection.name == MAIN or stands_out.get("source") == "model"
-        border = stands_out.get("border") if holds else None
         entries.append(_write_detection(view_folder, detection) | {"border": border})
     channel = detections[0].channel
     if not channel:
@@ -98,8 +97,8 @@ def write_view(
         "georeference": run.get("georeference"),
         "detections": entries,
     }
-    if stands_out:
-        index["stands_out"] = stands_out["notes"]
+    if "stands_out" in run:
+        index["stands_out"] = {name: run["stands_out"][name] for name in ("border", "notes")}
     unlike = run.get("unlike", {}).get("notes", [])
     if unlike:
         index["unlike"] = unlike
