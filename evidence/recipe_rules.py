@@ -3,6 +3,7 @@
 ``python evidence/recipe_rules.py run OUT [--arrays NAME ...] [--mines N] [--world plain]`` fits the recipe to every
 array, trains it on simulated lanes and writes the alarms of every test lane. It resumes, and with more mines extends.
 ``python evidence/recipe_rules.py tables OUT`` prints mines found by the fitted recipe and by C_HH, paired.
+``python evidence/recipe_rules.py stands-out OUT`` prints how many of what stands out by each lane's own tail are mines.
 ``python evidence/recipe_rules.py full-wave OUT`` trains the recipe on the training lanes of the ground full-wave-2 and
 counts on its solved lanes, once and last.
 """
@@ -27,6 +28,7 @@ from flgpr.jobs.check_on_twins import matched
 from flgpr.jobs.twins import Twin, draw_scene, plan_twins, simulate_twin, twins_for
 from flgpr.method.method import detect
 from flgpr.method.model import Model, load_model
+from flgpr.method.stands_out import tail_threshold
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.proving_ground import load_ground, run_benchmark, write_score_tables
 from flgpr.recipe.make import fit_recipe
@@ -244,6 +246,36 @@ def print_tables(out: Path, world: str) -> None:
         print(f"all at {far:g}: fitted {fitted}, C_HH {contrast}, alone +{first} -{second}")
 
 
+def print_outstanding(out: Path, world: str) -> None:
+    """Print what stands out by the tail of each lane's own alarms, and how many of it are mines."""
+    halo = declared()["halo"]
+    rows = []
+    for array in declared()["arrays"]:
+        folder = out / world / array["name"]
+        for name in (FITTED, CONTRAST):
+            outstanding, mines, lanes, truths = 0, 0, 0, 0
+            for path in sorted(folder.glob(f"{name}-[0-9]*.csv")):
+                number = path.stem.removeprefix(f"{name}-")
+                truth = read_table(folder / f"truth-{number}.csv", "truth")[["x", "y"]].to_numpy()
+                alarms = pd.read_csv(path)
+                # Alarms stand in the lane alone, and reach its borders nearly.
+                area = np.prod(np.ptp(alarms[["x", "y"]].to_numpy(), axis=0))
+                border = tail_threshold(alarms["confidence"].to_numpy(float), float(area))
+                border = np.inf if border is None else border
+                places = alarms.loc[alarms["confidence"] >= border, ["x", "y"]].to_numpy()
+                off = np.linalg.norm(places[:, None] - truth, axis=-1)
+                lanes += 1
+                truths += len(truth)
+                outstanding += len(places)
+                mines += int((off.min(axis=1) <= halo).sum()) if len(places) else 0
+            if lanes:
+                false = (outstanding - mines) / lanes
+                row = [array["name"], name, lanes, truths, outstanding]
+                rows.append([*row, with_share(mines, outstanding), f"{false:.2f}"])
+    head = ["array", "detector", "lanes", "mines", "stand out", "of these mines", "others a lane"]
+    print(markdown(head, rows))
+
+
 def on_full_wave(out: Path) -> None:
     """Run the fitted recipe and C_HH on the solved lanes of full-wave-2, and print their scores."""
     ground = load_ground(source=FULL_WAVE)
@@ -264,7 +296,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("step", choices=["run", "tables", "full-wave"])
+    parser.add_argument("step", choices=["run", "tables", "stands-out", "full-wave"])
     parser.add_argument("out", type=Path)
     parser.add_argument("--arrays", nargs="*", default=[])
     parser.add_argument("--mines", type=int)
@@ -272,6 +304,9 @@ def main() -> None:
     given = parser.parse_args()
     if given.step == "tables":
         print_tables(given.out, given.world)
+        return
+    if given.step == "stands-out":
+        print_outstanding(given.out, given.world)
         return
     if given.step == "full-wave":
         on_full_wave(given.out)
