@@ -221,7 +221,7 @@ def paired(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def page_tables(rows: pd.DataFrame, losses: pd.DataFrame) -> str:
-    """Return the two tables of docs/evidence/ladder.md: mines found, and what is lost against the oracle.
+    """Return the two tables of docs/evidence/ladder: mines found, and what is lost against the oracle.
 
     What was not computed at all sites of a tier has an empty cell.
     """
