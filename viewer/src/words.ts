@@ -7,7 +7,7 @@ import { LABELS } from "./symbols";
 import type { Choice, Detection, Source } from "./types";
 
 /** Notes as sentences. */
-export const sentences = (notes: string[]): string => (Array.isArray(notes) ? notes : []).map(String).map((words) => `${words[0]?.toUpperCase() ?? ""}${words.slice(1)}.`).join(" ");
+export const sentences = (notes: string[]): string => (Array.isArray(notes) ? notes : []).map((words) => String(words).replaceAll("`", "")).map((words) => `${words[0]?.toUpperCase() ?? ""}${words.slice(1)}.`).join(" ");
 
 /** An alarm as it is said. */
 export function alarmWords(source: Source, detection: Detection, row: number): string {
