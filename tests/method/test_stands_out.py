@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from flgpr.method.false_alarms import ABOVE
+from flgpr.method.searched import seen_part
 from flgpr.method.stands_out import DENSEST, FEWEST, tail_threshold, what_stands_out
 from flgpr.model import Lane
 from flgpr.report.answer import alarm_sentence
@@ -82,6 +83,12 @@ def test_the_threshold_for_a_rate_comes_first():
 def test_alarms_beside_the_lane_do_not_count():
     told = what_stands_out(alarms_of([3.0, 2.0, 1.0], x=[0.0, 2.0, 0.0]), LANE, Decides())
     assert (told.count, told.weak) == (2, 0)
+
+
+def test_a_lane_that_no_scan_saw_has_no_answer():
+    told = what_stands_out(alarms_of([]), seen_part(LANE, Lane(-1.5, 1.5, 40.0, 60.0)))
+    assert told.sentences()[0].startswith("no answer: no scan sees the lane")
+    assert seen_part(LANE, Lane(-9.0, 9.0, 10.0, 60.0)) == Lane(-1.5, 1.5, 10.0, 30.0)
 
 
 def test_too_many_places_are_a_doubt_about_the_run():

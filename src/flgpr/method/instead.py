@@ -19,10 +19,11 @@ from flgpr.method.detection import AS_LEARNT, MAIN, Detection
 from flgpr.method.evidence import in_order
 from flgpr.method.false_alarms import ABOVE, RateThreshold, own_threshold, training_threshold
 from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.searched import seen_part
 from flgpr.method.sections import section_lane
 from flgpr.method.stands_out import what_stands_out
 from flgpr.recipe.make import fit_recipe
-from flgpr.recipe.schema import parse_recipe
+from flgpr.recipe.schema import parse_recipe, seen_lane
 
 BESIDE = "as-learnt"
 """Name of the detection as it was learnt, where another stands in for it."""
@@ -126,7 +127,8 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str
     ``stands_out`` always, ``far`` where a false-alarm rate was asked for, ``unlike`` where the
     ground was compared.
     """
-    ground = section_lane(lane.recipe, lane.lane, lane.section)
+    searched = section_lane(lane.recipe, lane.lane, lane.section)
+    ground = seen_part(searched, seen_lane(lane.run, lane.recipe))
     detector = None if lane.substitute else lane.model.detector
     stands_out = what_stands_out(detections[0].alarms, ground, detector)
     described: dict[str, Any] = {"stands_out": stands_out.as_json()}

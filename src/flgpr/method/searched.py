@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from flgpr.model import Lane
@@ -62,6 +62,13 @@ def _stretches(first: float, last: float, inner_first: float, inner_last: float)
     if last - inner_last > _WORTH_SAYING:
         stretches.append(f"{max(inner_last, first):.1f} to {last:.1f} m")
     return stretches
+
+
+def seen_part(lane: Lane, seen: Lane) -> Lane | None:
+    """Return the part of a lane within what is seen along the track; None where there is none."""
+    y_min = max(lane.y_min, seen.y_min)
+    y_max = min(lane.y_max, seen.y_max)
+    return replace(lane, y_min=y_min, y_max=y_max) if y_max > y_min else None
 
 
 def searched_ground(run: xr.Dataset, recipe: Recipe, lane: Lane, source: str) -> SearchedGround:

@@ -46,9 +46,14 @@ class StandingOut:
     border: float | None  #: confidence from which on alarms stand out; None where nobody can say
     source: str  #: "rate", "model", "tail", or "" where nobody can say
     density: float  #: of those that stand out, per m²
+    is_seen: bool = True  #: whether any scan saw the ground
 
     def sentences(self) -> list[str]:
         """Return the answer and how it was found, then what is advised."""
+        if not self.is_seen:
+            return [
+                "no answer: no scan sees the lane; look at its borders, and at the run's positions"
+            ]
         if not self.source:
             few = f"{_places(self.weak)}, too few to say which of them stand out"
             return [few if self.weak else "no place was raised"]
@@ -123,7 +128,7 @@ def tail_threshold(confidence: FloatArray, area: float) -> float | None:
 
 
 def what_stands_out(
-    alarms: pd.DataFrame, ground: Lane, detector: Detector | None = None
+    alarms: pd.DataFrame, ground: Lane | None, detector: Detector | None = None
 ) -> StandingOut:
     """Return which alarms of a detection stand out.
 
@@ -132,8 +137,8 @@ def what_stands_out(
     alarms : DataFrame
         Its alarms, with ``confidence``, and whether each lies above the threshold for the
         false-alarm rate where one was asked for.
-    ground : Lane
-        Ground that was searched; alarms beside it are not counted.
+    ground : Lane, optional
+        Ground that was searched and seen; alarms beside it are not counted. None if no scan saw any.
     detector : Detector, optional
         The trained detector that the confidences come from.
 
@@ -142,6 +147,8 @@ def what_stands_out(
     StandingOut
         Those on the ground.
     """
+    if ground is None:
+        return StandingOut(0, 0, None, "", 0.0, is_seen=False)
     inside = alarms[ground.contains(alarms["x"], alarms["y"])]
     confidence = inside["confidence"].to_numpy(float)
     border: float | None
