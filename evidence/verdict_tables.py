@@ -2,8 +2,11 @@
 
     python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
 
-A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
-printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken over as they are.
+A study that has results in one world only has dashes for the other. Where `evidence/replicates.py` has repeated an
+experiment, the row has what holds in all repeats together. A table says beside each number how often its rule would
+have answered, and in how many experiments of the paper's size it shows what the paper says. The counts that the page's
+first table holds are printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken
+over as they are.
 """
 
 import csv
@@ -52,7 +55,7 @@ def header() -> list[str]:
     """Return the names of the columns."""
     columns = ["statement", "the paper"]
     for world in WORLDS:
-        columns += [world, "verdict"]
+        columns += [world, "rule", "power", "verdict", "experiments that show it"]
     return columns
 
 
@@ -60,7 +63,11 @@ def judged_findings(folder: Path) -> list[Finding]:
     """Read the statements of a run that were judged; none where it was not run."""
     if not (folder / "findings.json").is_file():
         return []
-    return [finding for finding in read_findings(folder) if finding.verdict in VERDICTS]
+    repeated = {}
+    if (folder / "replicates" / "findings.json").is_file():
+        repeated = {finding.claim: finding for finding in read_findings(folder / "replicates")}
+    found = [repeated.get(finding.claim, finding) for finding in read_findings(folder)]
+    return [finding for finding in found if finding.verdict in VERDICTS]
 
 
 def by_statement(found: list[Finding], group: str) -> dict[Statement, Finding]:
@@ -84,9 +91,21 @@ def rows_of(findings: dict[str, dict[Statement, Finding]]) -> list[list[str]]:
         row = [f"{claim} ({quantity})" if claims.count(claim) > 1 else claim, paper]
         for found in findings.values():
             finding = found.get((claim, quantity))
-            row += [finding.ours, finding.verdict] if finding else ["–", "–"]
+            row += cells_of(finding) if finding else ["–"] * 5
         rows.append(row)
     return rows
+
+
+def cells_of(finding: Finding) -> list[str]:
+    """Return the cells of a statement in a world."""
+    texts = [
+        finding.ours,
+        finding.criterion,
+        finding.power_in_words,
+        finding.verdict,
+        finding.shown_in_words,
+    ]
+    return [text or "–" for text in texts]
 
 
 def count_verdicts(world: str, found: dict[Statement, Finding]) -> str:

@@ -15,16 +15,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flgpr_papers.kit.findings import (
-    AGREES,
-    DISAGREES,
-    UNDECIDED,
-    Bounds,
-    Finding,
-    Interval,
-    decimals,
-    judge,
-)
+from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, decimals, judge
+from flgpr_papers.kit.intervals import Bounds, Interval
 
 HOLDS = "holds"
 REFUTED = "refuted"
