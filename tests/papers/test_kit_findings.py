@@ -32,6 +32,7 @@ from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
     clustered,
+    effective_looks,
     intracluster,
     paired_shares,
     proportion,
@@ -164,31 +165,34 @@ def test_looks_of_a_seed_count_by_their_design_effect():
     every = np.ones((12, 72))
     one_missed = every.copy()
     one_missed[0, 0] = 0
-    # With nothing known, a seed is a look; with looks that hardly depend, all of them count.
-    assert share_of_looks(every)[1] < 0.74
-    assert share_of_looks(every, 0.02)[1] > 0.98
-    assert share_of_looks(0 * every, 0.02)[2] < 0.02
+    assert share_of_looks(every)[1] == pytest.approx(0.957, abs=0.001)
+    assert share_of_looks(0 * every)[2] == pytest.approx(0.043, abs=0.001)
     # A miss more or less changes little: no interval of nothing missed is wider than of one missed.
-    gap = np.subtract(share_of_looks(every, 0.1)[1:], share_of_looks(one_missed, 0.1)[1:])
+    gap = np.subtract(share_of_looks(every)[1:], share_of_looks(one_missed)[1:])
     assert np.abs(gap).max() < 0.01
-    assert paired_shares(every, every, 0.1)[1:] == pytest.approx((-0.043, 0.043), abs=0.001)
-    assert paired_shares(every, 0 * every, 0.1)[1] > 0.9
-    assert intracluster(every) == 1.0
+    # Seeds that find all or nothing are a look each.
+    halves = np.repeat([[1.0], [0.0]], [6, 6], axis=0) * every
+    assert intracluster(halves) == 1
+    assert effective_looks(halves) == pytest.approx(12 * (1.96 / 2.201) ** 2, rel=0.001)
+    assert paired_shares(every, every)[1:] == pytest.approx((-0.043, 0.043), abs=0.001)
+    assert paired_shares(every, 0 * every)[1] > 0.9
+    with pytest.raises(ValueError, match="must have at least two clusters, got 1"):
+        share_of_looks(every[:1])
 
 
 @pytest.mark.slow("repeats a draw until its statistics stand")
-def test_shares_of_looks_hold_the_truth_in_19_of_20_studies():
+@pytest.mark.parametrize(("correlation", "least"), [(0.02, 0.95), (0.1, 0.94), (0.3, 0.9)])
+def test_shares_of_looks_hold_the_truth(correlation, least):
     """Also close to all, where the spread of the seeds says nothing."""
     rng = np.random.default_rng(3)
-    correlation = 0.2
-    for share in (0.3, 0.9, 0.99):
+    for share in (0.5, 0.9, 0.99, 0.999):
         both = share * (1 / correlation - 1), (1 - share) * (1 / correlation - 1)
         held = 0
         for _ in range(600):
             found = rng.random((12, 36)) < rng.beta(*both, (12, 1))
-            _, low, high = share_of_looks(found, correlation)
+            _, low, high = share_of_looks(found)
             held += low <= share <= high
-        assert held / 600 > 0.94
+        assert held / 600 > least
 
 
 @pytest.mark.slow("repeats a draw until its statistics stand")

@@ -20,7 +20,6 @@ from flgpr_papers.kit.intervals import (
     Bounds,
     Interval,
     difference_of_means,
-    intracluster,
     paired_shares,
     share_of_looks,
     students,
@@ -83,7 +82,7 @@ def found_looks(
 
 
 class Looks:
-    """Which looks every detector finds, by site, and how looks of one seed depend on each other.
+    """Which looks every detector finds, by site.
 
     Parameters
     ----------
@@ -97,26 +96,22 @@ class Looks:
         self._recipe = recipe
         self._cases = cases
         self.found: dict[tuple[str, str], FloatArray] = {}
-        self.correlation: dict[str, float] = {}
         for site, lanes in cases.items():
-            names = lanes[0]["peaks"]
-            tables = {name: found_looks(recipe, lanes, name) for name in names}
-            self.found |= {(site, name): table for name, table in tables.items()}
-            self.correlation[site] = intracluster(*tables.values())
+            for name in lanes[0]["peaks"]:
+                self.found[site, name] = found_looks(recipe, lanes, name)
 
     def pd(self, site: str, detector: str) -> Interval:
         """Return the Pd of a detector at a site."""
-        return share_of_looks(self.found[site, detector], self.correlation[site])
+        return share_of_looks(self.found[site, detector])
 
     def gap(self, site: str, detector: str, rival: str) -> Interval:
         """Return the Pd of a detector at a site less that of another one, on the same looks."""
-        looks = self.found[site, detector], self.found[site, rival]
-        return paired_shares(*looks, self.correlation[site])
+        return paired_shares(self.found[site, detector], self.found[site, rival])
 
     def quantile_gap(self, site: str, detector: str) -> Interval:
         """Return the Pd by a high quantile of the boxes less that by their peaks."""
         by_quantile = found_looks(self._recipe, self._cases[site], detector, quantile=True)
-        return paired_shares(by_quantile, self.found[site, detector], self.correlation[site])
+        return paired_shares(by_quantile, self.found[site, detector])
 
     def seeds(self, site: str, detector: str) -> FloatArray:
         """Return the Pd of every seed."""

@@ -25,6 +25,12 @@ SHARE_DIFFERENCE: Bounds = (-1.0, 1.0)
 """Bounds of the difference of two shares."""
 Z = 1.959964
 """97.5 % point of the normal distribution: an interval of 95 % has two sides."""
+LEAST_CORRELATION = 0.1
+"""Correlation of looks within a cluster that is assumed at least.
+
+With it, intervals from 12 clusters hold shares from 0.5 to 0.999 in 19 of 20 simulated samples or
+more where the looks are correlated by up to 0.1, and in 9 of 10 at 0.3; without it in half of them.
+"""
 
 
 def students(values: ArrayLike, level: float = 0.95, bounds: Bounds | None = None) -> Interval:
@@ -53,57 +59,53 @@ def students(values: ArrayLike, level: float = 0.95, bounds: Bounds | None = Non
     return interval if bounds is None else clip(interval, bounds)
 
 
-def intracluster(*tables: ArrayLike) -> float:
+def intracluster(table: ArrayLike) -> float:
     """Return the correlation of looks within a cluster, from 0 to 1, by analysis of variance.
-
-    Tables of several detectors share one correlation: one that finds all or nothing adds nothing,
-    for its looks do not differ. Where no look differs the correlation is unknown, and 1 is
-    returned: a cluster then counts as one look.
 
     Parameters
     ----------
-    *tables : (cluster, look) array_like
-        A value of every look, such as 1 where it was found.
+    table : (cluster, look) array_like
+        A value of every look, such as 1 where it was found. Where none differs from another it
+        tells nothing, and 0 is returned.
     """
-    between = within = 0.0
-    looks = 1
-    for table in tables:
-        values = np.asarray(table, dtype=np.float64)
-        clusters, looks = values.shape
-        means = values.mean(axis=1)
-        between += looks * means.var(ddof=1)
-        within += ((values - means[:, None]) ** 2).sum() / (clusters * max(looks - 1, 1))
+    values = np.asarray(table, dtype=np.float64)
+    clusters, looks = values.shape
+    means = values.mean(axis=1)
+    between = looks * means.var(ddof=1)
+    within = ((values - means[:, None]) ** 2).sum() / (clusters * max(looks - 1, 1))
     total = between + (looks - 1) * within
-    return float(np.clip((between - within) / total, 0.0, 1.0)) if total > 0 else 1.0
+    return float(np.clip((between - within) / total, 0.0, 1.0)) if total > 0 else 0.0
 
 
-def effective_looks(table: ArrayLike, correlation: float | None = None) -> float:
+def effective_looks(table: ArrayLike) -> float:
     """Return how many independent looks the looks of a table are worth.
 
-    It is their number over the design effect ``1 + (looks - 1) correlation`` (Kish 1965), times
-    ``(z / t)²`` with Student's t of the number of clusters less one: the effect itself is known
-    from few clusters (Korn & Graubard 1998). So an interval is no narrower than the number of
-    clusters supports, and with a correlation of 1 it is that of the clusters themselves.
+    It is their number over the design effect ``1 + (looks - 1) correlation`` (Kish 1965, Survey
+    Sampling), times ``(z / t)²`` with Student's t of the number of clusters less one, because the
+    effect is known from so few clusters (Korn & Graubard 1998). An interval is then no narrower
+    than that many clusters support. Near 0 and 1 the looks do not tell how they depend on each
+    other: the correlation is taken for ``LEAST_CORRELATION`` at least.
 
     Parameters
     ----------
     table : (cluster, look) array_like
         A value of every look.
-    correlation : float, optional
-        Correlation within a cluster, known from similar looks. It counts if it is larger than that
-        of the table itself, which near 0 and 1 is hardly known from the table.
+
+    Raises
+    ------
+    ValueError
+        If there is a single cluster.
     """
     values = np.asarray(table, dtype=np.float64)
     clusters, looks = values.shape
-    known = 0.0 if correlation is None else correlation
-    if correlation is None or np.ptp(values) > 0:
-        known = max(known, intracluster(values))
-    t = float(stdtrit(clusters - 1, 0.975)) if clusters > 1 else math.inf
-    effective = clusters * looks / (1 + (looks - 1) * known) * (Z / t) ** 2
-    return max(effective, 1e-9)
+    if clusters < 2:
+        raise ValueError(f"table must have at least two clusters, got {clusters}")
+    correlation = max(LEAST_CORRELATION, intracluster(values))
+    t = float(stdtrit(clusters - 1, 0.975))
+    return clusters * looks / (1 + (looks - 1) * correlation) * (Z / t) ** 2
 
 
-def share_of_looks(found: ArrayLike, correlation: float | None = None) -> Interval:
+def share_of_looks(found: ArrayLike) -> Interval:
     """Return a share of pooled looks with its interval, of looks that depend within clusters.
 
     The interval is Clopper's and Pearson's of the effective number of looks (Korn & Graubard 1998,
@@ -114,18 +116,14 @@ def share_of_looks(found: ArrayLike, correlation: float | None = None) -> Interv
     ----------
     found : (cluster, look) array_like
         1 where a look counts, 0 where it does not: a row for each seed.
-    correlation : float, optional
-        As :func:`effective_looks` takes it.
     """
     share = float(np.mean(found))
-    size = effective_looks(found, correlation)
+    size = effective_looks(found)
     low, high = clopper_pearson(share * size, size)
     return share, float(low), float(high)
 
 
-def paired_shares(
-    first: ArrayLike, second: ArrayLike, correlation: float | None = None
-) -> Interval:
+def paired_shares(first: ArrayLike, second: ArrayLike) -> Interval:
     """Return a share less another one of the same looks, with its interval.
 
     It is Tango's score interval of the looks in which the two differ, which does not shrink to a
@@ -135,11 +133,9 @@ def paired_shares(
     ----------
     first, second : (cluster, look) array_like
         1 where a look counts, 0 where it does not, in the same order.
-    correlation : float, optional
-        As :func:`effective_looks` takes it.
     """
     gap = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
-    size = effective_looks(gap, correlation)
+    size = effective_looks(gap)
     more, less = float(np.mean(gap > 0)), float(np.mean(gap < 0))
     low, high = paired_interval(more * size, less * size, size)
     return more - less, low, high
