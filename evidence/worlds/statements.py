@@ -294,21 +294,23 @@ def pooled(findings: Sequence[Finding], regions: int) -> tuple[int, Interval, st
     for mean, half in zip(means, halves, strict=True):
         intervals.append((float(mean), float(mean - half), float(mean + half)))
     asked = findings[0]
-    verdicts = [judge_again(asked, *interval[1:]) for interval in intervals]
+    verdicts = [judge_again(asked, interval) for interval in intervals]
     return count, _deciding_interval(intervals, verdicts), all_of(verdicts)
 
 
-def judge_again(finding: Finding, low: float, high: float) -> str:
+def judge_again(finding: Finding, interval: Interval) -> str:
     """Return the verdict on another number by what the claim of a finding asks.
 
     Parameters
     ----------
     finding : Finding
         A statement, judged on some lanes.
-    low, high : float
-        Ends of the interval of the same number on other lanes.
+    interval : Interval
+        The same number on other lanes, with its interval.
     """
-    return OPEN if finding.rule is None else judge(low, high, finding.rule, finding.worth)
+    if finding.rule is None:
+        return OPEN
+    return judge(interval, finding.rule, finding.worth, finding.figure)
 
 
 def _deciding_interval(intervals: Sequence[Interval], verdicts: Sequence[str]) -> Interval:
@@ -347,7 +349,7 @@ def soils_in_order(records: Sequence[Record]) -> list[Statement]:
         verdict = UNDECIDED
         try:
             interval = _soil_difference(table, better, worse)
-            verdict = judge(*interval[1:], (0.0, np.inf))
+            verdict = judge(interval, (0.0, np.inf))
         except (KeyError, ValueError):  # no worlds yet, or too few to tell the axes apart
             pass
         regions = {"all": (len(rows), interval, verdict)}

@@ -24,10 +24,10 @@ def larger(*values, rule=(0.0, math.inf), claim="A beats B"):
 
 
 def test_another_interval_is_judged_by_what_the_claim_asks():
-    assert judge_again(larger(0.0), 0.1, 0.3) == AGREES
-    assert judge_again(larger(0.0, rule=(0.15, math.inf)), 0.1, 0.3) == UNDECIDED
+    assert judge_again(larger(0.0), (0.2, 0.1, 0.3)) == AGREES
+    assert judge_again(larger(0.0, rule=(0.15, math.inf)), (0.2, 0.1, 0.3)) == UNDECIDED
     within = Finding("", "", "", UNDECIDED, rule=(0.0, 0.5), interval=(0.1, 0.0, 0.2))
-    assert judge_again(within, 0.6, 0.8) == DISAGREES
+    assert judge_again(within, (0.7, 0.6, 0.8)) == DISAGREES
 
 
 def test_a_region_is_judged_by_the_mean_over_its_worlds():

@@ -69,34 +69,43 @@ MARGIN = 0.15
 REPLICATES = 20
 
 
-def paper_rule(figure, count):
-    return near(figure, proportion(figure * count, count)[1:], MARGIN, SHARE)
+def said(ours, figure, count):
+    papers = proportion(figure * count, count)
+    return judge(proportion(*ours), near(papers, MARGIN, SHARE), figure=papers)
 
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_a_rule_at_the_papers_sample_size_can_say_all_three(name):
     """Our number as the paper's agrees; off by the margin it disagrees; between it cannot be said."""
     figure, count = PAPERS[name]
-    least, most = paper_rule(figure, count)
+    least, _ = near(proportion(figure * count, count), MARGIN, SHARE)
     trials = REPLICATES * count
 
-    def verdict(share):
-        return judge(*proportion(share * trials, trials)[1:], (least, most))
-
-    assert verdict(figure) == AGREES
-    assert verdict(least) == UNDECIDED
-    assert verdict(least - MARGIN) == DISAGREES
-    # Our lanes of the paper's own size leave something open, and never for want of ours alone.
-    small = [judge(*proportion(k, count)[1:], (least, most)) for k in range(count + 1)]
+    assert said((figure * trials, trials), figure, count) == AGREES
+    assert said((least * trials, trials), figure, count) == UNDECIDED
+    assert said(((least - MARGIN) * trials, trials), figure, count) == DISAGREES
+    # Lanes of the paper's own size disagree where both samples differ, too.
+    small = [said((k, count), figure, count) for k in range(count + 1)]
     assert {UNDECIDED, DISAGREES} <= set(small)
+
+
+def test_a_single_miss_is_no_disagreement_with_all_found():
+    assert said((47, 48), 1.0, 48) == AGREES
+    assert said((33, 48), 1.0, 48) == DISAGREES
+    assert said((8, 10), 1.0, 10) == UNDECIDED
+    assert said((2, 16), 9 / 16, 16) == DISAGREES
 
 
 @pytest.mark.parametrize(("figure", "spread"), [(26.5, 5.0), (5.03, 7.8)])
 def test_a_figure_of_one_frame_can_be_met_and_missed(figure, spread):
-    rule = near(figure, (figure - spread, figure + spread), 6.0)
-    assert judge(figure - 1, figure + 1, rule) == AGREES
-    assert judge(rule[1] - 1, rule[1] + 1, rule) == UNDECIDED
-    assert judge(rule[1] + 1, rule[1] + 3, rule) == DISAGREES
+    papers = figure, figure - spread, figure + spread
+    rule = near(papers, 6.0)
+    for centre, verdict in (
+        (figure, AGREES),
+        (rule[1], UNDECIDED),
+        (rule[1] + 2, DISAGREES),
+    ):
+        assert judge((centre, centre - 1, centre + 1), rule, figure=papers) == verdict
 
 
 @pytest.mark.parametrize(
@@ -108,7 +117,8 @@ def test_a_figure_of_one_frame_can_be_met_and_missed(figure, spread):
     ],
 )
 def test_a_rule_agrees_leaves_open_and_disagrees(rule, worth, intervals):
-    assert [judge(*interval, rule, worth) for interval in intervals] == [
+    numbers = [((low + high) / 2, low, high) for low, high in intervals]
+    assert [judge(number, rule, worth) for number in numbers] == [
         AGREES,
         UNDECIDED,
         DISAGREES,
@@ -120,12 +130,12 @@ def test_a_share_of_samples_alike_rarely_disagrees_and_one_off_rarely_agrees():
     for figure, count in PAPERS.values():
         ours = rng.binomial(REPLICATES * count, figure, 500)
         papers = rng.binomial(count, figure, 500)
-        said = [
-            judge(*proportion(k, REPLICATES * count)[1:], paper_rule(m / count, count))
+        verdicts = [
+            said((k, REPLICATES * count), m / count, count)
             for k, m in zip(ours, papers, strict=True)
         ]
-        assert said.count(DISAGREES) / 500 < 0.06
-        assert said.count(AGREES) / 500 > 0.5
+        assert verdicts.count(DISAGREES) / 500 < 0.06
+        assert verdicts.count(AGREES) / 500 > 0.5
 
 
 def test_power_is_how_often_the_rule_answers():
@@ -134,7 +144,7 @@ def test_power_is_how_often_the_rule_answers():
     half = 1.96 * error
     agrees, disagrees = power((0.02, 0.02 - half, 0.02 + half), rule)
     held, off = [
-        [judge(x - half, x + half, rule) for x in rng.normal(mean, error, 4000)]
+        [judge((x, x - half, x + half), rule) for x in rng.normal(mean, error, 4000)]
         for mean in (0.0, 0.2)
     ]
     assert agrees == pytest.approx(held.count(AGREES) / 4000, abs=0.02)
@@ -156,8 +166,9 @@ def test_repeats_of_an_experiment_are_judged_together_and_counted_one_by_one():
     assert repeated.shown == (5, 6)
     assert repeated.interval == students(values)
     assert repeated.verdict == UNDECIDED
-    two = [replace(one, parts=(v + 0.2, v - 0.3)) for v in values]
+    two = [replace(one, parts=(v + 0.2, v - 0.3), names=("A - B", "A - C")) for v in values]
     assert over_experiments(two).verdict == DISAGREES
+    assert over_experiments(two).ours.startswith("A - B +0.25 (")
     assert over_experiments(two).shown == (0, 6)
 
 
@@ -216,10 +227,10 @@ def test_looks_at_one_mine_are_one():
     rng = np.random.default_rng(2)
     level = rng.normal(0, 1, 30)
     looks = np.repeat(level, 10) + rng.normal(0, 0.1, 300)
-    _, low, high = clustered(looks, np.repeat(np.arange(30), 10), 2000)
+    value, low, high = clustered(looks, np.repeat(np.arange(30), 10), 2000)
     _, narrow_low, narrow_high = clustered(looks, np.arange(300), 2000)
     assert high - low > 2.5 * (narrow_high - narrow_low)
-    assert judge(low, high, (0.0, math.inf)) != judge(5.0, 6.0, (0.0, math.inf))
+    assert judge((value, low, high), (0.0, math.inf)) == UNDECIDED
 
 
 def test_what_chance_gives_is_said_of_the_statements_that_are_judged():

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.scoring import clopper_pearson, operating_row, pd_at, pd_mean, peak_roc
+from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.findings import UNDECIDED, Finding, shows
 from flgpr_papers.kit.intervals import (
@@ -21,6 +21,7 @@ from flgpr_papers.kit.intervals import (
     Interval,
     difference_of_means,
     paired_shares,
+    proportion,
     share_of_looks,
     students,
 )
@@ -267,14 +268,13 @@ def _best_pd(recipe: StudyRecipe, looks: Looks, titles: Mapping[str, str]) -> Fi
     """Judge the Pd of the best soil against the paper's, a share of its own number of looks."""
     ours = f"rank {recipe.detector.rank}"
     best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
-    low, high = clopper_pearson(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS)
     return _judge(
         recipe,
         "best-pd",
         looks.pd(best, ours),
         looks.seeds(best, ours),
-        figure=PAPER_PD,
-        known=(float(low), float(high)),
+        figure=proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS),
+        stated=PAPER_PD,
         looks=PAPER_LOOKS,
         soil=titles[best],
     )
@@ -290,7 +290,7 @@ def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[F
         by_seed = np.array([case["ratios"][number - 1] for case in cases], dtype=np.float64)
         rule = (0.5 * paper, 2 * paper)
         statements.append(
-            _judge(recipe, "eigenvalue", ratio, by_seed, rule=rule, figure=paper, number=number)
+            _judge(recipe, "eigenvalue", ratio, by_seed, rule=rule, ratio=paper, number=number)
         )
     return statements
 

@@ -135,8 +135,7 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
         finding = STATEMENTS.number(
             name,
             mean_over_boxes(boxes, values, recipe),
-            figure=figure,
-            known=(figure - spread, figure + spread),
+            figure=(figure, figure - spread, figure + spread),
             count=len(boxes),
             spread=spread,
         )

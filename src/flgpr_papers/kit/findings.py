@@ -8,9 +8,11 @@ statement has a rule, the values of its number between which it holds:
   It disagrees if not even the interval's end is ``worth`` more than the limit, the least gain that
   would count: equal numbers are not larger, which a limit alone could never say.
 - *alike*: the paper's figure is a sample, known to an interval of its own. The rule reaches over
-  that interval, and at least a margin to either side of the figure (:func:`near`). This is a test
-  of equivalence (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657): the paper's error counts
-  once, in the rule, and ours once, in the interval, so that enough lanes of ours always decide.
+  that interval, and at least a margin to either side of the figure (:func:`near`). It agrees as
+  *within* does, by a test of equivalence (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657):
+  the paper's error counts once, in the rule, so that enough lanes of ours always decide. It
+  disagrees if our number lies outside the rule and differs from the figure by more than the errors
+  of both.
 - *all of*: a claim of several parts agrees if every part does, and disagrees if one does. The
   intervals of the parts are then wide enough to hold all together (Bonferroni).
 
@@ -38,7 +40,15 @@ import numpy as np
 from scipy.special import bdtrik, ndtr
 
 from flgpr.store import write_whole
-from flgpr_papers.kit.intervals import Bounds, Interval, Z, clip, students, together
+from flgpr_papers.kit.intervals import (
+    Bounds,
+    Interval,
+    Z,
+    clip,
+    difference_of_means,
+    students,
+    together,
+)
 
 AGREES = "agrees"
 DISAGREES = "disagrees"
@@ -77,9 +87,11 @@ class Finding:
     worth: float = 0.0  #: least gain over the limit of a rule open above, below which it disagrees
     #: the number of every part of a claim of several parts, whose intervals are not stored
     parts: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()  #: of the parts
     unit: str = ""  #: of the number and the rule
     #: least and largest possible value of the number; None: anything is possible
     bounds: Bounds | None = None
+    figure: Interval | None = None  #: the paper's, with what its own sample leaves open
     #: how often the rule would have said that the claim agrees if it held as the paper says, and
     #: that it disagrees if the number were off by the margin
     power: Bounds | None = None
@@ -103,7 +115,7 @@ class Finding:
                     )
         by_rule = None  # the intervals of several parts are not known here
         if self.rule is not None and self.interval is not None and not self.parts:
-            by_rule = judge(*self.interval[1:], self.rule, self.worth)
+            by_rule = judge(self.interval, self.rule, self.worth, self.figure)
         if is_decided and by_rule not in (None, self.verdict):
             raise ValueError(
                 f"verdict on {self.claim!r} must be {by_rule!r} by its rule ({self.criterion}), "
@@ -152,43 +164,50 @@ def without_paper(findings: Sequence[Finding]) -> list[str]:
     return [finding.claim for finding in findings if not finding.paper.strip()]
 
 
-def judge(low: float, high: float, rule: Bounds, worth: float = 0.0) -> str:
-    """Return the verdict on an interval by a rule.
+def judge(
+    interval: Interval, rule: Bounds, worth: float = 0.0, figure: Interval | None = None
+) -> str:
+    """Return the verdict on a number by a rule.
 
     Parameters
     ----------
-    low, high : float
-        Ends of the interval.
+    interval : Interval
+        The number and its interval.
     rule : Bounds
         The claim holds between these; infinite above where a number is to be larger.
     worth : float
         Least gain over the limit of such a rule that would count.
+    figure : Interval, optional
+        The paper's figure with its own interval, where the number is to be alike.
     """
+    value, low, high = interval
     least, most = rule
     is_open_above = math.isinf(most)
     if (low > least) if is_open_above else (least <= low and high <= most):
         return AGREES
+    if figure is not None:
+        _, below, above = difference_of_means(interval, figure)
+        return DISAGREES if not shows(value, rule) and (below > 0 or above < 0) else UNDECIDED
     if high < least + (worth if is_open_above else 0.0) or low > most:
         return DISAGREES
     return UNDECIDED
 
 
-def near(figure: float, known: Bounds, margin: float, bounds: Bounds | None = None) -> Bounds:
+def near(figure: Interval, margin: float, bounds: Bounds | None = None) -> Bounds:
     """Return the rule of a number that is to be alike a figure of the paper.
 
     Parameters
     ----------
-    figure : float
-        The paper's.
-    known : Bounds
-        Interval to which the paper's own sample knows it.
+    figure : Interval
+        The paper's, and the interval to which its own sample knows it.
     margin : float
         Distance from the figure that is alike in any case.
     bounds : Bounds, optional
         Bounds of the number, at which the rule is cut.
     """
+    value, low, high = figure
     least, most = bounds or (-math.inf, math.inf)
-    return max(min(known[0], figure - margin), least), min(max(known[1], figure + margin), most)
+    return max(min(low, value - margin), least), min(max(high, value + margin), most)
 
 
 def shows(value: float, rule: Bounds) -> bool:
@@ -201,7 +220,7 @@ def power(
     interval: Interval,
     rule: Bounds,
     worth: float = 0.0,
-    figure: float | None = None,
+    figure: Interval | None = None,
     bounds: Bounds | None = None,
 ) -> Bounds:
     """Return how often the rule would answer: agrees if it held, disagrees if it were off.
@@ -215,10 +234,8 @@ def power(
     ----------
     interval : Interval
         The number with its interval.
-    rule, worth
+    rule, worth, figure
         As :func:`judge` takes them.
-    figure : float, optional
-        The paper's figure.
     bounds : Bounds, optional
         Bounds of the number.
     """
@@ -229,21 +246,23 @@ def power(
     error = half / Z
     least, most = rule
     lowest, highest = bounds or (-math.inf, math.inf)
+    below, above = least - half, most + half  # beyond these the rule says that it disagrees
     if math.isinf(most):
-        holds = least + (2 * worth or WORTH) if figure is None else figure
+        holds = least + (2 * worth or WORTH)
         off = [least if worth else least - WORTH]
+        below += worth
     else:
-        holds = (least + most) / 2 if figure is None else figure
         reach = (most - least) / 2
+        holds = least + reach
         off = [max(least - reach, lowest)] if least > lowest else []
         off += [min(most + reach, highest)] if most < highest else []
+    if figure is not None:
+        holds, low, high = figure
+        below = min(least, holds - math.hypot(half, holds - low))
+        above = max(most, holds + math.hypot(half, high - holds))
     # The number lies where its interval would lie within the rule.
     agrees = ndtr((most - half - holds) / error) - ndtr((least + half - holds) / error)
-    disagrees = [
-        ndtr((least + (worth if math.isinf(most) else 0.0) - half - x) / error)
-        + ndtr((x - most - half) / error)
-        for x in off
-    ]
+    disagrees = [ndtr((below - x) / error) + ndtr((x - above) / error) for x in off]
     return max(float(agrees), 0.0), float(min(disagrees, default=0.0))
 
 
@@ -264,12 +283,16 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
     table = np.array([one.parts or one.interval[:1] for one in experiments if one.interval])
     bounds = first.bounds
     parts = [students(row, together(len(table.T)), bounds) for row in table.T]
-    answers = [judge(*part[1:], first.rule, first.worth) for part in parts]
-    powers = [power(part, first.rule, first.worth, bounds=bounds) for part in parts]
+    asked = first.rule, first.worth, first.figure
+    answers = [judge(part, *asked) for part in parts]
+    powers = [power(part, *asked, bounds) for part in parts]
+    texts = [in_words(*part, first.unit) for part in parts]
+    if first.names:
+        texts = [f"{name} {_signed(part)}" for name, part in zip(first.names, parts, strict=True)]
     shown = sum(all(shows(value, first.rule) for value in row) for row in table)
     return replace(
         first,
-        ours="; ".join(in_words(*part, first.unit) for part in parts),
+        ours="; ".join(texts),
         verdict=all_of(answers),
         interval=parts[0] if len(parts) == 1 else min(parts, key=_lower_end),
         parts=tuple(part[0] for part in parts) if first.parts else (),
@@ -327,20 +350,18 @@ def measured(
     worth: float = 0.0,
     unit: str = "",
     bounds: Bounds | None = None,
-    figure: float | None = None,
+    figure: Interval | None = None,
 ) -> Finding:
     """Return the finding of a number, judged by its rule; it is open without one.
 
     Parameters
     ----------
-    claim, paper, quantity, rule, worth, unit
+    claim, paper, quantity, rule, worth, unit, figure
         As the fields of :class:`Finding`.
     interval : Interval
         The number and its interval.
     bounds : Bounds, optional
         Bounds of the number, at which the interval is cut.
-    figure : float, optional
-        The paper's figure, for the power.
     """
     if bounds is not None:
         interval = clip(interval, bounds)
@@ -348,13 +369,14 @@ def measured(
         claim=claim,
         paper=paper,
         ours=in_words(*interval, unit),
-        verdict=OPEN if rule is None else judge(*interval[1:], rule, worth),
+        verdict=OPEN if rule is None else judge(interval, rule, worth, figure),
         quantity=quantity,
         interval=interval,
         rule=rule,
         worth=worth,
         unit=unit,
         bounds=bounds,
+        figure=figure,
         power=None if rule is None else power(interval, rule, worth, figure, bounds),
     )
 
@@ -422,12 +444,13 @@ def parts_larger(
         claim=claim,
         paper=paper,
         ours="; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items()),
-        verdict=all_of([judge(*interval[1:], rule, worth) for interval in cut.values()]),
+        verdict=all_of([judge(interval, rule, worth) for interval in cut.values()]),
         note=note,
         interval=min(cut.values(), key=_lower_end),
         rule=rule,
         worth=worth,
         parts=tuple(value for value, _, _ in cut.values()),
+        names=tuple(cut),
         bounds=bounds,
         power=joint_power([power(one, rule, worth, bounds=bounds) for one in cut.values()]),
     )
@@ -492,11 +515,12 @@ def read_findings(folder: Path) -> list[Finding]:
 def finding_of(row: dict[str, Any]) -> Finding:
     """Return the finding of a row that :func:`row_of` made."""
     entries = dict(row)
-    for name in ("interval", "rule", "parts", "bounds", "power", "shown"):
+    for name in ("interval", "rule", "parts", "bounds", "figure", "power", "shown"):
         numbers = row.get(name)
         if numbers is not None:
             numbers = tuple(math.nan if number is None else number for number in numbers)
         entries[name] = numbers
+    entries["names"] = tuple(row.get("names", ()))
     if entries["rule"] and math.isnan(entries["rule"][1]):
         entries["rule"] = (entries["rule"][0], math.inf)
     return Finding(**entries)

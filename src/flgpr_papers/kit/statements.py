@@ -58,8 +58,7 @@ class Statements:
         interval: Interval,
         rule: Bounds | None = None,
         above: float | None = None,
-        figure: float | None = None,
-        known: Bounds | None = None,
+        figure: Interval | None = None,
         **fields: Any,
     ) -> Finding:
         """Judge a statement by a number.
@@ -74,10 +73,9 @@ class Statements:
             Rule in place of the declared one; the texts have it as ``rule``.
         above : float, optional
             Limit in place of the declared one; the texts have it as ``above``.
-        figure : float, optional
-            The paper's figure, of a statement that is "alike"; the texts have it, too.
-        known : Bounds, optional
-            Interval to which the paper's sample knows its figure.
+        figure : Interval, optional
+            The paper's figure with the interval to which its own sample knows it, of a statement
+            that is "alike".
         **fields
             What stands for the fields of the texts.
         """
@@ -86,9 +84,9 @@ class Statements:
         rule = rule or _rule_of(declared)
         if above is not None:
             rule = (above, math.inf)
-        if figure is not None and known is not None:
-            rule = near(figure, known, declared["alike"], bounds)
-        texts = _filled(declared, {"rule": rule, "above": above, "figure": figure, **fields})
+        if figure is not None:
+            rule = near(figure, declared["alike"], bounds)
+        texts = _filled(declared, {"rule": rule, "above": above, **fields})
         note = texts.pop("note")
         finding = measured(
             **texts,
@@ -97,7 +95,7 @@ class Statements:
             worth=_worth_of(declared, rule),
             unit=declared.get("unit", ""),
             bounds=bounds,
-            figure=declared.get("figure", figure),
+            figure=figure,
         )
         ours = finding.ours
         if "ours" in declared and finding.interval is not None:
@@ -135,10 +133,11 @@ class Statements:
         return Finding(
             **_filled(declared, fields),
             ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
-            verdict=all_of([judge(*interval[1:], rule) for interval in intervals.values()]),
+            verdict=all_of([judge(interval, rule) for interval in intervals.values()]),
             interval=intervals[widest],
             rule=rule,
             parts=_values(intervals),
+            names=tuple(intervals),
             power=joint_power([power(interval, rule) for interval in intervals.values()]),
         )
 
@@ -155,7 +154,7 @@ class Statements:
         worth = _worth_of(declared, rule)
         bounds = _BOUNDS[declared["is"]]
         cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
-        verdicts = {judge(low, high, rule, worth) for _, low, high in cut.values()}
+        verdicts = {judge(one, rule, worth) for one in cut.values()}
         return Finding(
             **_filled(declared, fields),
             ours="; ".join(f"{choice}: {in_words(*one)}" for choice, one in cut.items()),
@@ -164,6 +163,7 @@ class Statements:
             rule=rule,
             worth=worth,
             parts=_values(cut),
+            names=tuple(cut),
             bounds=bounds,
             power=joint_power([power(one, rule, worth, bounds=bounds) for one in cut.values()]),
         )

@@ -124,8 +124,7 @@ def beside_papers_pd(
     paper_targets = targets if count is None else count
     return {
         "interval": proportion(n_found, targets),
-        "figure": figure,
-        "known": proportion(round(figure * paper_targets), paper_targets)[1:],
+        "figure": proportion(round(figure * paper_targets), paper_targets),
         "found": pd_in_words(n_found, targets, chance),
     }
 

@@ -239,8 +239,8 @@ def _level_finding(singles: SingleFeatures) -> Finding:
     level = singles.level("C_HH")
     validated = singles.values["C"][FEATURES.index("C_HH")]
     # A mean of numbers from 0 to 1 has at most the error of a share.
-    known = proportion(0.93 * _PAPER_MINES, _PAPER_MINES)[1:]
-    return _STATEMENTS.number("level", level, figure=0.93, known=known, validated=validated)
+    figure = proportion(0.93 * _PAPER_MINES, _PAPER_MINES)
+    return _STATEMENTS.number("level", level, figure=figure, validated=validated)
 
 
 def _more_feature_findings(pool: Pool, searches: Searches, draws: int) -> list[Finding]:
