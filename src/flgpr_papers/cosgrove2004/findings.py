@@ -36,6 +36,7 @@ PAPER_LOOKS = 72  # mine images at site one
 SOILS = ("sand", "gravel", "clay")
 _POSITIVE = (0.0, math.inf)  # of counts and widths
 _STATEMENTS = Statements("cosgrove2004")
+_RIVAL = "Neyman-Pearson"
 _NOTHING = 0.1  # Pd below which detectors are not compared with each other
 
 
@@ -244,6 +245,8 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     for soil in titles:
         for rival in ("PWF", "HH"):
             statements.append(against("outperforms", soil, ours, rival, rival=rival))
+        if (soil, _RIVAL) in looks.found:
+            statements.append(against("few-examples", soil, ours, _RIVAL))
     statements.append(_best_pd(recipe, looks, titles))
     for soil in titles:
         statement = against("first-eigenvector", soil, "rank 1", ours)
