@@ -52,10 +52,19 @@ def copy_reasons(study: Path, output: Path) -> None:
 
 
 def header() -> list[str]:
-    """Return the names of the columns."""
-    columns = ["statement", "the paper"]
-    for world in WORLDS:
-        columns += [world, "rule", "power", "verdict", "experiments that show it"]
+    """Return the names of the columns; the first world has power and single experiments, too."""
+    first, *others = WORLDS
+    columns = [
+        "statement",
+        "the paper",
+        "rule",
+        first,
+        "power",
+        "experiments that show it",
+        "verdict",
+    ]
+    for world in others:
+        columns += [world, "verdict"]
     return columns
 
 
@@ -88,23 +97,24 @@ def rows_of(findings: dict[str, dict[Statement, Finding]]) -> list[list[str]]:
     claims = [claim for claim, _ in papers]
     rows = []
     for (claim, quantity), paper in papers.items():
-        row = [f"{claim} ({quantity})" if claims.count(claim) > 1 else claim, paper]
-        for found in findings.values():
-            finding = found.get((claim, quantity))
-            row += cells_of(finding) if finding else ["–"] * 5
+        name = f"{claim} ({quantity})" if claims.count(claim) > 1 else claim
+        in_worlds = [found.get((claim, quantity)) for found in findings.values()]
+        rules = [finding.criterion for finding in in_worlds if finding and finding.criterion]
+        row = [name, paper, rules[0] if rules else "–"]
+        for number, finding in enumerate(in_worlds):
+            row += cells_of(finding, number == 0)
         rows.append(row)
     return rows
 
 
-def cells_of(finding: Finding) -> list[str]:
-    """Return the cells of a statement in a world."""
-    texts = [
-        finding.ours,
-        finding.criterion,
-        finding.power_in_words,
-        finding.verdict,
-        finding.shown_in_words,
-    ]
+def cells_of(finding: Finding | None, in_full: bool) -> list[str]:
+    """Return the cells of a statement in a world; in full with power and single experiments."""
+    texts = ["", ""]
+    if finding is not None:
+        texts = [finding.ours, finding.verdict]
+    if in_full:
+        more = ["", ""] if finding is None else [finding.power_in_words, finding.shown_in_words]
+        texts[1:1] = more
     return [text or "–" for text in texts]
 
 
