@@ -111,7 +111,9 @@ def cells_of(finding: Finding | None, in_full: bool) -> list[str]:
     """Return the cells of a statement in a world; in full with power and single experiments."""
     texts = ["", ""]
     if finding is not None:
-        texts = [finding.ours, finding.verdict]
+        # Two detectors that find all or nothing cannot differ: the table says it, too.
+        remark = f"; {finding.note}" if finding.note.startswith("both find") else ""
+        texts = [finding.ours + remark, finding.verdict]
     if in_full:
         more = ["", ""] if finding is None else [finding.power_in_words, finding.shown_in_words]
         texts[1:1] = more

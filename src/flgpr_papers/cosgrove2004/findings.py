@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import UNDECIDED, Finding, shows
+from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -238,8 +238,11 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
 
     def against(name: str, soil: str, first: str, second: str, **words: str) -> Finding:
         by_seed = looks.seeds(soil, first) - looks.seeds(soil, second)
-        gap = looks.gap(soil, first, second)
-        return _judge(recipe, name, gap, by_seed, soil=titles[soil], **words)
+        finding = _judge(
+            recipe, name, looks.gap(soil, first, second), by_seed, soil=titles[soil], **words
+        )
+        pds = [looks.pd(soil, detector)[0] for detector in (first, second)]
+        return replace(finding, note=_room(*pds))
 
     statements = []
     for soil in titles:
@@ -265,6 +268,13 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
             words = {"better": titles[better], "worse": titles[worse]}
             statements.append(_judge(recipe, name, gap, by_seed, **words))
     return statements
+
+
+def _room(first: float, second: float) -> str:
+    """Return a remark where two detectors find all or nothing: neither can be better."""
+    if min(first, second) > 1 - WORTH:
+        return "both find nearly all: there is nothing to gain"
+    return "both find next to nothing" if max(first, second) < WORTH else ""
 
 
 def _best_pd(recipe: StudyRecipe, looks: Looks, titles: Mapping[str, str]) -> Finding:
