@@ -242,7 +242,7 @@ def power(
     value, low, high = interval
     half = max(value - low, high - value)
     if not 0 < half < math.inf:
-        return (math.nan, math.nan) if math.isnan(half) or half > 0 else (1.0, 1.0)
+        return (1.0, 1.0) if half == 0 else (0.0, 0.0)
     error = half / Z
     least, most = rule
     lowest, highest = bounds or (-math.inf, math.inf)

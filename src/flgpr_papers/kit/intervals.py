@@ -117,8 +117,9 @@ def share_of_looks(found: ArrayLike) -> Interval:
     found : (cluster, look) array_like
         1 where a look counts, 0 where it does not: a row for each seed.
     """
-    share = float(np.mean(found))
-    size = effective_looks(found)
+    table = np.asarray(found, dtype=np.float64)
+    share = float(table.mean())
+    size = effective_looks(table)
     low, high = clopper_pearson(share * size, size)
     return share, float(low), float(high)
 
