@@ -11,6 +11,7 @@ from flgpr_papers.cosgrove2004.findings import (
     pd_table,
 )
 from flgpr_papers.cosgrove2004.recipe import study_recipe
+from flgpr_papers.kit.findings import read_findings, write_findings
 from flgpr_papers.kit.intervals import students
 
 pytestmark = pytest.mark.slow("studies of papers")
@@ -61,7 +62,7 @@ def premises(seed):
 
 
 @pytest.mark.slow("repeats a draw until its statistics stand")
-def test_verdicts_follow_the_interval_over_seeds():
+def test_verdicts_follow_the_interval_over_seeds(tmp_path):
     recipe = study_recipe()
     rng = np.random.default_rng(0)
     sites = ("sand", "gravel", "clay")
@@ -71,6 +72,8 @@ def test_verdicts_follow_the_interval_over_seeds():
     recipe = recipe.model_copy(update={"sites": {site: recipe.sites[site] for site in sites}})
     table = pd_table(recipe, cases)
     found = {one.claim: one for one in findings(recipe, cases)}
+    write_findings(tmp_path, list(found.values()), quick=False)
+    assert read_findings(tmp_path)[0].shown == found[next(iter(found))].shown == (6, 6)
     assert found["The deflection detector outperforms PWF: site one, dry sand"].verdict == "agrees"
     assert (
         found["The first eigenvector alone is an excellent candidate: site two, gravel"].verdict

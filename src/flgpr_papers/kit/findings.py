@@ -213,7 +213,7 @@ def near(figure: Interval, margin: float, bounds: Bounds | None = None) -> Bound
 def shows(value: float, rule: Bounds) -> bool:
     """Return whether a number by itself, without an interval, is what a rule asks for."""
     least, most = rule
-    return value > least if math.isinf(most) else least <= value <= most
+    return bool(value > least if math.isinf(most) else least <= value <= most)
 
 
 def power(
