@@ -22,7 +22,6 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from flgpr.progress import silent
 from flgpr.recipe.schema import parse_recipe
@@ -119,10 +118,9 @@ def calibration_experiment(folder: Path) -> Replicate:
 def leave_one_out_experiment(folder: Path) -> Replicate:
     """Return what repeats the leave-one-out of Fig. 6 of flsar2004, by other examples of the study's lane."""
     settings = load_settings()
-    sites: list[Any] = [
-        join(settings, drive(settings, site, folder.parent / "images")) for site in settings.sites
-    ]
-    material = prepare(settings, sites)
+    temperate = settings.sites[-1]
+    site = join(settings, drive(settings, temperate, folder.parent / "images"))
+    material = prepare(settings, [site])
 
     def run(number: int) -> list[Finding]:
         return paper_size(material, number).findings
