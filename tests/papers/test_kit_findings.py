@@ -16,6 +16,7 @@ from flgpr_papers.kit.findings import (
     VERDICTS,
     Finding,
     by_chance,
+    finding_of,
     in_words,
     joint_power,
     judge,
@@ -25,6 +26,7 @@ from flgpr_papers.kit.findings import (
     parts_larger,
     power,
     read_findings,
+    row_of,
     without_paper,
     write_findings,
 )
@@ -312,3 +314,10 @@ def test_claims_that_do_not_say_what_the_paper_has_are_listed():
 )
 def test_pages_have_no_more_digits_than_mean_something(interval, text):
     assert in_words(*interval) == text
+
+
+def test_findings_of_the_earlier_rules_can_be_read():
+    row = row_of(Finding("more", "", "", AGREES, interval=(1.0, 0.5, 1.5)))
+    assert finding_of(row | {"asks": ["larger", 0.0, 0.0]}).verdict == AGREES
+    old = {name: row[name] for name in ("claim", "paper", "ours", "verdict", "interval")}
+    assert finding_of(old) == finding_of(row)

@@ -514,13 +514,12 @@ def read_findings(folder: Path) -> list[Finding]:
 
 def finding_of(row: dict[str, Any]) -> Finding:
     """Return the finding of a row that :func:`row_of` made."""
-    entries = dict(row)
+    # Findings of the earlier rules had entries that are no more.
+    entries = {name: row[name] for name in Finding.__dataclass_fields__ if name in row}
     for name in ("interval", "rule", "parts", "bounds", "figure", "power", "shown"):
-        numbers = row.get(name)
-        if numbers is not None:
-            numbers = tuple(math.nan if number is None else number for number in numbers)
-        entries[name] = numbers
+        if row.get(name) is not None:
+            entries[name] = tuple(math.nan if number is None else number for number in row[name])
     entries["names"] = tuple(row.get("names", ()))
-    if entries["rule"] and math.isnan(entries["rule"][1]):
+    if entries.get("rule") and math.isnan(entries["rule"][1]):
         entries["rule"] = (entries["rule"][0], math.inf)
     return Finding(**entries)
