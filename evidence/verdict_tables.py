@@ -2,12 +2,16 @@
 
     python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
 
-A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
-printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken over as they are.
+A study that has results in one world only has dashes for the other. Where `evidence/replicates.py` has repeated an
+experiment, the row has what holds in all repeats together. A table says beside each number how often its rule would
+have answered, and in how many experiments of the paper's size it shows what the paper says. The counts that the page's
+first table holds are printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken
+over as they are.
 """
 
 import csv
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from flgpr_papers.kit.findings import Finding, read_findings
@@ -17,6 +21,8 @@ WORLDS = {"prepared": "", "as found": "as-found"}
 VERDICTS = ("agrees", "disagrees", "cannot say")
 MAIN_GROUP = "open"
 """Group of lanes that a study's own table has, where it has several."""
+OVER_MINES = ("RVM and SVM alike", "kernel matters little")
+"""Statements whose verdict over the mines stays: their repeats are draws from one lane."""
 Statement = tuple[str, str]
 """What tells a statement from others of its group: claim and quantity."""
 
@@ -49,9 +55,18 @@ def copy_reasons(study: Path, output: Path) -> None:
 
 
 def header() -> list[str]:
-    """Return the names of the columns."""
-    columns = ["statement", "the paper"]
-    for world in WORLDS:
+    """Return the names of the columns; the first world has power and single experiments, too."""
+    first, *others = WORLDS
+    columns = [
+        "statement",
+        "the paper",
+        "rule",
+        first,
+        "power",
+        "experiments that show it",
+        "verdict",
+    ]
+    for world in others:
         columns += [world, "verdict"]
     return columns
 
@@ -60,7 +75,14 @@ def judged_findings(folder: Path) -> list[Finding]:
     """Read the statements of a run that were judged; none where it was not run."""
     if not (folder / "findings.json").is_file():
         return []
-    return [finding for finding in read_findings(folder) if finding.verdict in VERDICTS]
+    repeated = {}
+    if (folder / "replicates" / "findings.json").is_file():
+        repeated = {finding.claim: finding for finding in read_findings(folder / "replicates")}
+    found = []
+    for finding in read_findings(folder):
+        again = repeated.get(finding.claim, finding)
+        found.append(replace(finding, shown=again.shown) if finding.claim in OVER_MINES else again)
+    return [finding for finding in found if finding.verdict in VERDICTS]
 
 
 def by_statement(found: list[Finding], group: str) -> dict[Statement, Finding]:
@@ -81,12 +103,27 @@ def rows_of(findings: dict[str, dict[Statement, Finding]]) -> list[list[str]]:
     claims = [claim for claim, _ in papers]
     rows = []
     for (claim, quantity), paper in papers.items():
-        row = [f"{claim} ({quantity})" if claims.count(claim) > 1 else claim, paper]
-        for found in findings.values():
-            finding = found.get((claim, quantity))
-            row += [finding.ours, finding.verdict] if finding else ["–", "–"]
+        name = f"{claim} ({quantity})" if claims.count(claim) > 1 else claim
+        in_worlds = [found.get((claim, quantity)) for found in findings.values()]
+        rules = [finding.criterion for finding in in_worlds if finding and finding.criterion]
+        row = [name, paper, rules[0] if rules else "–"]
+        for number, finding in enumerate(in_worlds):
+            row += cells_of(finding, number == 0)
         rows.append(row)
     return rows
+
+
+def cells_of(finding: Finding | None, in_full: bool) -> list[str]:
+    """Return the cells of a statement in a world; in full with power and single experiments."""
+    texts = ["", ""]
+    if finding is not None:
+        # Two detectors that find all or nothing cannot differ: the table says it, too.
+        remark = f"; {finding.note}" if finding.note.startswith("both find") else ""
+        texts = [finding.ours + remark, finding.verdict]
+    if in_full:
+        more = ["", ""] if finding is None else [finding.power_in_words, finding.shown_in_words]
+        texts[1:1] = more
+    return [text or "–" for text in texts]
 
 
 def count_verdicts(world: str, found: dict[Statement, Finding]) -> str:

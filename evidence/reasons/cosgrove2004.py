@@ -7,6 +7,7 @@ explanation predicts was written before the lanes ran.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -31,7 +32,7 @@ from flgpr_papers.cosgrove2004.detect import (
     score_looks,
     target_cut,
 )
-from flgpr_papers.cosgrove2004.findings import PAPER_LOOKS, PAPER_PD, PAPER_RATIOS, interval
+from flgpr_papers.cosgrove2004.findings import PAPER_LOOKS, PAPER_PD, PAPER_RATIOS
 from flgpr_papers.cosgrove2004.images import (
     WIDE_MINES,
     Look,
@@ -45,7 +46,7 @@ from flgpr_papers.cosgrove2004.signature import (
     wide_boxes,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import Bounds, Interval, share_error
+from flgpr_papers.kit.intervals import Bounds, Interval, students
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.changed_lanes import LaneChange, open_looks, reflector_looks
 from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
@@ -402,13 +403,13 @@ def _small_eigenvalue_trials(records: Records) -> list[Trial]:
 
 def _pd_trials(records: Records) -> list[Trial]:
     """Return trials of why Pd of the best soil differs from the paper's."""
-    half = 1.96 * share_error(PAPER_PD, PAPER_LOOKS)
+    half = 1.96 * math.sqrt(PAPER_PD * (1 - PAPER_PD) / PAPER_LOOKS)
     question = Question(
         "Pd is about 0.9 in the best soil", "Pd at 0.01 per m², M' = 3", _sample(records)
     )
     pds = {}
     for name in _ECHOES:
-        pds[name] = interval([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
+        pds[name] = students([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
     return _echo_trials(question, pds, (PAPER_PD - half, PAPER_PD + half))
 
 
@@ -450,24 +451,24 @@ def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -
             _gap(records, _UNCORRELATED),
             ABOVE_ZERO,
         ),
-        of_clutter.shown("nothing", interval(clutter)),
+        of_clutter.shown("nothing", students(clutter)),
         of_clutter.shown(_UNCORRELATED, _measure(records, _UNCORRELATED, "clutter")),
         of_echoes.asked(
             "radar and imaging part HH and VV",
             "corner reflectors alone, the same echo in HH and VV",
-            interval(alone["reflector"], bounds=(0.0, 1.0)),
+            students(alone["reflector"], bounds=(0.0, 1.0)),
             (0.0, 0.9),
         ),
         replace(along, sample=mines_alone).asked(
             "the mine's own echoes in HH and VV differ along the cut more than the clutter's",
             "mines alone, without clutter",
-            interval([value - level for value in alone["mine"]]),
+            students([value - level for value in alone["mine"]]),
             BELOW_ZERO,
         ),
         along.asked(
             "the humps of HH and VV stand a few centimetres apart",
             f"VV of the mines shifted by {2 * SHIFTS[best]:+d} cm, as is best for mines alone",
-            interval(shifted),
+            students(shifted),
             ABOVE_ZERO,
         ),
         over_looks.asked(
@@ -504,7 +505,7 @@ def moment_trials(records: Records) -> list[Trial]:
             _measure(records, _NONE_OF_THEM, "fourth_moment"),
             _GAUSSIAN,
         ),
-        share.shown("nothing", interval(filled, bounds=(0.0, 1.0))),
+        share.shown("nothing", students(filled, bounds=(0.0, 1.0))),
         in_filled.asked(
             "directions in which cuts of five samples per resolution cell hold no clutter make it "
             "large",
@@ -536,7 +537,7 @@ def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
     )
     trial_list = []
     for number, (_, y) in enumerate(WIDE_MINES):
-        level = interval([of_seed[number] for of_seed in levels])
+        level = students([of_seed[number] for of_seed in levels])
         trial_list.append(question.shown(f"the mine at {y:g} m", level))
     return trial_list
 
@@ -544,17 +545,17 @@ def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
 def _gap(records: Records, name: str, measured: str = "") -> Interval:
     """Return the interval over seeds of the correlation of mines less that of clutter."""
     gaps = [record[f"mine{measured}"] - record[f"clutter{measured}"] for record in records[name]]
-    return interval(gaps)
+    return students(gaps)
 
 
 def _measure(records: Records, name: str, measure: str) -> Interval:
     """Return a measure's interval over seeds."""
-    return interval([record[measure] for record in records[name]])
+    return students([record[measure] for record in records[name]])
 
 
 def _ratio(records: Records, name: str, number: int, measure: str = "ratios") -> Interval:
     """Return the interval over seeds of one ratio of eigenvalues."""
-    return interval([record[measure][number - 1] for record in records[name]])
+    return students([record[measure][number - 1] for record in records[name]])
 
 
 def _sample(records: Records) -> str:

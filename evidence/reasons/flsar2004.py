@@ -35,7 +35,6 @@ from flgpr_papers.flsar2004.examples import (
 )
 from flgpr_papers.flsar2004.findings import (
     Measure,
-    proportion,
     ratio_interval,
     spread_of_folds,
 )
@@ -61,7 +60,7 @@ from flgpr_papers.flsar2004.material import (
     thin_examples,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import SHARE, Bounds, Interval, clip
+from flgpr_papers.kit.intervals import SHARE, Bounds, Interval, clip, proportion
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.trials import Question, Trial
 

@@ -36,7 +36,7 @@ from flgpr_papers.fuse2018.suppression import (
     suppressed_alone,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import Bounds, Interval, clustered
+from flgpr_papers.kit.intervals import Bounds, Interval, clustered
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
 

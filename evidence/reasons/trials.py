@@ -15,16 +15,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flgpr_papers.kit.findings import (
-    AGREES,
-    DISAGREES,
-    UNDECIDED,
-    Bounds,
-    Finding,
-    Interval,
-    decimals,
-    judge,
-)
+from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, decimals, judge
+from flgpr_papers.kit.intervals import Bounds, Interval
 
 HOLDS = "holds"
 REFUTED = "refuted"
@@ -77,10 +69,9 @@ class Trial:
             return OUTCOMES[self.verdict]
         if self.predicted is None:
             return ""
-        low, high = self.interval[1:]
-        if math.isnan(low) or math.isnan(high):
+        if any(map(math.isnan, self.interval[1:])):
             return UNDECIDED
-        return OUTCOMES[judge(low, high, self.predicted)]
+        return OUTCOMES[judge(self.interval, self.predicted)]
 
     @property
     def ours(self) -> str:

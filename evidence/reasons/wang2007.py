@@ -28,10 +28,8 @@ from flgpr.scoring import assign, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
-from flgpr_papers.cosgrove2004.findings import interval
-from flgpr_papers.flsar2004.findings import proportion
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import Bounds, Interval
+from flgpr_papers.kit.intervals import Bounds, Interval, proportion, students
 from flgpr_papers.kit.mines import MIXES, mix_draws
 from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
@@ -380,7 +378,7 @@ def _gap_trial(
         f"{gap.size} {unit_of_sample} of {len(records[name])} lanes",
         "dB",
     )
-    return question.asked(explanation, name, interval(gap), predicted)
+    return question.asked(explanation, name, students(gap), predicted)
 
 
 def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:

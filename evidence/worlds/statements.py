@@ -4,7 +4,7 @@ Every quick study in the worlds of the designed fraction. Small lanes decide lit
 their own, so statements are judged in regions: the whole space and the half, third or quarter with
 one level of an axis. Every world's lanes have seeds of their own, so that the mean over a region's
 worlds has Student's interval; it is to hold in all regions and all parts of a claim together
-(Bonferroni), and gets the error of the paper's figure where there is one. A statement holds
+(Bonferroni). A statement holds
 somewhere if it agrees in at least one region, and nowhere if it disagrees in all that decide.
 Beside that stand regions with levels of two axes: a statement that agrees in one of these alone
 holds in a corner. Their intervals hold in all regions of both kinds.
@@ -16,7 +16,7 @@ import json
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -37,15 +37,12 @@ from flgpr_papers.kit.findings import (
     OPEN,
     UNDECIDED,
     Finding,
-    Interval,
-    alike,
     all_of,
     finding_of,
     judge,
-    larger,
-    less_figure,
     row_of,
 )
+from flgpr_papers.kit.intervals import Interval
 from flgpr_papers.kit.settings import PAPERS
 from worlds.design import marginal_row, model_matrix
 from worlds.effects import fit_means
@@ -223,7 +220,7 @@ def _findings_by_claim(records: Sequence[Record]) -> dict[str, list[tuple[World,
     for world, record in records:
         for row in record["findings"]:
             finding = finding_of(row)
-            if finding.asks is None and finding.rule is None:
+            if finding.rule is None:
                 continue
             claim = finding.claim
             if finding.quantity:
@@ -297,35 +294,23 @@ def pooled(findings: Sequence[Finding], regions: int) -> tuple[int, Interval, st
     for mean, half in zip(means, halves, strict=True):
         intervals.append((float(mean), float(mean - half), float(mean + half)))
     asked = findings[0]
-    if asked.asks is not None:
-        # The error of a paper's figure may be estimated in each world anew.
-        kind, limit, _ = asked.asks
-        errors = [finding.asks[2] for finding in findings if finding.asks]
-        asked = replace(asked, asks=(kind, limit, float(np.mean(errors))))
-    verdicts = [judge_again(asked, *interval) for interval in intervals]
+    verdicts = [judge_again(asked, interval) for interval in intervals]
     return count, _deciding_interval(intervals, verdicts), all_of(verdicts)
 
 
-def judge_again(finding: Finding, value: float, low: float, high: float) -> str:
+def judge_again(finding: Finding, interval: Interval) -> str:
     """Return the verdict on another number by what the claim of a finding asks.
 
     Parameters
     ----------
     finding : Finding
         A statement, judged on some lanes.
-    value, low, high : float
-        The same number on other lanes, with the ends of its interval. Where a figure of the paper
-        is asked for, it is ours less the paper's, and the interval gets the figure's error here.
+    interval : Interval
+        The same number on other lanes, with its interval.
     """
-    if finding.rule is not None:
-        return judge(low, high, finding.rule)
-    if finding.asks is None:
+    if finding.rule is None:
         return OPEN
-    kind, limit, error = finding.asks
-    if kind == "larger":
-        return larger(low, high, limit)
-    _, low, high = less_figure((value, low, high), 0.0, error)
-    return alike(low, high, limit)
+    return judge(interval, finding.rule, finding.worth, finding.figure)
 
 
 def _deciding_interval(intervals: Sequence[Interval], verdicts: Sequence[str]) -> Interval:
@@ -364,7 +349,7 @@ def soils_in_order(records: Sequence[Record]) -> list[Statement]:
         verdict = UNDECIDED
         try:
             interval = _soil_difference(table, better, worse)
-            verdict = larger(*interval[1:])
+            verdict = judge(interval, (0.0, np.inf))
         except (KeyError, ValueError):  # no worlds yet, or too few to tell the axes apart
             pass
         regions = {"all": (len(rows), interval, verdict)}
@@ -488,11 +473,5 @@ def numbers(finding: Finding) -> tuple[float, ...]:
 
 def margin(finding: Finding) -> float:
     """Return by how much the number of a finding keeps what is asked of it; below 0 it does not."""
-    values = numbers(finding)
-    if finding.rule is not None:
-        low, high = finding.rule
-        return min(min(value - low, high - value) for value in values)
-    kind, limit, _ = finding.asks or ("", 0.0, 0.0)
-    if kind == "larger":
-        return min(value - limit for value in values)
-    return min(limit - abs(value) for value in values)
+    low, high = finding.rule or (-np.inf, np.inf)
+    return min(min(value - low, high - value) for value in numbers(finding))

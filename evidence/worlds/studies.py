@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flgpr.progress import silent
 from flgpr.recipe.schema import parse_recipe
-from flgpr_papers.cosgrove2004.findings import findings, interval, pd_table
+from flgpr_papers.cosgrove2004.findings import findings, pd_table
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.study import run_seed
 from flgpr_papers.flsar2004.examples import join
@@ -24,6 +24,7 @@ from flgpr_papers.fuse2018.process import (
     write_records,
 )
 from flgpr_papers.kit.findings import OPEN, Finding, measured
+from flgpr_papers.kit.intervals import students
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import quick_scenes, sensor
@@ -49,7 +50,7 @@ def cosgrove2004(world: World, folder: Path) -> list[Finding]:
         cases.append(run_seed(study, seed, 1.0)["roadside"]["sand"])
     table = pd_table(study, {"sand": cases})
     statements = []
-    for finding in findings(study, {"sand": cases}, table):
+    for finding in findings(study, {"sand": cases}):
         if finding.verdict != OPEN:
             statements.append(finding)
     pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]
@@ -57,7 +58,7 @@ def cosgrove2004(world: World, folder: Path) -> list[Finding]:
         "Pd of the deflection detector",
         "not stated for such a soil",
         f"at {study.score.pfa:g} per m²",
-        interval(pds.to_numpy(), bounds=(0.0, 1.0)),
+        students(pds.to_numpy(), bounds=(0.0, 1.0)),
     )
     return [*statements, pd_of_soil]
 

@@ -27,10 +27,10 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow("studies of papers")
 
 
-def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
+def larger(*values, rule=(0.0, math.inf), claim="A beats B"):
     parts = values if len(values) > 1 else ()
     return Finding(
-        claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), asks=asks, parts=parts
+        claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), rule=rule, parts=parts
     )
 
 

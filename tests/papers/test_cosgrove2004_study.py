@@ -211,7 +211,7 @@ def test_ratios_are_unknown_where_no_example_reaches(recipe, looks):
     assert reached < 6
     assert np.isfinite(ratios[:reached]).all()
     assert np.isnan(ratios[reached:]).all()
-    statements = findings_module._eigenvalue_statements([{"ratios": ratios.tolist()}] * 2)
+    statements = findings_module._eigenvalue_statements(recipe, [{"ratios": ratios.tolist()}] * 2)
     assert [one.verdict for one in statements[reached - 1 :]] == ["cannot say"] * (6 - reached)
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,6 @@ from flgpr_papers.kit.findings import (
     NO_VERDICT,
     Finding,
     judge,
-    larger,
     measured,
     read_findings,
     write_findings,
@@ -24,9 +24,9 @@ pytestmark = pytest.mark.slow("studies of papers")
 
 MADE_UP = {
     "cosgrove2004": [
-        replace(measured("A above B", "", "Pd", (0.2, 0.1, 0.31), verdict="agrees"), group="open"),
+        replace(measured("A above B", "", "Pd", (0.2, 0.1, 0.31), (0.0, math.inf)), group="open"),
         replace(measured("Anything else?", "", "Pd", (0.0, 0.0, 0.0)), group="open"),
-        measured("one seed", "", "Pd", (0.2, float("-inf"), float("inf")), verdict="cannot say"),
+        measured("one seed", "", "Pd", (0.2, -math.inf, math.inf), (0.0, math.inf)),
     ],
     "flsar2004": [measured("n", "p", "q", (0.1, 0.06, 0.2), (-0.05, 0.05))],
     "fuse2018": [
@@ -132,17 +132,20 @@ def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(
     ],
 )
 def test_verdicts_follow_the_rule(interval, verdict):
-    assert judge(*interval[1:], (-0.05, 0.05)) == verdict
+    assert judge(interval, (-0.05, 0.05)) == verdict
     assert measured("a", "b", "c", interval, (-0.05, 0.05)).verdict == verdict
 
 
 def test_differences_are_judged_against_zero():
-    assert [larger(0.1, 1), larger(-1, -0.1), larger(-1, 1), larger(0, 0)] == [
+    above_zero = (0.0, math.inf)
+    gaps = [(0.5, 0.1, 1), (-0.5, -1, -0.1), (0, -1, 1), (0, 0, 0)]
+    assert [judge(gap, above_zero) for gap in gaps] == [
         "agrees",
         "disagrees",
         *["cannot say"] * 2,
     ]
-    assert larger(-0.04, 0.1, -0.05) == "agrees"
+    assert judge((0, 0, 0), above_zero, 0.05) == "disagrees"  # not worth a gain
+    assert judge((0.03, -0.04, 0.1), (-0.05, math.inf)) == "agrees"
 
 
 def test_findings_come_back_as_they_were_written(tmp_path):

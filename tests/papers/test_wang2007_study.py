@@ -19,7 +19,13 @@ from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_bundle
 from flgpr_papers.kit.cache import store_lane
-from flgpr_papers.kit.findings import NO_VERDICT, Finding, read_findings, write_findings
+from flgpr_papers.kit.findings import (
+    NO_VERDICT,
+    Finding,
+    over_experiments,
+    read_findings,
+    write_findings,
+)
 from flgpr_papers.kit.rescoring import Draw, Rescorer
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import lanes, study
@@ -34,7 +40,7 @@ from flgpr_papers.wang2007.analysis import (
 )
 from flgpr_papers.wang2007.costs import Lanes, cost_table
 from flgpr_papers.wang2007.examples import series_scans
-from flgpr_papers.wang2007.findings import blind_scores
+from flgpr_papers.wang2007.findings import all_findings, blind_scores
 from flgpr_papers.wang2007.page import likeness
 
 pytestmark = pytest.mark.slow("studies of papers")
@@ -306,6 +312,23 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     assert page.count("<section class=twin>") == page.count("<th>paper</th><th>here</th>") == 14
     assert not re.search(r"\bnan\b", re.sub(r'src="data:[^"]*"', "", page))
     assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
+
+
+@pytest.mark.slow("runs a quick form of the whole study")
+def test_a_replicate_judges_all_but_the_blind_lanes(results, monkeypatch):
+    draws = Pool.draws
+    monkeypatch.setattr(
+        Pool, "draws", lambda pool, count, **rest: draws(pool, min(count, 3), **rest)
+    )
+    recipe = parse_recipe(packaged_text("wang2007"))
+    found, tables = all_findings(results, [], recipe, 5)
+    assert not tables.blind
+    assert not [one for one in found if "blind lanes, classifier" in one.claim]
+    (alike,) = [one for one in found if one.claim.startswith("Classifiers A and B")]
+    assert len(alike.parts) == 2
+    repeated = over_experiments([found[0], found[0]])
+    assert repeated.names == found[0].names
+    assert repeated.shown[1] == 2
 
 
 def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):

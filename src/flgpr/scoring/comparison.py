@@ -273,7 +273,7 @@ def mcnemar_test(only_a: int, only_b: int) -> float:
 
 
 def paired_interval(
-    only_a: int, only_b: int, n_targets: int, level: float = 0.95
+    only_a: float, only_b: float, n_targets: float, level: float = 0.95
 ) -> tuple[float, float]:
     """Compute an interval of the difference of two detectors' Pd on the same targets.
 
@@ -282,10 +282,10 @@ def paired_interval(
 
     Parameters
     ----------
-    only_a, only_b : int
+    only_a, only_b : float
         Targets that one detector alone finds.
-    n_targets : int
-        Number of targets.
+    n_targets : float
+        Number of targets; effective numbers of looks need not be whole.
     level : float
         Level of the interval.
 
@@ -424,7 +424,7 @@ def _paired_points(
     return rows
 
 
-def _lower_end(more: int, less: int, n: int, z: float) -> float:
+def _lower_end(more: float, less: float, n: float, z: float) -> float:
     """Find the lower bound of the difference of two shares (Tango 1998).
 
     ``more`` and ``less`` are the counts in which alone the two differ, among n.

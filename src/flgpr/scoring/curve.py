@@ -26,7 +26,7 @@ def clopper_pearson(
     Parameters
     ----------
     successes, trials : array_like
-        Counts, broadcast against one another.
+        Counts, broadcast against one another; effective numbers of looks need not be whole.
     level : float
         Level, which the interval covers at least.
 
@@ -57,8 +57,10 @@ def clopper_pearson(
         raise ValueError(
             f"successes must lie between 0 and trials, got {k.min():g}..{k.max():g} of {n.min():g}"
         )
-    low = np.where(k > 0, special.betaincinv(np.maximum(k, 1), n - k + 1, tail), 0.0)
-    high = np.where(k < n, special.betaincinv(k + 1, np.maximum(n - k, 1), 1 - tail), 1.0)
+    some = np.where(k > 0, k, 1.0)
+    missed = np.where(k < n, n - k, 1.0)
+    low = np.where(k > 0, special.betaincinv(some, n - k + 1, tail), 0.0)
+    high = np.where(k < n, special.betaincinv(k + 1, missed, 1 - tail), 1.0)
     return low, high
 
 

@@ -9,20 +9,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy.special import stdtrit
+from numpy.typing import ArrayLike, NDArray
 
-from flgpr.scoring import pd_at, pd_mean, peak_roc
+from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import (
+from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, shows
+from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
-    UNDECIDED,
     Bounds,
-    Finding,
     Interval,
-    less_figure,
-    share_error,
+    difference_of_means,
+    paired_shares,
+    proportion,
+    share_of_looks,
+    students,
 )
 from flgpr_papers.kit.statements import Statements
 
@@ -35,45 +36,8 @@ PAPER_LOOKS = 72  # mine images at site one
 SOILS = ("sand", "gravel", "clay")
 _POSITIVE = (0.0, math.inf)  # of counts and widths
 _STATEMENTS = Statements("cosgrove2004")
+_RIVAL = "Neyman-Pearson"
 _NOTHING = 0.1  # Pd below which detectors are not compared with each other
-
-
-def interval(
-    values: Sequence[float] | FloatArray,
-    level: float = 0.95,
-    bounds: tuple[float, float] | None = None,
-) -> Interval:
-    """Return the mean over seeds and its interval; seeds without a value (NaN) are left out.
-
-    The interval is Student's, cut off at the ``bounds`` of the values. Equal values have no spread
-    that it could use. Then, for values within ``bounds``, the share of seeds with another value is
-    below ``1 - ((1 - level)/2)^(1/n)``, and each of these may lie at a bound; without bounds
-    nothing is known and the ends are infinite.
-
-    Parameters
-    ----------
-    values : (n,) array_like
-        A value for each seed.
-    level : float
-        Probability of the interval.
-    bounds : tuple of float, optional
-        Least and largest possible value.
-    """
-    sample = np.asarray(values, dtype=np.float64)
-    sample = sample[~np.isnan(sample)]
-    mean = float(sample.mean()) if sample.size else math.nan
-    low, high = bounds or (-math.inf, math.inf)
-    if sample.size < 2:
-        return mean, low, high
-    if np.ptp(sample) == 0:
-        if bounds is None:
-            return mean, low, high
-        widening = 1 - ((1 - level) / 2) ** (1 / sample.size)
-        return mean, mean - widening * (mean - low), mean + widening * (high - mean)
-    half = float(
-        stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size)
-    )
-    return mean, max(mean - half, low), min(mean + half, high)
 
 
 def case_curve(
@@ -100,6 +64,60 @@ def case_curve(
     if not rocks:
         clutter = clutter[~np.asarray(peaks["rock"], dtype=bool)]
     return peak_roc(peaks["target" + suffix], clutter, box**2)
+
+
+def found_looks(
+    recipe: StudyRecipe, cases: Sequence[Case], detector: str, quantile: bool = False
+) -> FloatArray:
+    """Return which looks at mines (seed, look) a detector finds at the study's P_FA, as 1 or 0.
+
+    Every seed has the threshold of its own clutter. The parameters are those of
+    :func:`case_curve`.
+    """
+    found = []
+    for case in cases:
+        curve = case_curve(case, detector, recipe.score.box, quantile)
+        threshold = curve["threshold"].iloc[int(operating_row(curve, recipe.score.pfa))]
+        peaks = case["peaks"][detector]["target" + ("_quantile" if quantile else "")]
+        found.append(np.asarray(peaks, dtype=np.float64) >= threshold)
+    return np.array(found, dtype=np.float64)
+
+
+class Looks:
+    """Which looks every detector finds, by site.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    cases : mapping of str to sequence of Case
+        Cases of every seed by site.
+    """
+
+    def __init__(self, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> None:
+        self._recipe = recipe
+        self._cases = cases
+        self.found: dict[tuple[str, str], FloatArray] = {}
+        for site, lanes in cases.items():
+            for name in lanes[0]["peaks"]:
+                self.found[site, name] = found_looks(recipe, lanes, name)
+
+    def pd(self, site: str, detector: str) -> Interval:
+        """Return the Pd of a detector at a site."""
+        return share_of_looks(self.found[site, detector])
+
+    def gap(self, site: str, detector: str, rival: str) -> Interval:
+        """Return the Pd of a detector at a site less that of another one, on the same looks."""
+        return paired_shares(self.found[site, detector], self.found[site, rival])
+
+    def quantile_gap(self, site: str, detector: str) -> Interval:
+        """Return the Pd by a high quantile of the boxes less that by their peaks."""
+        by_quantile = found_looks(self._recipe, self._cases[site], detector, quantile=True)
+        return paired_shares(by_quantile, self.found[site, detector])
+
+    def seeds(self, site: str, detector: str) -> FloatArray:
+        """Return the Pd of every seed."""
+        return np.asarray(self.found[site, detector].mean(axis=1))
 
 
 def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
@@ -173,9 +191,7 @@ def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def findings(
-    recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd.DataFrame
-) -> list[Finding]:
+def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[Finding]:
     """Judge every statement of the paper, then the questions it leaves open.
 
     Parameters
@@ -184,48 +200,62 @@ def findings(
         The study.
     cases : mapping of str to sequence of Case
         Cases of every seed by site.
-    table : DataFrame
-        As :func:`pd_table` returns it.
     """
-    pds = _pd_by_seed(table)
+    looks = Looks(recipe, cases)
     return [
-        *_detector_statements(recipe, pds),
-        *_eigenvalue_statements(cases["sand"]),
+        *_detector_statements(recipe, looks),
+        *_eigenvalue_statements(recipe, cases["sand"]),
         *_premise_statements(recipe, cases["sand"]),
-        *_open_questions(recipe, pds, _pd_by_seed(table, "pd_quantile")),
+        *_open_questions(recipe, looks),
     ]
 
 
-def _pd_by_seed(table: pd.DataFrame, column: str = "pd") -> dict[Any, FloatArray]:
-    """Return a column of :func:`pd_table` in the order of the seeds, by site and detector."""
-    values = {}
-    for key, group in table.groupby(["site", "detector"]):
-        values[key] = group.sort_values("seed")[column].to_numpy()
-    return values
+def _judge(
+    recipe: StudyRecipe,
+    statement: str,
+    interval: Interval,
+    by_seed: ArrayLike = (),
+    **fields: Any,
+) -> Finding:
+    """Judge a statement by a number, and count the seeds whose own number shows it.
 
-
-def _gap(statement: str, recipe: StudyRecipe, values: FloatArray, **fields: Any) -> Finding:
-    """Judge a statement by differences of Pd or of other shares, a value for each seed."""
+    A seed has as many mines, training and test as the paper.
+    """
     fields |= {"pd": f"Pd at {recipe.score.pfa:g} per m²", "rank": recipe.detector.rank}
-    return _STATEMENTS.number(statement, interval(values, bounds=SHARE_DIFFERENCE), **fields)
+    finding = _STATEMENTS.number(statement, interval, **fields)
+    values = np.asarray(by_seed, dtype=np.float64)
+    values = values[~np.isnan(values)]
+    rule = finding.rule
+    if rule is None or not values.size:
+        return finding
+    return replace(finding, shown=(sum(shows(value, rule) for value in values), values.size))
 
 
-def _detector_statements(recipe: StudyRecipe, pds: Mapping[Any, FloatArray]) -> list[Finding]:
+def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     """Judge what the paper says of Pd (Sec. IV, V)."""
     titles = {soil: recipe.sites[soil].title for soil in SOILS if soil in recipe.sites}
-    ours = {soil: pds[soil, f"rank {recipe.detector.rank}"] for soil in titles}
+    ours = f"rank {recipe.detector.rank}"
+
+    def against(name: str, soil: str, first: str, second: str, **words: str) -> Finding:
+        by_seed = looks.seeds(soil, first) - looks.seeds(soil, second)
+        finding = _judge(
+            recipe, name, looks.gap(soil, first, second), by_seed, soil=titles[soil], **words
+        )
+        pds = [looks.pd(soil, detector)[0] for detector in (first, second)]
+        return replace(finding, note=_room(*pds))
+
     statements = []
-    for soil, title in titles.items():
+    for soil in titles:
         for rival in ("PWF", "HH"):
-            gap = ours[soil] - pds[soil, rival]
-            statements.append(_gap("outperforms", recipe, gap, soil=title, rival=rival))
-    statements.append(_best_pd(recipe, ours))
-    for soil, title in titles.items():
-        gap = pds[soil, "rank 1"] - ours[soil]
-        statement = _gap("first-eigenvector", recipe, gap, soil=title)
+            statements.append(against("outperforms", soil, ours, rival, rival=rival))
+        if (soil, _RIVAL) in looks.found:
+            statements.append(against("few-examples", soil, ours, _RIVAL))
+    statements.append(_best_pd(recipe, looks, titles))
+    for soil in titles:
+        statement = against("first-eigenvector", soil, "rank 1", ours)
         # Two detectors that find nothing are as good as each other.
-        if np.mean(ours[soil]) < _NOTHING:
-            statement = replace(statement, verdict=UNDECIDED, asks=None)
+        if looks.pd(soil, ours)[0] < _NOTHING:
+            statement = replace(statement, verdict=UNDECIDED, rule=None, power=None, shown=None)
         statements.append(statement)
     for better, worse, name in (
         ("sand", "gravel", "best-soil"),
@@ -233,37 +263,47 @@ def _detector_statements(recipe: StudyRecipe, pds: Mapping[Any, FloatArray]) -> 
         ("gravel", "clay", "worst-soil"),
     ):
         if better in titles and worse in titles:
-            gap = ours[better] - ours[worse]
+            gap = difference_of_means(looks.pd(better, ours), looks.pd(worse, ours))
+            by_seed = looks.seeds(better, ours) - looks.seeds(worse, ours)
             words = {"better": titles[better], "worse": titles[worse]}
-            statements.append(_gap(name, recipe, gap, **words))
+            statements.append(_judge(recipe, name, gap, by_seed, **words))
     return statements
 
 
-def _best_pd(recipe: StudyRecipe, ours: Mapping[str, FloatArray]) -> Finding:
+def _room(first: float, second: float) -> str:
+    """Return a remark where two detectors find all or nothing: neither can be better."""
+    if min(first, second) > 1 - WORTH:
+        return "both find nearly all: there is nothing to gain"
+    return "both find next to nothing" if max(first, second) < WORTH else ""
+
+
+def _best_pd(recipe: StudyRecipe, looks: Looks, titles: Mapping[str, str]) -> Finding:
     """Judge the Pd of the best soil against the paper's, a share of its own number of looks."""
-    best = max(ours, key=lambda soil: float(np.mean(ours[soil])))
-    error = share_error(PAPER_PD, PAPER_LOOKS)
-    return _STATEMENTS.number(
+    ours = f"rank {recipe.detector.rank}"
+    best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
+    return _judge(
+        recipe,
         "best-pd",
-        less_figure(interval(ours[best], bounds=SHARE), PAPER_PD, error),
-        error,
-        figure=PAPER_PD,
+        looks.pd(best, ours),
+        looks.seeds(best, ours),
+        figure=proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS),
+        stated=PAPER_PD,
         looks=PAPER_LOOKS,
-        soil=recipe.sites[best].title,
-        pd=f"Pd at {recipe.score.pfa:g} per m²",
+        soil=titles[best],
     )
 
 
-def _eigenvalue_statements(cases: Sequence[Case]) -> list[Finding]:
+def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[Finding]:
     """Judge the ratios of eigenvalues (IV-A) within a factor of two.
 
     A ratio that no seed's examples reach has no number.
     """
     statements = []
     for number, paper, ratio in eigenvalue_ratios_of(cases):
+        by_seed = np.array([case["ratios"][number - 1] for case in cases], dtype=np.float64)
         rule = (0.5 * paper, 2 * paper)
         statements.append(
-            _STATEMENTS.number("eigenvalue", ratio, rule=rule, number=number, ratio=paper)
+            _judge(recipe, "eigenvalue", ratio, by_seed, rule=rule, ratio=paper, number=number)
         )
     return statements
 
@@ -272,35 +312,31 @@ def eigenvalue_ratios_of(cases: Sequence[Case]) -> list[tuple[int, float, Interv
     """Return the number of every eigenvalue but the first, the paper's ratio to it and ours."""
     ratios = np.array([case["ratios"] for case in cases], dtype=np.float64)
     return [
-        (j + 1, PAPER_RATIOS[j], interval(ratios[:, j], bounds=SHARE))
+        (j + 1, PAPER_RATIOS[j], students(ratios[:, j], bounds=SHARE))
         for j in range(1, min(len(PAPER_RATIOS), ratios.shape[1]))
     ]
 
 
-def _open_questions(
-    recipe: StudyRecipe, pds: Mapping[Any, FloatArray], quantile_pds: Mapping[Any, FloatArray]
-) -> list[Finding]:
+def _open_questions(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     """Return our own questions about the detectors' Pd, which have no verdict."""
     detector = f"rank {recipe.detector.rank}"
     questions = []
     for name, site in recipe.sites.items():
-        gap = quantile_pds[name, detector] - pds[name, detector]
-        questions.append(_gap("quantile", recipe, gap, soil=site.title))
+        gap = looks.quantile_gap(name, detector)
+        questions.append(_judge(recipe, "quantile", gap, soil=site.title))
     if "plastic" in recipe.sites:
-        ours = pds["plastic", detector]
-        pd_name = f"Pd at {recipe.score.pfa:g} per m²"
-        questions.append(_STATEMENTS.number("plastic", interval(ours, bounds=SHARE), pd=pd_name))
+        questions.append(_judge(recipe, "plastic", looks.pd("plastic", detector)))
         rivals = {"PWF": "PWF", "trained on sand": "the detector trained on metal mines"}
         for rival, title in rivals.items():
-            if ("plastic", rival) in pds:
-                gap = ours - pds["plastic", rival]
-                questions.append(_gap("plastic-rival", recipe, gap, rival=title))
+            if ("plastic", rival) in looks.found:
+                gap = looks.gap("plastic", detector, rival)
+                questions.append(_judge(recipe, "plastic-rival", gap, rival=title))
     for rival, text in recipe.questions.items():
         for soil in SOILS:
-            if (soil, rival) in pds:
-                gap = pds[soil, rival] - pds[soil, detector]
+            if (soil, rival) in looks.found:
+                gap = looks.gap(soil, rival, detector)
                 title = recipe.sites[soil].title
-                questions.append(_gap("tried", recipe, gap, question=text, soil=title))
+                questions.append(_judge(recipe, "tried", gap, question=text, soil=title))
     return questions
 
 
@@ -313,41 +349,50 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
     measures = [case["premises"] for case in sand]
 
     def within(
-        name: str, values: Sequence[float], rule: Bounds, bounds: Bounds = _POSITIVE, **fields: Any
+        name: str, values: Sequence[float], rule: Bounds | None = None, **fields: Any
     ) -> Finding:
-        return _STATEMENTS.number(name, interval(values, bounds=bounds), rule=rule, **fields)
+        interval = students(values, bounds=_POSITIVE)
+        return _judge(recipe, name, interval, values, rule=rule, **fields)
 
-    def of_both(measure: Callable[[Any], float], name: str) -> FloatArray:
-        """Return a measure of mines less that of clutter in every seed."""
+    def of_both(name: str, measure: Callable[[Any], float], values: str, **fields: Any) -> Finding:
+        """Judge by a measure of mines less that of clutter in every seed."""
         mines, clutter = [
-            np.array([measure(of_seed[kind][name]) for of_seed in measures])
+            np.array([measure(of_seed[kind][values]) for of_seed in measures])
             for kind in ("mine", "clutter")
         ]
-        return np.asarray(mines - clutter)
+        gap = students(mines - clutter, bounds=SHARE_DIFFERENCE)
+        return _judge(recipe, name, gap, mines - clutter, **fields)
+
+    def of_looks(name: str, looks: Sequence[Any], **fields: Any) -> Finding:
+        """Judge by the share of looks for which something holds."""
+        table = np.array(looks, dtype=np.float64)
+        return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
 
     statements = []
     for name in recipe.cut.polarizations:
         # The signatures are the same for every seed: their mines are the sample.
-        counts = sand[0]["signature_humps"][name]
-        statements.append(within("signature", counts, premises.humps, polarization=name))
+        interval = students(sand[0]["signature_humps"][name], bounds=_POSITIVE)
+        statements.append(
+            _judge(recipe, "signature", interval, rule=premises.humps, polarization=name)
+        )
     for name in recipe.cut.polarizations:
         humps = [_mean(of_seed["mine"][name]) for of_seed in measures]
         statements.append(within("evident", humps, premises.humps, polarization=name))
-        gap = of_both(_double_share, name)
-        statements.append(_gap("distinguishing", recipe, gap, polarization=name))
-    visible = [float(np.mean(case["visible"])) for case in sand if case["visible"]]
-    if visible:
+        statements.append(of_both("distinguishing", _double_share, name, polarization=name))
+    if any(case["visible"] for case in sand):
+        seen = [case["visible"] for case in sand]
         rule = premises.visible_mines
-        statements.append(within("visible", visible, rule, SHARE, share=premises.visible))
+        statements.append(of_looks("visible", seen, rule=rule, share=premises.visible))
     moments = [of_seed["fourth_moment_ratio"] for of_seed in measures]
-    humps = [float(np.mean(of_seed["across"]["humps"])) for of_seed in measures]
+    most = premises.humps_across[1]
+    one_hump = [np.array(of_seed["across"]["humps"]) <= most for of_seed in measures]
     widths = [_mean(case["premises"]["across"]["width"]) / case["point_width"] for case in sand]
     return [
         *statements,
-        _gap("correlated", recipe, of_both(_mean, "correlation")),
-        within("gaussian", moments, premises.fourth_moment, (1.0, math.inf)),
-        within("across", humps, premises.humps_across),
-        _STATEMENTS.number("wide", interval(widths, bounds=_POSITIVE), above=premises.width_across),
+        of_both("correlated", _mean, "correlation"),
+        within("gaussian", moments, premises.fourth_moment),
+        of_looks("across", one_hump),
+        within("wide", widths, above=premises.width_across),
     ]
 
 

@@ -14,11 +14,11 @@ from flgpr_papers.cosgrove2004.findings import (
     Case,
     contrast_table,
     eigenvalue_ratios_of,
-    interval,
 )
 from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import SHARE, Finding, by_chance
+from flgpr_papers.kit.findings import Finding, by_chance
+from flgpr_papers.kit.intervals import SHARE, students
 from flgpr_papers.kit.page import Rows
 
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
@@ -99,7 +99,7 @@ def _detector_rows(table: pd.DataFrame) -> list[list[str]]:
         row = [str(name)]
         for column in ("pd", "pd_quantile", "pd_rockless", "pd_mean"):
             pd_words = "{:.2f} ({:.2f} to {:.2f})"
-            row.append(pd_words.format(*interval(chosen[column].to_numpy(), bounds=SHARE)))
+            row.append(pd_words.format(*students(chosen[column].to_numpy(), bounds=SHARE)))
         rows.append(row)
     return rows
 

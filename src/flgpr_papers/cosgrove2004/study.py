@@ -64,7 +64,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     for name in SURROUNDINGS:
         cases[name] = {site: [one[name][site] for one in of_seeds] for site in recipe.sites}
         tables[name] = pd_table(recipe, cases[name])
-        for finding in findings(recipe, cases[name], tables[name]):
+        for finding in findings(recipe, cases[name]):
             found.append(replace(finding, group=name))
     responses = {
         "with the ramp": point_response(recipe, True),

@@ -48,7 +48,7 @@ from flgpr_papers.flsar2004.material import (
     pick_examples,
     thin_examples,
 )
-from flgpr_papers.kit.findings import SHARE, Interval, difference_of_shares, spread
+from flgpr_papers.kit.intervals import SHARE, Interval, difference_of_shares, spread
 
 KINDS = ("metal", "plastic")
 _OWN_MACHINE = "RVM, ARD, width by evidence"
@@ -108,6 +108,28 @@ def sparsity(material: Material) -> Results:
     results.judge("own", gap(_OWN_MACHINE, "RVM"))
     results.judge("own-sparser", ratio_interval(vectors[_OWN_MACHINE], vectors["RVM"]))
     results.judge("kernel", gap("RVM", "RVM polynomial"))
+    return results
+
+
+def paper_size(material: Material, seed: int) -> Results:
+    """Run the leave-one-out of Fig. 6 with as many examples as the paper has, drawn by a seed.
+
+    They are of the temperate site, the last one.
+    """
+    options = material.settings.classify
+    results = Results()
+    chosen = pick_examples(material.examples[-1], ("metal",), (-1.0, SHALLOW), "VV")
+    few = thin_examples(chosen, options.examples, seed)
+    measure = material.measure(few)
+    machines = {"RVM": rvm(options), "SVM": svm(options), "polynomial": rvm(options, "poly")}
+    scores = {name: leave_one_out(*few, one, options.folds) for name, one in machines.items()}
+    shares = scores["RVM"].vector_share, scores["SVM"].vector_share
+    for name, rival in (("machines", "SVM"), ("kernel", "polynomial")):
+        gap = difference(scores["RVM"], scores[rival], measure, material.draws)
+        results.judge(name, gap)
+    results.judge("relevance-share", spread_of_folds(shares[0]))
+    results.judge("support-share", spread_of_folds(shares[1]))
+    results.judge("sparser", ratio_interval(*shares))
     return results
 
 

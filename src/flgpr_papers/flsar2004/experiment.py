@@ -29,12 +29,11 @@ from flgpr_papers.flsar2004.findings import (
     component_interval,
     difference,
     likeness_interval,
-    proportion,
     stronger_interval,
 )
 from flgpr_papers.flsar2004.machines import Examples, HeldOut, leave_one_out, rvm, with_lost
 from flgpr_papers.flsar2004.material import SHALLOW, SURFACE, Material, Results, pick_examples
-from flgpr_papers.kit.findings import difference_of_shares
+from flgpr_papers.kit.intervals import difference_of_shares, proportion
 
 FEWEST_EXAMPLES = 6
 """Looks at mines, and clutter regions, that a classifier of Fig. 5 needs past the prescreeners."""

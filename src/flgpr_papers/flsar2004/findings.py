@@ -11,9 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.features import max_correlation, mean_template, principal_templates
-from flgpr.scoring import clopper_pearson, example_roc
+from flgpr.scoring import example_roc
 from flgpr_papers.flsar2004.machines import HeldOut
-from flgpr_papers.kit.findings import Interval, percentiles
+from flgpr_papers.kit.intervals import Interval, percentiles
 
 FloatArray = NDArray[np.float64]
 FAR_LIMIT = 0.07
@@ -195,12 +195,6 @@ def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval
             second_tiles = first_tiles
     draws = measure.of(a, first_mines, first_tiles) - measure.of(b, second_mines, second_tiles)
     return percentiles(measure.value(a) - measure.value(b), draws)
-
-
-def proportion(successes: int, trials: int) -> Interval:
-    """Return a proportion with its exact interval (Clopper & Pearson 1934)."""
-    low, high = clopper_pearson(successes, trials)
-    return successes / trials, float(low), float(high)
 
 
 def pd_count(

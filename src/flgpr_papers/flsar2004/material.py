@@ -13,7 +13,8 @@ from flgpr_papers.flsar2004.examples import Site, make_templates, open_examples
 from flgpr_papers.flsar2004.findings import Measure, auc_interval, roc
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.flsar2004.machines import Examples, HeldOut
-from flgpr_papers.kit.findings import Finding, Interval, finding_of
+from flgpr_papers.kit.findings import Finding, finding_of
+from flgpr_papers.kit.intervals import Interval
 from flgpr_papers.kit.statements import Statements
 
 SHALLOW = 0.06

@@ -23,7 +23,7 @@ from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS
 from flgpr_papers.kit.figures import show, subplots
-from flgpr_papers.kit.findings import clustered
+from flgpr_papers.kit.intervals import clustered
 
 Arrays = Mapping[str, NDArray[Any]]
 _RANGE = 40.0  # dB shown

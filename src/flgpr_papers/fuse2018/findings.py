@@ -16,23 +16,21 @@ from flgpr.scoring import compare
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.matches import CONVENTIONS, HITS, compared, lane_match, track_match
 from flgpr_papers.fuse2018.powers import (
-    frame_error,
+    frame_spread,
     mean_over_boxes,
     mine_changes,
-    one_frame,
     own_changes,
     power_db,
     strongest_boxes,
     with_interval,
 )
 from flgpr_papers.fuse2018.process import LaneResult
-from flgpr_papers.kit.findings import (
+from flgpr_papers.kit.findings import Finding, in_words
+from flgpr_papers.kit.intervals import (
     SHARE_DIFFERENCE,
-    Finding,
     clip,
     clustered,
     difference_of_means,
-    in_words,
     together,
 )
 from flgpr_papers.kit.statements import Statements
@@ -125,20 +123,21 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
     """
     sixth = power_db(boxes, "iteration 6")
     seventh = power_db(boxes, "iteration 7")
-    gain = (sixth + seventh) / 2 - power_db(boxes, "#6")
+    averaged = power_db(boxes, "#6")
+    gain = (sixth + seventh) / 2 - averaged
     findings = []
     for name, values, figure in (
-        ("fall", -power_db(boxes, "#6"), PAPER_DB),
+        ("fall", -averaged, PAPER_DB),
         ("by-mean", gain, PAPER_MEAN_DB),
+        ("by-mean-last", seventh - averaged, PAPER_MEAN_DB),
     ):
-        gap, low, high = one_frame(boxes, values, figure)
+        spread = frame_spread(boxes, values)
         finding = STATEMENTS.number(
             name,
-            (gap, low, high),
-            frame_error(boxes, values),
-            frame=with_interval((gap + figure, low + figure, high + figure)),
+            mean_over_boxes(boxes, values, recipe),
+            figure=(figure, figure - spread, figure + spread),
             count=len(boxes),
-            mean=with_interval(mean_over_boxes(boxes, values, recipe)),
+            spread=spread,
         )
         findings.append(finding)
     less = power_db(boxes, "iteration 1") - seventh

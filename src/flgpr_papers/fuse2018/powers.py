@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.process import LaneResult
-from flgpr_papers.kit.findings import Interval, clustered
+from flgpr_papers.kit.intervals import Interval, clustered
 
 FloatArray = NDArray[np.float64]
 
@@ -92,11 +92,12 @@ def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
     return rows["change_db"].to_numpy(dtype=np.float64), rows["lane"] + rows["target"].astype(str)
 
 
-def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interval:
-    """Return the value of our frames' boxes less that of the one frame that the paper shows.
+def frame_spread(boxes: pd.DataFrame, values: FloatArray) -> float:
+    """Return how far a figure of one frame, as the paper shows, may lie from the mean, in dB.
 
-    Left and right box of a frame are taken together. The spread from frame to frame is the error
-    of the paper's one frame, too.
+    It is half of Student's interval for one frame more: left and right box of a frame are taken
+    together, and their spread from frame to frame is that of the paper's one frame, too. It is 0
+    where there are not two frames: nothing is known of it, and the margin alone counts.
 
     Parameters
     ----------
@@ -104,24 +105,11 @@ def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interva
         As :func:`strongest_boxes` returns it.
     values : (box,) ndarray
         A value for each box, dB.
-    figure : float
-        The paper's figure, dB.
     """
     means = _frame_means(boxes, values)
     if len(means) < 2:
-        return np.nan, -np.inf, np.inf
-    gap = float(means.mean()) - figure
-    half = float(stdtrit(len(means) - 1, 0.975) * means.std() * np.sqrt(1 + 1 / len(means)))
-    return gap, gap - half, gap + half
-
-
-def frame_error(boxes: pd.DataFrame, values: FloatArray) -> float:
-    """Return a bound of the standard error of a figure of one frame: the deviation of ours.
-
-    It is 0 where there are not two frames. The parameters are those of :func:`one_frame`.
-    """
-    means = _frame_means(boxes, values)
-    return float(means.std()) if len(means) > 1 else 0.0
+        return 0.0
+    return float(stdtrit(len(means) - 1, 0.975) * means.std())
 
 
 def _frame_means(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:

@@ -1,24 +1,30 @@
 """Findings: statements of a paper, what the simulated lanes show, and the rules of the verdicts.
 
-No verdict "agrees" or "disagrees" without an interval. All intervals are of 95 %, with everything
-that belongs to one mine drawn together. The rules were fixed before the lanes that they judge were
-made:
+No verdict "agrees" or "disagrees" without an interval (:mod:`flgpr_papers.kit.intervals`). Every
+statement has a rule, the values of its number between which it holds:
 
-- *larger*: a claim that something is larger agrees if the interval of the difference lies above
-  zero, and disagrees if it lies below.
-- *within*: a number with a rule agrees if its interval lies within the rule, and disagrees if it
-  lies outside.
-- *alike*: a figure of the paper is a sample too. The interval of ours less the paper's has the
-  errors of both. If it does not hold zero, the two disagree. If it does and reaches no further than
-  a margin, they agree.
+- *within*: it agrees if the interval lies within the rule, and disagrees if it lies outside.
+- *larger*: the rule is open above, from a limit on. It agrees if the interval lies above the limit.
+  It disagrees if not even the interval's end is ``worth`` more than the limit, the least gain that
+  would count: equal numbers are not larger, which a limit alone could never say.
+- *alike*: the paper's figure is a sample, known to an interval of its own. The rule reaches over
+  that interval, and at least a margin to either side of the figure (:func:`near`). It agrees as
+  *within* does, by a test of equivalence (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657):
+  the paper's error counts once, in the rule, so that enough lanes of ours always decide. It
+  disagrees if our number lies outside the rule and differs from the figure by more than the errors
+  of both.
 - *all of*: a claim of several parts agrees if every part does, and disagrees if one does. The
   intervals of the parts are then wide enough to hold all together (Bonferroni).
 
-What an interval does not decide cannot be said. A quick run decides nothing: its lanes are short
-and hold a few mines, so that its findings have numbers and no verdicts.
+What an interval does not decide cannot be said. Each row has its power, how often its rule would
+have answered: agrees if the statement held as the paper says, disagrees if the number were off by
+the margin. Where an experiment of the paper's size was repeated, the verdict is on the mean of all
+repeats together (:func:`over_experiments`), and beside it stands in how many of them the number by
+itself shows what the paper says.
 
-The interval of a share ends at 0 and 1, that of a difference of two shares at -1 and 1: no value
-beyond is possible.
+A quick run decides nothing: its lanes are short and hold a few mines, so that its findings have
+numbers and no verdicts. The interval of a share ends at 0 and 1, that of a difference of two shares
+at -1 and 1: no value beyond is possible.
 """
 
 from __future__ import annotations
@@ -31,10 +37,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import bdtrik, stdtrit
+from scipy.special import bdtrik, ndtr
 
 from flgpr.store import write_whole
+from flgpr_papers.kit.intervals import (
+    Bounds,
+    Interval,
+    Z,
+    clip,
+    difference_of_means,
+    students,
+    together,
+)
 
 AGREES = "agrees"
 DISAGREES = "disagrees"
@@ -44,19 +58,10 @@ VERDICTS = (AGREES, DISAGREES, UNDECIDED)
 """Verdicts on a statement; ``OPEN`` stands for a question that the paper does not answer."""
 NO_VERDICT = "no verdict: a quick run is too small"
 """What stands in place of a verdict in a quick run."""
-Interval = tuple[float, float, float]
-"""A value and the ends of its 95 % interval."""
-Bounds = tuple[float, float]
-"""The least and the largest value that a quantity can have."""
-SHARE: Bounds = (0.0, 1.0)
-"""Bounds of a probability or any other share, such as Pd, PD_mean or an area under a ROC."""
-SHARE_DIFFERENCE: Bounds = (-1.0, 1.0)
-"""Bounds of the difference of two shares."""
-MARGIN = 0.15
-"""How far a share may lie from the paper's and still be called alike."""
+WORTH = 0.05
+"""Least gain of a share that counts, where a statement declares no other."""
 _MOST_DECIMALS = 4  # of a number on a page
 _MOST_DIGITS = 3  # significant digits of a number on a page
-_Z = 1.959964  # 97.5 % point of the normal distribution: an interval of 95 % has two sides
 
 
 @dataclass(frozen=True)
@@ -77,15 +82,21 @@ class Finding:
     note: str = ""  #: what the number rests on, and why it may differ from the paper's
     quantity: str = ""  #: name of the number that stands for the claim, where it is one
     interval: Interval | None = None  #: that number and its 95 % interval
-    rule: tuple[float, float] | None = None  #: the claim agrees where the number lies between these
+    rule: Bounds | None = None  #: the claim agrees where the number lies between these
     group: str = ""  #: the lanes, where the same was asked on several groups of lanes
-    #: where there is no rule: "larger" or "alike", with the limit or the margin, and the standard
-    #: error of the paper's figure
-    asks: tuple[str, float, float] | None = None
-    parts: tuple[float, ...] = ()  #: the number of every part of a claim of several parts
-    unit: str = ""  #: of the number, the rule and the margin
+    worth: float = 0.0  #: least gain over the limit of a rule open above, below which it disagrees
+    #: the number of every part of a claim of several parts, whose intervals are not stored
+    parts: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()  #: of the parts
+    unit: str = ""  #: of the number and the rule
     #: least and largest possible value of the number; None: anything is possible
     bounds: Bounds | None = None
+    figure: Interval | None = None  #: the paper's, with what its own sample leaves open
+    #: how often the rule would have said that the claim agrees if it held as the paper says, and
+    #: that it disagrees if the number were off by the margin
+    power: Bounds | None = None
+    #: experiments of the paper's size whose number shows what the paper says, and their number
+    shown: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         is_decided = self.verdict in (AGREES, DISAGREES)
@@ -102,53 +113,37 @@ class Finding:
                         f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got "
                         f"{self.interval}"
                     )
-        by_rule = self._verdict_by_rule()
+        by_rule = None  # the intervals of several parts are not known here
+        if self.rule is not None and self.interval is not None and not self.parts:
+            by_rule = judge(self.interval, self.rule, self.worth, self.figure)
         if is_decided and by_rule not in (None, self.verdict):
             raise ValueError(
                 f"verdict on {self.claim!r} must be {by_rule!r} by its rule ({self.criterion}), "
                 f"got {self.verdict!r}"
             )
 
-    def _verdict_by_rule(self) -> str | None:
-        """Return the verdict on the number by its rule.
-
-        None without a rule, and for several parts: the intervals of the parts are not stored.
-        """
-        if self.interval is None or self.parts:
-            return None
-        _, low, high = self.interval
-        if self.rule is not None:
-            return judge(low, high, self.rule)
-        if self.asks is None:
-            return None
-        kind, limit, _ = self.asks
-        if kind == "larger":
-            return larger(low, high, limit)
-        return alike(low, high, limit)
-
     @property
     def criterion(self) -> str:
-        """The rule or the margin in words; empty if there is neither."""
-        unit = f" {self.unit}" if self.unit else ""
-        if self.rule is not None:
-            return f"{self.rule[0]:g} to {self.rule[1]:g}{unit}"
-        if self.asks is None:
+        """The rule in words; empty if there is none."""
+        if self.rule is None:
             return ""
-        kind, limit, _ = self.asks
-        if kind == "larger":
-            return f"above {limit:g}{unit}"
-        return f"within {limit:g}{unit} of the paper's"
+        unit = f" {self.unit}" if self.unit else ""
+        least, most = self.rule
+        if math.isfinite(most):
+            return f"{least:.3g} to {most:.3g}{unit}"
+        return f"above {least:g}{unit}" + (f", worth {self.worth:g}" if self.worth else "")
 
+    @property
+    def power_in_words(self) -> str:
+        """The power in words; empty where there is none."""
+        if self.power is None:
+            return ""
+        return "agrees {:.0%}, disagrees {:.0%}".format(*self.power)
 
-def clip(interval: Interval, bounds: Bounds) -> Interval:
-    """Return an interval cut at the bounds of its value; an infinite end (one sample) stays."""
-    lowest, highest = bounds
-    value, low, high = interval
-    if math.isfinite(low):
-        low = float(np.clip(low, lowest, highest))
-    if math.isfinite(high):
-        high = float(np.clip(high, lowest, highest))
-    return float(np.clip(value, lowest, highest)), low, high
+    @property
+    def shown_in_words(self) -> str:
+        """In how many experiments of the paper's size it shows; empty without repeats."""
+        return "" if self.shown is None else "{} of {}".format(*self.shown)
 
 
 def for_run(findings: Sequence[Finding], quick: bool) -> list[Finding]:
@@ -169,23 +164,150 @@ def without_paper(findings: Sequence[Finding]) -> list[str]:
     return [finding.claim for finding in findings if not finding.paper.strip()]
 
 
-def judge(low: float, high: float, rule: tuple[float, float]) -> str:
-    """Return the verdict on an interval that has to lie within a rule."""
+def judge(
+    interval: Interval, rule: Bounds, worth: float = 0.0, figure: Interval | None = None
+) -> str:
+    """Return the verdict on a number by a rule.
+
+    Parameters
+    ----------
+    interval : Interval
+        The number and its interval.
+    rule : Bounds
+        The claim holds between these; infinite above where a number is to be larger.
+    worth : float
+        Least gain over the limit of such a rule that would count.
+    figure : Interval, optional
+        The paper's figure with its own interval, where the number is to be alike.
+    """
+    value, low, high = interval
     least, most = rule
-    if least <= low and high <= most:
+    is_open_above = math.isinf(most)
+    if (low > least) if is_open_above else (least <= low and high <= most):
         return AGREES
-    if high < least or low > most:
+    if figure is not None:
+        _, below, above = difference_of_means(interval, figure)
+        return DISAGREES if not shows(value, rule) and (below > 0 or above < 0) else UNDECIDED
+    if high < least + (worth if is_open_above else 0.0) or low > most:
         return DISAGREES
     return UNDECIDED
 
 
-def larger(low: float, high: float, limit: float = 0.0) -> str:
-    """Return the verdict on a claim that a number lies above a limit, by its interval."""
-    if low > limit:
-        return AGREES
-    if high < limit:
-        return DISAGREES
-    return UNDECIDED
+def near(figure: Interval, margin: float, bounds: Bounds | None = None) -> Bounds:
+    """Return the rule of a number that is to be alike a figure of the paper.
+
+    Parameters
+    ----------
+    figure : Interval
+        The paper's, and the interval to which its own sample knows it.
+    margin : float
+        Distance from the figure that is alike in any case.
+    bounds : Bounds, optional
+        Bounds of the number, at which the rule is cut.
+    """
+    value, low, high = figure
+    least, most = bounds or (-math.inf, math.inf)
+    return max(min(low, value - margin), least), min(max(high, value + margin), most)
+
+
+def shows(value: float, rule: Bounds) -> bool:
+    """Return whether a number by itself, without an interval, is what a rule asks for."""
+    least, most = rule
+    return bool(value > least if math.isinf(most) else least <= value <= most)
+
+
+def power(
+    interval: Interval,
+    rule: Bounds,
+    worth: float = 0.0,
+    figure: Interval | None = None,
+    bounds: Bounds | None = None,
+) -> Bounds:
+    """Return how often the rule would answer: agrees if it held, disagrees if it were off.
+
+    The number is taken for normal with the interval that was measured, half as wide to either side
+    as its wider half. It holds at the paper's figure, in the middle of the rule, or by twice the
+    worth over a limit. It is off by the margin, half the width of the rule beyond its nearer
+    possible end, or at a limit itself.
+
+    Parameters
+    ----------
+    interval : Interval
+        The number with its interval.
+    rule, worth, figure
+        As :func:`judge` takes them.
+    bounds : Bounds, optional
+        Bounds of the number.
+    """
+    value, low, high = interval
+    half = max(value - low, high - value)
+    if not 0 < half < math.inf:
+        return (1.0, 1.0) if half == 0 else (0.0, 0.0)
+    error = half / Z
+    least, most = rule
+    lowest, highest = bounds or (-math.inf, math.inf)
+    below, above = least - half, most + half  # beyond these the rule says that it disagrees
+    if math.isinf(most):
+        holds = least + (2 * worth or WORTH)
+        off = [least if worth else least - WORTH]
+        below += worth
+    else:
+        reach = (most - least) / 2
+        holds = least + reach
+        off = [max(least - reach, lowest)] if least > lowest else []
+        off += [min(most + reach, highest)] if most < highest else []
+    if figure is not None:
+        holds, low, high = figure
+        below = min(least, holds - math.hypot(half, holds - low))
+        above = max(most, holds + math.hypot(half, high - holds))
+    # The number lies where its interval would lie within the rule.
+    agrees = ndtr((most - half - holds) / error) - ndtr((least + half - holds) / error)
+    disagrees = [ndtr((below - x) / error) + ndtr((x - above) / error) for x in off]
+    return max(float(agrees), 0.0), float(min(disagrees, default=0.0))
+
+
+def over_experiments(experiments: Sequence[Finding]) -> Finding:
+    """Return the finding of an experiment that was repeated, each time with other lanes.
+
+    The number is the mean over the experiments with Student's interval, which needs nothing of how
+    a single one came to its own; of several parts each has one, and they hold together.
+
+    Parameters
+    ----------
+    experiments : sequence of Finding
+        The same statement, judged by every experiment.
+    """
+    first = experiments[0]
+    if first.rule is None:
+        return first
+    table = np.array([one.parts or one.interval[:1] for one in experiments if one.interval])
+    bounds = first.bounds
+    parts = [students(row, together(len(table.T)), bounds) for row in table.T]
+    asked = first.rule, first.worth, first.figure
+    answers = [judge(part, *asked) for part in parts]
+    powers = [power(part, *asked, bounds) for part in parts]
+    texts = [in_words(*part, first.unit) for part in parts]
+    if first.names:
+        texts = [f"{name} {_signed(part)}" for name, part in zip(first.names, parts, strict=True)]
+    shown = sum(all(shows(value, first.rule) for value in row) for row in table)
+    return replace(
+        first,
+        ours="; ".join(texts),
+        verdict=all_of(answers),
+        interval=parts[0] if len(parts) == 1 else min(parts, key=_lower_end),
+        parts=tuple(part[0] for part in parts) if first.parts else (),
+        power=joint_power(powers),
+        shown=(shown, len(table)),
+    )
+
+
+def joint_power(powers: Sequence[Bounds]) -> Bounds:
+    """Return the power of a claim of several parts: all have to agree, or one to disagree.
+
+    The parts are taken for independent, and a single one for off.
+    """
+    agrees, disagrees = zip(*powers, strict=True)
+    return math.prod(agrees), min(disagrees)
 
 
 def all_of(verdicts: Sequence[str]) -> str:
@@ -195,133 +317,6 @@ def all_of(verdicts: Sequence[str]) -> str:
     if all(verdict == AGREES for verdict in verdicts):
         return AGREES
     return UNDECIDED
-
-
-def alike(low: float, high: float, margin: float = MARGIN) -> str:
-    """Return the verdict on a figure of the paper, by the interval of ours less the paper's.
-
-    The interval has the errors of both samples.
-    """
-    if low > 0 or high < 0:
-        return DISAGREES
-    if -margin <= low and high <= margin:
-        return AGREES
-    return UNDECIDED
-
-
-def difference_of_shares(first: tuple[int, int], second: tuple[int, int]) -> Interval:
-    """Return the difference of two independent shares, with Newcombe's interval.
-
-    Newcombe 1998, method 10, from the Wilson intervals of both.
-
-    Parameters
-    ----------
-    first, second : tuple of int
-        Successes and trials of each.
-    """
-    p, p_low, p_high = _wilson(*first)
-    q, q_low, q_high = _wilson(*second)
-    low = p - q - math.hypot(p - p_low, q_high - q)
-    high = p - q + math.hypot(p_high - p, q - q_low)
-    return p - q, low, high
-
-
-def _wilson(successes: int, trials: int) -> Interval:
-    """Return a share with its Wilson interval (Wilson 1927)."""
-    p = successes / trials
-    centre = (p + _Z**2 / (2 * trials)) / (1 + _Z**2 / trials)
-    half = (
-        _Z * math.sqrt(p * (1 - p) / trials + _Z**2 / (4 * trials * trials)) / (1 + _Z**2 / trials)
-    )
-    return p, centre - half, centre + half
-
-
-def less_figure(
-    ours: Interval, figure: float, error: float, bounds: Bounds | None = None
-) -> Interval:
-    """Return our number less a figure of the paper, with the errors of both.
-
-    Parameters
-    ----------
-    ours : Interval
-        Our number and its interval.
-    figure : float
-        The paper's.
-    error : float
-        Standard error of the paper's figure, known or bounded.
-    bounds : Bounds, optional
-        Bounds of the difference, at which the interval is cut.
-    """
-    value, low, high = ours
-    gap = value - figure
-    lower = gap - math.hypot(value - low, _Z * error)
-    upper = gap + math.hypot(high - value, _Z * error)
-    interval = gap, lower, upper
-    return interval if bounds is None else clip(interval, bounds)
-
-
-def share_error(share: float, count: int) -> float:
-    """Return a bound of the standard error of a mean of ``count`` numbers from 0 to 1.
-
-    PD_mean over mines is such a mean.
-    """
-    p = min(max(share, 0.5 / count), 1 - 0.5 / count)
-    return math.sqrt(p * (1 - p) / count)
-
-
-def clustered(
-    values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level: float = 0.95
-) -> Interval:
-    """Return the mean of values with its bootstrap interval, whole clusters drawn together.
-
-    Parameters
-    ----------
-    values : (n,) array_like
-        Values that may depend on each other within a cluster, as looks at one mine do.
-    cluster : (n,) array_like
-        Cluster of each value.
-    draws : int
-        Number of bootstrap draws.
-    seed : int
-        Seed of the draws.
-    level : float
-        Probability of the interval, by percentiles.
-
-    Returns
-    -------
-    Interval
-        NaN without values.
-    """
-    data = np.asarray(values, dtype=np.float64)
-    if data.size == 0:
-        return math.nan, math.nan, math.nan
-    code = np.unique(np.asarray(cluster).astype(str), return_inverse=True)[1]
-    count = np.bincount(code).astype(float)
-    total = np.bincount(code, weights=data)
-    drawn = np.random.default_rng(seed).integers(0, count.size, (draws, count.size))
-    means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
-    low, high = np.quantile(means, ((1 - level) / 2, (1 + level) / 2))
-    return float(data.mean()), float(low), float(high)
-
-
-def percentiles(value: float, draws: ArrayLike) -> Interval:
-    """Return a value with the range that holds 95 % of its bootstrap draws that are known."""
-    drawn = np.asarray(draws)
-    low, high = np.quantile(drawn[~np.isnan(drawn)], (0.025, 0.975))
-    return float(value), float(low), float(high)
-
-
-def difference_of_means(first: Interval, second: Interval) -> Interval:
-    """Return the difference of two independent means by their intervals.
-
-    The intervals need not be symmetric (Zou & Donner 2008).
-    """
-    a, a_low, a_high = first
-    b, b_low, b_high = second
-    gap = a - b
-    low = gap - math.hypot(a - a_low, b_high - b)
-    high = gap + math.hypot(a_high - a, b - b_low)
-    return gap, low, high
 
 
 def by_chance(findings: Sequence[Finding]) -> tuple[int, float, int]:
@@ -351,39 +346,38 @@ def measured(
     paper: str,
     quantity: str,
     interval: Interval,
-    rule: tuple[float, float] | None = None,
-    verdict: str = OPEN,
-    asks: tuple[str, float, float] | None = None,
+    rule: Bounds | None = None,
+    worth: float = 0.0,
     unit: str = "",
     bounds: Bounds | None = None,
+    figure: Interval | None = None,
 ) -> Finding:
-    """Return the finding of a number, judged by its rule if it has one.
+    """Return the finding of a number, judged by its rule; it is open without one.
 
     Parameters
     ----------
-    claim, paper, quantity, rule, asks, unit
+    claim, paper, quantity, rule, worth, unit, figure
         As the fields of :class:`Finding`.
     interval : Interval
         The number and its interval.
-    verdict : str
-        Verdict of a number without a rule.
     bounds : Bounds, optional
         Bounds of the number, at which the interval is cut.
     """
     if bounds is not None:
         interval = clip(interval, bounds)
-    value, low, high = interval
     return Finding(
         claim=claim,
         paper=paper,
-        ours=in_words(value, low, high, unit),
-        verdict=verdict if rule is None else judge(low, high, rule),
+        ours=in_words(*interval, unit),
+        verdict=OPEN if rule is None else judge(interval, rule, worth, figure),
         quantity=quantity,
         interval=interval,
         rule=rule,
-        asks=asks,
+        worth=worth,
         unit=unit,
         bounds=bounds,
+        figure=figure,
+        power=None if rule is None else power(interval, rule, worth, figure, bounds),
     )
 
 
@@ -422,8 +416,8 @@ def parts_larger(
     paper: str,
     intervals: Mapping[str, Interval],
     limit: float = 0.0,
+    worth: float = 0.0,
     note: str = "",
-    group: str = "",
     bounds: Bounds | None = None,
 ) -> Finding:
     """Return the finding of a claim that several numbers lie above a limit.
@@ -432,36 +426,33 @@ def parts_larger(
 
     Parameters
     ----------
-    claim, paper, note, group
+    claim, paper, note
         As the fields of :class:`Finding`.
     intervals : mapping of str to Interval
         Number and interval of every part by its name. The intervals are to hold all together, see
-        :func:`together`.
-    limit : float
-        Every number is to lie above it.
+        :func:`flgpr_papers.kit.intervals.together`.
+    limit, worth : float
+        Every number is to lie above the limit, by a gain that counts.
     bounds : Bounds, optional
         Bounds of the numbers, at which the intervals are cut.
     """
     cut = dict(intervals)
     if bounds is not None:
         cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
-    texts = []
-    verdicts = []
-    for name, interval in cut.items():
-        _, low, high = interval
-        texts.append(f"{name} {_signed(interval)}")
-        verdicts.append(larger(low, high, limit))
+    rule = (limit, math.inf)
     return Finding(
         claim=claim,
         paper=paper,
-        ours="; ".join(texts),
-        verdict=all_of(verdicts),
+        ours="; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items()),
+        verdict=all_of([judge(interval, rule, worth) for interval in cut.values()]),
         note=note,
         interval=min(cut.values(), key=_lower_end),
-        group=group,
-        asks=("larger", limit, 0.0),
+        rule=rule,
+        worth=worth,
         parts=tuple(value for value, _, _ in cut.values()),
+        names=tuple(cut),
         bounds=bounds,
+        power=joint_power([power(one, rule, worth, bounds=bounds) for one in cut.values()]),
     )
 
 
@@ -477,35 +468,6 @@ def _signed(interval: Interval) -> str:
         digits = decimals(interval, interval[2] - interval[1])
     value, low, high = (f"{number:+z.{digits}f}" for number in interval)
     return f"{value} ({low} to {high})"
-
-
-def together(parts: int) -> float:
-    """Return the level of ``parts`` intervals that all hold with 95 % at least (Bonferroni)."""
-    return 1 - 0.05 / parts
-
-
-def spread(
-    value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds | None = None
-) -> Interval:
-    """Return Student's interval of a value by the standard deviation of its bootstrap draws.
-
-    A few draws suffice, other than for percentiles. The interval may reach beyond what a share can
-    be.
-
-    Parameters
-    ----------
-    value : float
-        The value of the sample itself.
-    draws : (n,) array_like
-        The same of bootstrap samples.
-    level : float
-        Probability of the interval.
-    bounds : Bounds, optional
-        Bounds of the value, at which the interval is cut.
-    """
-    half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
-    interval = value, value - half, value + half
-    return interval if bounds is None else clip(interval, bounds)
 
 
 def write_findings(folder: Path, findings: Sequence[Finding], quick: bool, **more: Any) -> None:
@@ -552,10 +514,12 @@ def read_findings(folder: Path) -> list[Finding]:
 
 def finding_of(row: dict[str, Any]) -> Finding:
     """Return the finding of a row that :func:`row_of` made."""
-    entries = dict(row)
-    for name in ("interval", "rule", "asks", "parts", "bounds"):
-        numbers = row.get(name)
-        if numbers is not None:
-            numbers = tuple(math.nan if number is None else number for number in numbers)
-        entries[name] = numbers
+    # Findings of the earlier rules had entries that are no more.
+    entries = {name: row[name] for name in Finding.__dataclass_fields__ if name in row}
+    for name in ("interval", "rule", "parts", "bounds", "figure", "power", "shown"):
+        if row.get(name) is not None:
+            entries[name] = tuple(math.nan if number is None else number for number in row[name])
+    entries["names"] = tuple(row.get("names", ()))
+    if entries.get("rule") and math.isnan(entries["rule"][1]):
+        entries["rule"] = (entries["rule"][0], math.inf)
     return Finding(**entries)

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from flgpr_papers.kit.findings import (
-    OPEN,
-    SHARE,
-    SHARE_DIFFERENCE,
     UNDECIDED,
-    Bounds,
+    WORTH,
     Finding,
-    Interval,
-    alike,
     all_of,
-    clip,
     in_words,
+    joint_power,
     judge,
-    larger,
     measured,
+    near,
     parts_larger,
+    power,
 )
+from flgpr_papers.kit.intervals import SHARE, SHARE_DIFFERENCE, Bounds, Interval, clip
 from flgpr_papers.kit.settings import packaged_text
 
 _BOUNDS = {"share": SHARE, "difference": SHARE_DIFFERENCE}
@@ -36,8 +34,9 @@ class Statements:
     An entry has ``claim`` and ``paper``, and may have ``quantity``, ``note``, ``unit`` and
     ``ours``, the words for ``value``, ``low`` and ``high``. Fields in braces are filled in. ``is``
     says what values are possible: a "share", or the "difference" of two. One of these is the rule:
-    ``rule``, the least and the largest number that agrees; ``above``, a limit; ``alike``, how far a
-    number less the paper's may lie from zero. Without one it is our own question.
+    ``rule``, the least and the largest number that agrees; ``above``, a limit, with the ``worth`` of
+    a gain over it that counts, 0.05 by default; ``alike``, how far a number may lie from the
+    paper's figure in any case. Without one it is our own question.
 
     Parameters
     ----------
@@ -57,9 +56,9 @@ class Statements:
         self,
         name: str,
         interval: Interval,
-        error: float = 0.0,
         rule: Bounds | None = None,
         above: float | None = None,
+        figure: Interval | None = None,
         **fields: Any,
     ) -> Finding:
         """Judge a statement by a number.
@@ -69,42 +68,34 @@ class Statements:
         name : str
             Name of the statement in the file.
         interval : Interval
-            The number and its interval; where the statement is "alike", less the paper's.
-        error : float
-            Standard error of the paper's figure.
+            The number and its interval.
         rule : tuple of float, optional
             Rule in place of the declared one; the texts have it as ``rule``.
         above : float, optional
             Limit in place of the declared one; the texts have it as ``above``.
+        figure : Interval, optional
+            The paper's figure with the interval to which its own sample knows it, of a statement
+            that is "alike".
         **fields
             What stands for the fields of the texts.
         """
         declared = self.declared[name]
-        if rule is None and "rule" in declared:
-            rule = tuple(declared["rule"])
-        if above is None:
-            above = declared.get("above")
-        verdict = OPEN
-        asks = None
-        _, low, high = interval
+        bounds = _BOUNDS.get(declared.get("is", ""))
+        rule = rule or _rule_of(declared)
         if above is not None:
-            verdict = larger(low, high, above)
-            asks = ("larger", above, 0.0)
-        elif "alike" in declared:
-            verdict = alike(low, high, declared["alike"])
-            asks = ("alike", declared["alike"], error)
+            rule = (above, math.inf)
+        if figure is not None:
+            rule = near(figure, declared["alike"], bounds)
         texts = _filled(declared, {"rule": rule, "above": above, **fields})
         note = texts.pop("note")
-        bounds = _BOUNDS.get(declared.get("is", ""))
-        unit = declared.get("unit", "")
         finding = measured(
             **texts,
             interval=interval,
             rule=rule,
-            verdict=verdict,
-            asks=asks,
-            unit=unit,
+            worth=_worth_of(declared, rule),
+            unit=declared.get("unit", ""),
             bounds=bounds,
+            figure=figure,
         )
         ours = finding.ours
         if "ours" in declared and finding.interval is not None:
@@ -120,7 +111,8 @@ class Statements:
         declared = self.declared[name]
         texts = _filled(declared, fields)
         limit = declared.get("above", 0.0)
-        return parts_larger(texts["claim"], texts["paper"], intervals, limit, texts["note"])
+        worth = declared.get("worth", WORTH)
+        return parts_larger(texts["claim"], texts["paper"], intervals, limit, worth, texts["note"])
 
     def within(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
         """Judge that several numbers lie within the ``rule``; that of the finding is the widest.
@@ -141,10 +133,12 @@ class Statements:
         return Finding(
             **_filled(declared, fields),
             ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
-            verdict=all_of([judge(*interval[1:], rule) for interval in intervals.values()]),
+            verdict=all_of([judge(interval, rule) for interval in intervals.values()]),
             interval=intervals[widest],
             rule=rule,
             parts=_values(intervals),
+            names=tuple(intervals),
+            power=joint_power([power(interval, rule) for interval in intervals.values()]),
         )
 
     def by_every(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
@@ -154,19 +148,38 @@ class Statements:
         :meth:`within`.
         """
         declared = self.declared[name]
-        rule = tuple(declared["rule"])
+        rule = _rule_of(declared)
+        if rule is None:
+            raise ValueError(f"{name} must have a rule, got {sorted(declared)}")
+        worth = _worth_of(declared, rule)
         bounds = _BOUNDS[declared["is"]]
         cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
-        verdicts = {judge(low, high, rule) for _, low, high in cut.values()}
+        verdicts = {judge(one, rule, worth) for one in cut.values()}
         return Finding(
             **_filled(declared, fields),
             ours="; ".join(f"{choice}: {in_words(*one)}" for choice, one in cut.items()),
             verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
             interval=next(iter(cut.values())),
             rule=rule,
+            worth=worth,
             parts=_values(cut),
+            names=tuple(cut),
             bounds=bounds,
+            power=joint_power([power(one, rule, worth, bounds=bounds) for one in cut.values()]),
         )
+
+
+def _rule_of(declared: Mapping[str, Any]) -> Bounds | None:
+    """Return the rule that a statement declares, if it does."""
+    if "above" in declared:
+        return declared["above"], math.inf
+    return tuple(declared["rule"]) if "rule" in declared else None
+
+
+def _worth_of(declared: Mapping[str, Any], rule: Bounds | None) -> float:
+    """Return the least gain that counts, of a rule open above."""
+    is_open_above = rule is not None and math.isinf(rule[1])
+    return float(declared.get("worth", WORTH)) if is_open_above else 0.0
 
 
 def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:

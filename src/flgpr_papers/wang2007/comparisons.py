@@ -12,17 +12,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.scoring import Match, compare
-from flgpr_papers.kit.findings import (
+from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
     Interval,
-    difference_of_shares,
-    share_error,
+    proportion,
     spread,
     together,
 )
@@ -104,10 +102,10 @@ def limit_less(limit: float, interval: Interval) -> Interval:
     return limit - value, limit - high, limit - low
 
 
-def less_papers_pd(
+def beside_papers_pd(
     matched: Match, subset: Any, far: float, figure: float, count: int | None
 ) -> dict[str, Any]:
-    """Return a Pd less that of the paper, as a statement takes it.
+    """Return a Pd and what the paper knows of its own, as a statement takes them.
 
     Parameters
     ----------
@@ -124,27 +122,11 @@ def less_papers_pd(
     """
     n_found, targets, chance = detections_at(matched, subset, far, area=AREA)
     paper_targets = targets if count is None else count
-    paper_found = round(figure * paper_targets)
     return {
-        "interval": difference_of_shares((n_found, targets), (paper_found, paper_targets)),
-        "error": share_error(figure, paper_targets),
+        "interval": proportion(n_found, targets),
+        "figure": proportion(round(figure * paper_targets), paper_targets),
         "found": pd_in_words(n_found, targets, chance),
-        "figure": f"{paper_found} of {paper_targets}",
     }
-
-
-def mean_of_stretches(values: pd.Series, parts: int) -> Interval:
-    """Return the mean over stretches of lane with Student's interval.
-
-    It is one of ``parts`` intervals that hold all together.
-    """
-    known = values.dropna().to_numpy()
-    mean = float(known.mean()) if known.size else float("nan")
-    if known.size < 2 or np.ptp(known) == 0:
-        return mean, -np.inf, np.inf
-    error = float(known.std(ddof=1) / np.sqrt(known.size))
-    half = float(stdtrit(known.size - 1, (1 + together(parts)) / 2)) * error
-    return mean, mean - half, mean + half
 
 
 class SingleFeatures:

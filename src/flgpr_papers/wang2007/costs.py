@@ -19,7 +19,7 @@ from flgpr.scoring import Match
 from flgpr.scoring.bootstrap import make_design, make_scores, tails
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import Subset
-from flgpr_papers.kit.findings import SHARE_DIFFERENCE, Interval, clip
+from flgpr_papers.kit.intervals import SHARE_DIFFERENCE, Interval, clip
 from flgpr_papers.wang2007.analysis import AREA, FAR_MAX, MINES, LaneResult, Pool, matched
 from flgpr_papers.wang2007.findings import SETS, blind_scores
 

@@ -17,15 +17,15 @@ from flgpr.features import FEATURES
 from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match
-from flgpr_papers.kit.findings import (
+from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
-    Finding,
     Interval,
     difference_of_shares,
-    less_figure,
-    share_error,
+    proportion,
     spread,
+    students,
     together,
 )
 from flgpr_papers.kit.page import detections_at
@@ -53,11 +53,10 @@ from flgpr_papers.wang2007.comparisons import (
     FloatArray,
     Searches,
     SingleFeatures,
+    beside_papers_pd,
     contrast_lead,
     duplication_gap,
-    less_papers_pd,
     limit_less,
-    mean_of_stretches,
     parting_slope,
     pd_mean_gap,
     retrained_gap,
@@ -96,7 +95,7 @@ def all_findings(
     Parameters
     ----------
     calibration, blind : sequence of LaneResult
-        Results of the lanes.
+        Results of the lanes; without blind ones their statements are left out.
     recipe : Recipe
         Recipe of the study.
     draws : int
@@ -121,7 +120,7 @@ def all_findings(
         searches=table_two(pool),
         sets={band: pool.search([f"{f}_{band}" for f in FEATURES], "A", 3) for band in SUBBANDS}
         | {"all": pool.search(all_forty(), "A", 5)},
-        blind=blind_scores(calibration, blind),
+        blind=blind_scores(calibration, blind) if blind else {},
     )
     full_range = prescreened(calibration, "HH", "wide", recipe)
     findings = [
@@ -179,7 +178,7 @@ def _prescreener_findings(
     for name in ("VV", "HH"):
         for band in ("F0", *SUBBANDS[1:]):
             gap = levels[f"{name} {band}"] - levels[f"{name} F1"]
-            clutter[f"{name} {band} - F1"] = mean_of_stretches(gap, 8)
+            clutter[f"{name} {band} - F1"] = students(gap, together(8))
     orders = []
     for name in POLARIZATIONS:
         steps = {
@@ -194,7 +193,7 @@ def _prescreener_findings(
         _STATEMENTS.larger("polarization", polarizations),
         _STATEMENTS.larger("clutter", clutter),
         *orders,
-        _STATEMENTS.number("all-found", **less_papers_pd(best, MINES, 0.15, 1.0, _PAPER_MINES)),
+        _STATEMENTS.number("all-found", **beside_papers_pd(best, MINES, 0.15, 1.0, _PAPER_MINES)),
         _STATEMENTS.larger("narrow", {"F1 - F0": wide}),
         _STATEMENTS.larger("range", {"16 m - 26 m": far}),
     ]
@@ -239,9 +238,9 @@ def _level_finding(singles: SingleFeatures) -> Finding:
     """Judge the paper's PD_mean of C_HH (Table I)."""
     level = singles.level("C_HH")
     validated = singles.values["C"][FEATURES.index("C_HH")]
-    error = share_error(0.93, _PAPER_MINES)
-    gap = less_figure(level, 0.93, error, SHARE_DIFFERENCE)
-    return _STATEMENTS.number("level", gap, error, level=level, validated=validated)
+    # A mean of numbers from 0 to 1 has at most the error of a share.
+    figure = proportion(0.93 * _PAPER_MINES, _PAPER_MINES)
+    return _STATEMENTS.number("level", level, figure=figure, validated=validated)
 
 
 def _more_feature_findings(pool: Pool, searches: Searches, draws: int) -> list[Finding]:
@@ -357,7 +356,7 @@ def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
         ("simulants", SIMULANTS, _PAPER_SIMULANTS, 0.02, 7 / 16),
         ("simulants", SIMULANTS, _PAPER_SIMULANTS, 0.07, 9 / 16),
     ):
-        words = less_papers_pd(contrast, subset, far, share, count)
+        words = beside_papers_pd(contrast, subset, far, share, count)
         words |= {"targets": targets, "share": share, "far": far}
         findings.append(_STATEMENTS.number("pd-calibration", **words))
     plastic, simulants = [
@@ -367,14 +366,14 @@ def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
     gap = difference_of_shares(plastic, simulants)
     findings.append(_STATEMENTS.larger("simulants", {"plastic - simulants at 0.07 per m²": gap}))
     for name, match in tables.blind.items():
-        less = less_papers_pd(match, {"kind": "metal"}, 0.01, 1.0, None)
+        less = beside_papers_pd(match, {"kind": "metal"}, 0.01, 1.0, None)
         findings.append(_STATEMENTS.number("pd-blind", **less, classifier=name))
     calibration = {
         name: pool.match_of(pool.confidence(columns, "A")) for name, columns in SETS.items()
     }
     gaps = {}
     for lanes, scores in (("calibration", calibration), ("blind", tables.blind)):
-        for kind, subset in _BURIED.items():
+        for kind, subset in _BURIED.items() if scores else ():
             gap = pd_mean_gap(scores["B"], scores["A"], draws, 4, subset)
             gaps[f"{kind}, {lanes}: B - A"] = gap
     return [*findings, _STATEMENTS.within("classifiers", gaps)]

@@ -28,9 +28,13 @@ TRACK = {"step": (1.0, 3.0), "wander": 0.1, "attitude": 0.004, "bounce": 0.005}
 _FORMS = tomllib.loads(packaged_text("wang2007", "lanes"))["forms"]
 
 
-def calibration_scenes(world: str = OWN) -> LaneScenes:
-    """Return the three calibration lanes of a world, by name."""
-    return _scenes("calibration", study_world("wang2007", world))
+def calibration_scenes(world: str = OWN, replicate: int = 0) -> LaneScenes:
+    """Return the three calibration lanes of a world, by name.
+
+    A replicate other than 0 has the same mines on lanes of other seeds.
+    """
+    lanes = _scenes("calibration", study_world("wang2007", world))
+    return {name: (scene, seed + 1000 * replicate) for name, (scene, seed) in lanes.items()}
 
 
 def blind_scenes(world: str = OWN) -> LaneScenes:

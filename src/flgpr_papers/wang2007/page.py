@@ -20,7 +20,7 @@ from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, pd_mean, roc_of
 from flgpr_papers.kit.cache import Arrays
-from flgpr_papers.kit.findings import SHARE, spread
+from flgpr_papers.kit.intervals import SHARE, spread
 from flgpr_papers.kit.page import HEADER, detections_at, point_rows
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007.analysis import (

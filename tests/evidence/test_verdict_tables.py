@@ -1,0 +1,47 @@
+"""Tables of verdicts: numbers of repeats in place of a study's, and single experiments beside them."""
+
+import csv
+import math
+import sys
+
+import pytest
+
+import verdict_tables
+from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
+
+pytestmark = pytest.mark.slow("studies of papers")
+ABOVE_ZERO = (0.0, math.inf)
+
+
+def test_repeats_stand_in_the_table(tmp_path, monkeypatch, capsys):
+    study = tmp_path / "studies" / "wang2007"
+    (study / "replicates").mkdir(parents=True)
+    one = [
+        measured("A beats B", "yes", "", (0.1, -0.1, 0.3), ABOVE_ZERO, 0.05),
+        measured("RVM and SVM alike", "yes", "", (0.0, -0.2, 0.2), (-0.1, 0.1)),
+        Finding("asked by us", "not tried", "1", OPEN),
+    ]
+    many = [
+        measured("A beats B", "yes", "", (0.1, 0.05, 0.15), ABOVE_ZERO, 0.05),
+        measured("RVM and SVM alike", "yes", "", (0.0, -0.01, 0.01), (-0.1, 0.1)),
+    ]
+    shown = [verdict_tables.replace(finding, shown=(7, 9)) for finding in many]
+    write_findings(study, one, quick=False)
+    write_findings(study / "replicates", shown, quick=False)
+    monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "studies"), str(tmp_path)])
+    verdict_tables.main()
+    with (tmp_path / "wang2007.csv").open(encoding="utf-8") as file:
+        header, first, second = csv.reader(file)
+    assert header[2:7] == ["rule", "prepared", "power", "experiments that show it", "verdict"]
+    assert first[2:4] == ["above 0, worth 0.05", many[0].ours]
+    assert first[5:] == ["7 of 9", "agrees", "–", "–"]
+    # The verdict over mines stays where the repeats are draws from one lane.
+    assert second[3:] == [
+        one[1].ours,
+        one[1].power_in_words,
+        "7 of 9",
+        "cannot say",
+        "–",
+        "–",
+    ]
+    assert "1 agrees, 0 disagrees, 1 cannot say" in capsys.readouterr().out
