@@ -14,14 +14,14 @@ from flgpr.live.events import view_event
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import save_run
 from live_lane import STEP, make_lane_run, small_recipe
 
 pytestmark = pytest.mark.slow("a browser draws every page")
 
-VEHICLE = Vehicle(15 / 3.6, reaction=0.5, deceleration=7.0)
-BEGIN = START | {"vehicle": asdict(VEHICLE) | {"stopping_distance": VEHICLE.stopping_distance}}
+VEHICLE = Vehicle(speed=15 / 3.6, reaction=0.5, deceleration=7.0)
+BEGIN = START | {"vehicle": VEHICLE.model_dump() | {"stopping_distance": VEHICLE.stopping_distance}}
 SEEN = """() => Object.fromEntries(['state-words', 'state-detail', 'drive-left', 'drive-aside', 'drive-verdict',
     'drive-margin', 'drive-speed', 'drive-next', 'drive-faults']
     .map((id) => [id, document.getElementById(id).textContent])
@@ -604,7 +604,7 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
     save_run(make_lane_run(), tmp_path / "run.zarr")
     (tmp_path / "recipe.toml").write_text(small_recipe())
     options = LiveOptions(
-        tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "in", vehicle=VEHICLE, threshold=1.0
+        tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "in", vehicle=VEHICLE.changed(threshold=1.0)
     )
     faults = ["lost:16:8", "late:27:2", "twice:30:3", "nan:33:2"]
     live = LiveRun(options)

@@ -15,7 +15,7 @@ from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import read_table, save_run
 from live_lane import LANE, SCANS, make_lane_run, small_recipe
 

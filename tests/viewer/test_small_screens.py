@@ -43,7 +43,7 @@ STOP = (0xFF, 0x7A, 0x59)
 
 def lane_of(half):
     """Return the event that begins a run on a lane of twice this breadth, m."""
-    vehicle = asdict(VEHICLE) | {"stopping_distance": VEHICLE.stopping_distance}
+    vehicle = VEHICLE.model_dump() | {"stopping_distance": VEHICLE.stopping_distance}
     lane = {"x_min": -half, "x_max": half, "y_min": 0, "y_max": 60}
     return BEGIN | {"vehicle": vehicle, "lane": lane}
 

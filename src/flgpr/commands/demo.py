@@ -94,7 +94,7 @@ def _show_drive(opens: bool) -> None:
         )
         player.start()
         try:
-            viewer.serve([], open_browser=opens, live=folder, announce=say)
+            viewer.serve([], open_browser=opens, live=folder, announce=say, answers=True)
         finally:
             stop.set()
             player.join()

@@ -1,6 +1,7 @@
 """The viewer's server.
 
-Local by default, and read-only except for a file of verdicts where one is given.
+Local by default, and read-only except for a file of verdicts where one is given, and for a driver's
+answers where they are asked for.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from starlette.routing import Route
 
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
+from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket
@@ -47,6 +49,7 @@ STATIC = {
     "icon.svg": ("icon.svg", "image/svg+xml"),
 }
 VERDICTS_PATH = "/data/verdicts.json"
+ANSWERS_PATH = "/data/answers"
 _JSON = "application/json"
 _BYTES = "application/octet-stream"
 
@@ -111,6 +114,8 @@ class Viewer:
         File for an analyst's verdicts.
     framed : bool
         Whether pages of this machine may frame the page.
+    answers : bool
+        Whether the page may add a driver's answers to the log of the live run.
     make_map : callable, optional
         Returns a map project of a result.
 
@@ -136,6 +141,7 @@ class Viewer:
         verdicts: str | Path | None = None,
         framed: bool = False,
         make_map: MakeMap | None = None,
+        answers: bool = False,
     ) -> None:
         self._georeference = None if anchor is None else read_anchor(anchor).georeference()
         if not paths and live is None:
@@ -153,6 +159,9 @@ class Viewer:
         if verdicts is not None:
             live_folders = [] if self._live is None else [self._live.folder]
             self._verdicts = VerdictFile(verdicts, self._sources, live_folders)
+        if answers and self._live is None:
+            raise ValueError("answers need a live run that they are of, got none")
+        self._answers = answers
         self._anchor = None if anchor is None else Path(anchor)
         self._make_map = make_map
         self._score = None if score is None else Path(score)
@@ -164,7 +173,11 @@ class Viewer:
         self._socket = listening_socket(host, port)
         self.host = host
         self.port = int(self._socket.getsockname()[1])
-        puts = () if self._verdicts is None else (VERDICTS_PATH,)
+        puts = set[str]()
+        if self._verdicts is not None:
+            puts.add(VERDICTS_PATH)
+        if self._answers:
+            puts.add(ANSWERS_PATH)
         app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts, framed)
         self._server = LimitedServer(LimitedConfig(app, fit_to_process(self.limits)))
 
@@ -233,6 +246,9 @@ class Viewer:
         if self._verdicts is not None:
             endpoint = self._of_verdicts(self._verdicts)
             routes.append(Route(VERDICTS_PATH, endpoint, methods=["GET", "PUT"]))
+        if self._answers and self._live is not None:
+            endpoint = self._to_answers(self._live.folder)
+            routes.append(Route(ANSWERS_PATH, endpoint, methods=["PUT"]))
         return routes
 
     def _session(self, request: Request) -> Response:  # noqa: ARG002
@@ -244,6 +260,7 @@ class Viewer:
         session: dict[str, Any] = {
             "results": [source.title for source in self._sources],
             "live": self._live is not None,
+            "answers": self._answers,
             "georeference": self._georeference,
             "verdicts": None if self._verdicts is None else self._verdicts.path.name,
             "identities": identities,
@@ -324,18 +341,34 @@ class Viewer:
             try:
                 if request.method != "PUT":
                     return _json_answer(await run_in_threadpool(file.read))
-                # Counted while it arrives: what a header states of its length proves nothing.
-                body = bytearray()
-                async for chunk in request.stream():
-                    body += chunk
-                    if len(body) > MOST_VERDICT_BYTES:
-                        return _refusal("verdicts are too large", 413)
-                return _json_answer(await run_in_threadpool(file.write, bytes(body)))
+                body = await _body(request, MOST_VERDICT_BYTES)
+                if body is None:
+                    return _refusal("verdicts are too large", 413)
+                return _json_answer(await run_in_threadpool(file.write, body))
             except ClientDisconnect:  # nobody reads the answer, and nothing is written
                 return Response(status_code=408)
             except (ValueError, OSError, RecursionError) as error:
                 prefix = "verdicts are not saved: " if request.method == "PUT" else ""
                 return _refusal(f"{prefix}{error}", 409)
+
+        return answer
+
+    def _to_answers(self, folder: Path) -> Endpoint:
+        """Return an endpoint that adds a driver's answer to the log of a live run.
+
+        One that breaks a rule is answered with the reason, and nothing is written.
+        """
+
+        async def answer(request: Request) -> Response:
+            try:
+                body = await _body(request, MOST_ANSWER_BYTES)
+                if body is None:
+                    return _refusal("answer is too large", 413)
+                return _json_answer(await run_in_threadpool(add_answer, folder, body))
+            except ClientDisconnect:  # nobody reads the answer, and nothing is written
+                return Response(status_code=408)
+            except (ValueError, OSError, RecursionError) as error:
+                return _refusal(f"answer is not kept: {error}", 409)
 
         return answer
 
@@ -419,6 +452,19 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
             )
 
     return answer
+
+
+async def _body(request: Request, most: int) -> bytes | None:
+    """Return the body of a request; None if it has more than so many bytes.
+
+    It is counted while it arrives: what a header states of its length proves nothing.
+    """
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > most:
+            return None
+    return bytes(body)
 
 
 def _static(name: str) -> Callable[[Request], Response]:
