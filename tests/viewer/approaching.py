@@ -21,7 +21,8 @@ RATE = 4.2  # scans/s
 LATENCY = (0.05, 0.4)  # s from a scan's arrival to its events
 JITTER = 0.15  # of the time between two scans
 LOST = 0.05  # share of the scans that are lost
-BEGIN = 20.0  # m from the vehicle's front to the alarm
+BEGIN = 16.0  # m from the vehicle's front to the alarm
+SEEN_BEFORE = 3.0  # m before the beginning, from where pictures are shown
 NEAR = 1.0  # m, halo of the recipe
 TOLD = 0.4  # s until an event is on the screen: it is asked for every 0.2 s, and two steps of this replay
 CLOCK_OF_SERVER = CLOCK.replace(
@@ -42,13 +43,19 @@ class Frame:
 
 
 def recorded():
-    """Return the event that begins the packaged drive, and the states of each mine's alarm by the array's place."""
+    """Return what begins the packaged drive, and by the array's place its pictures and each mine's states."""
     with gzip.open(sample_drive() / "drive.jsonl.gz", "rt") as lines:
         events = [json.loads(line) for line in lines]
     start = events[0]
     place = {e["scan"]: e["pose"][1] for e in events if e["event"] == "scan"}
     states = {}
+    views = []
+    last = None
     for event in events:
+        if event["event"] == "scan":
+            last = event["pose"][1]
+        if event["event"] == "view":
+            views.append((last, event))
         if event["event"] == "alarm":
             states.setdefault(event["alarm_id"], []).append((place[event["scan"]], event))
     alarms = []
@@ -59,10 +66,10 @@ def recorded():
                 continue
             if np.hypot(last["x"] - mine.x, last["y"] - mine.y) <= NEAR:
                 alarms.append(looks)
-    return start, alarms
+    return start, views, alarms
 
 
-def approach(page, file, start, looks, speed, rng, brakes):
+def approach(page, file, start, views, looks, speed, rng, brakes):
     """Play an approach and return its frames; ``brakes`` tells of what is shown whether it says to brake."""
     vehicle = start["vehicle"]
     # So that an alarm is not as far from the first scan as any other one's.
@@ -79,6 +86,7 @@ def approach(page, file, start, looks, speed, rng, brakes):
     braking = None
     frames = []
     done = 0  # looks that were told
+    seen = sum(place < front - SEEN_BEFORE for place, _ in views)
     while len(frames) < 400:
         until = moment + STEP
         while next_scan <= until:
@@ -95,6 +103,9 @@ def approach(page, file, start, looks, speed, rng, brakes):
                         "latency_ms": 1e3 * latency,
                     }
                 ]
+                while seen < len(views) and views[seen][0] <= array:
+                    events.append(views[seen][1])
+                    seen += 1
                 while done < len(looks) and looks[done][0] <= array:
                     events.append(looks[done][1])
                     done += 1
@@ -123,7 +134,7 @@ def approach(page, file, start, looks, speed, rng, brakes):
         )
         counts = told is not None and moment >= told + TOLD
         frames.append(Frame(shown, y - front, v, counts))
-        if braking is None and counts and brakes(shown):
+        if braking is None and told is not None and brakes(shown):
             braking = moment + vehicle["reaction"]
         if v == 0 or front > y + 1:
             break
@@ -132,9 +143,13 @@ def approach(page, file, start, looks, speed, rng, brakes):
 
 def all_approaches(page, file, brakes):
     """Yield the speed, m/s, and the frames of every approach."""
-    start, alarms = recorded()
+    start, views, alarms = recorded()
     rng = np.random.default_rng(20261128)
     for speed in SPEEDS:
         for number in range(APPROACHES):
             looks = alarms[number % len(alarms)]
-            yield start, speed / 3.6, approach(page, file, start, looks, speed / 3.6, rng, brakes)
+            yield (
+                start,
+                speed / 3.6,
+                approach(page, file, start, views, looks, speed / 3.6, rng, brakes),
+            )

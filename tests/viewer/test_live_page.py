@@ -111,15 +111,15 @@ def test_new_alarms_are_told_to_screen_readers(live):
     page.until("document.querySelector('#said').textContent.startsWith('New alarm')")
     said = page.page.text_content("#said")
     assert said == (
-        "New alarm: alarm-2, 4.0 metres ahead, 0.5 metres left, too near to stop, confidence 3.00, and 1 more"
+        "New alarm: alarm-2, 4.0 metres ahead, 0.5 metres left, brake, confidence 3.00, and 1 more"
     )
     assert page.page.get_attribute("#said", "aria-live") == "polite"
     labels = page.page.eval_on_selector_all(
         "#live li", "(all) => all.map((one) => one.getAttribute('aria-label'))"
     )
-    assert labels[0].startswith("alarm-2, 4.0 metres ahead, 0.5 metres left, too near to stop")
-    assert "too near" not in labels[1]
-    assert "too near" in page.text("#live li:first-child")
+    assert labels[0].startswith("alarm-2, 4.0 metres ahead, 0.5 metres left, brake")
+    assert "brake" not in labels[1]
+    assert "brake" in page.text("#live li:first-child")
 
 
 @pytest.mark.slow("a browser draws every page")
