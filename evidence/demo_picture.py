@@ -27,7 +27,7 @@ from flgpr.live.recording import read_recording
 from flgpr.store import sample_drive
 from flgpr.viewer import Viewer
 
-RATE = 4.2  # scans/s
+RATE = 2.25  # scans/s, as the demo plays it
 FIRST, LAST = 24, 92  # scans that are shown
 EVERY = 2  # scans per picture
 SCREEN = (1024, 768)

@@ -97,7 +97,7 @@ def test_the_drive_begins_anew_until_it_is_stopped(monkeypatch, tmp_path):
     stop = threading.Event()
     played = []
 
-    def play(recording, folder, wait):
+    def play(recording, folder, rate, wait):
         played.append(folder)
         if len(played) == 3:
             stop.set()

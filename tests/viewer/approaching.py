@@ -112,7 +112,7 @@ def approach(page, file, start, views, looks, speed, rng, brakes):
                 waiting.append((next_scan + latency, events))
             number += 1
             next_scan += (1 + rng.uniform(-JITTER, JITTER)) / RATE
-        if braking is not None and until > braking:
+        if braking is not None and moment >= braking:
             slower = max(v - vehicle["deceleration"] * STEP, 0.0)
             front += (v + slower) / 2 * STEP
             v = slower

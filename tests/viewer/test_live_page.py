@@ -28,7 +28,7 @@ START = {
     "grid": GRID,
     "channel": ["HH", "F1"],
     "georeference": {"latitude": 48.0, "longitude": 11.0, "azimuth": 0.0},
-    "vehicle": {"front": 1.0, "stopping_distance": VEHICLE.stopping_distance},
+    "vehicle": VEHICLE.model_dump() | {"stopping_distance": VEHICLE.stopping_distance},
 }
 
 
@@ -107,7 +107,7 @@ def test_new_alarms_are_told_to_screen_readers(live):
     page, feeder = live
     feeder.give(scan(0, 2.0))
     wait_words(page, "1 scans")
-    feeder.give(alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", -0.5, 7.0, 3.0, 2.0))
+    feeder.give(alarm("alarm-1", 1.0, 34.5, 4.5, 2.0), alarm("alarm-2", -0.5, 7.0, 3.0, 2.0))
     page.until("document.querySelector('#said').textContent.startsWith('New alarm')")
     said = page.page.text_content("#said")
     assert said == (

@@ -88,7 +88,7 @@ def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, siz
     screen, feeder = drive_at(size)
     look = {"p": 0.622, "next_p": [0.396, 0.704], "wait": True}
     feeder.give(scan(2, 2.0), alarm("alarm-1", -1.6, 4.4, 4.5, 0.0) | look)
-    feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
+    feeder.give(*(alarm(f"alarm-{k}", 0.0, 20.0 + k, 4.5, 0.0) for k in range(2, 5)))
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
     screen.alive()
     screen.pass_time(300)

@@ -103,6 +103,7 @@ export class Picture {
     const to = Math.min(Math.floor((high - first) / step / index.tile_rows), Math.ceil(rows / index.tile_rows) - 1);
     context.imageSmoothingEnabled = smooth || step * view.scale < 0.99;
     context.imageSmoothingQuality = "medium";
+    const isStored = index.layers[number]!.levels[level]!.file !== "";
     let whole = true;
     if (backdrop) {
       let missing = false;
@@ -111,9 +112,9 @@ export class Picture {
       if (!missing) return true;
     }
     for (let tile = from; tile <= to; tile++) {
-      const data = this.tiles.get(source, number, level, tile);
+      const data = this.tile(source, number, level, tile);
       if (!data) {
-        whole = false;
+        whole &&= !isStored;
         continue;
       }
       const bitmap = this.paint(`${source}/${number}/${level}/${tile}`, data, grid.nx, table);
@@ -127,6 +128,12 @@ export class Picture {
       context.drawImage(bitmap, left, top, Math.max(right - left, 1), Math.max(bottom - top, 1));
     }
     return whole;
+  }
+
+  /** A tile, asked for where it lies in a file: those of a live run come by its events alone. */
+  private tile(source: number, layer: number, level: number, tile: number): Uint16Array | null {
+    const isStored = this.sources[source]!.index.layers[layer]!.levels[level]!.file !== "";
+    return isStored ? this.tiles.get(source, layer, level, tile) : this.tiles.peek(source, layer, level, tile);
   }
 
   /** Fill the ground between two corners with stripes: what is drawn over it has holes. */
@@ -221,7 +228,7 @@ export class Picture {
     context.clip();
     context.imageSmoothingEnabled = true;
     for (let tile = 0; tile * source.index.tile_rows < layer.levels[level]!.rows; tile++) {
-      const data = this.tiles.get(choice.source, number, level, tile);
+      const data = this.tile(choice.source, number, level, tile);
       if (!data) continue;
       const bitmap = this.paint(`${choice.source}/${number}/${level}/${tile}`, data, grid.nx, this.table(layer.percentiles["50"] ?? 0));
       const [from, rows] = [tile * source.index.tile_rows * scale, (data.length / grid.nx) * scale];
