@@ -73,9 +73,10 @@ export function drawRoad(app: Shown, context: CanvasRenderingContext2D, pen: Pen
     const hasRoom = edge + 44 < left + width;
     pen.text(hasRoom ? edge + 10 : left + width - 3, hasRoom ? y + 4 : y - 4, `${ahead} m`, { fill: colour("ink"), size: 11, anchor: hasRoom ? "start" : "end", halo: colour("road") });
   }
-  for (const place of places) if (!counts(numbers, place)) drawPlace(pen, at(place.aside, place.left), scale, null);
+  const strong = places.filter(({ confidence }) => confidence >= numbers.threshold);
+  for (const place of strong) if (!counts(numbers, place)) drawPlace(pen, at(place.aside, place.left), scale, null);
   drawBody(pen, box, scene);
-  for (const place of places) {
+  for (const place of strong) {
     if (!counts(numbers, place)) continue;
     const isNext = place.id === instruction.alarm?.id;
     drawPlace(pen, at(place.aside, place.left), scale, isNext && instruction.word !== "slow" ? "brake" : "slow");
