@@ -39,7 +39,9 @@ def view(
     ] = None,
     answers: Annotated[
         bool,
-        Option("--answers", help="With --live: keep what the driver answers to alarms in its folder."),
+        Option(
+            "--answers", help="With --live: keep what the driver answers to alarms in its folder."
+        ),
     ] = False,
     anchor: AnchorOption = None,
     backdrop: Annotated[

@@ -226,7 +226,9 @@ class LiveRun:
         if new_events:
             dropped = drop_answers(self.output)
             if dropped:
-                log_note(f"{dropped} answers of drivers to the run before are removed: it begins anew")
+                log_note(
+                    f"{dropped} answers of drivers to the run before are removed: it begins anew"
+                )
         with (
             EventFile(self.output / EVENT_FILE, new_events) as events,
             SnapshotWriter(path) as writer,
