@@ -10,8 +10,8 @@ from flgpr.live.feeding import feed
 from flgpr.live.forecast import NAME
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
-from flgpr.model.vehicle import Vehicle
 from flgpr.method.model import Model, save_model
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import save_run
 from live_lane import LANE, make_lane_run
 

@@ -20,9 +20,9 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.updates import LiveAlarm, LiveUpdate
-from flgpr.model.vehicle import Vehicle
 from flgpr.model import Lane
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import Scan
 
 

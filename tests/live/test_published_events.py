@@ -19,9 +19,9 @@ from flgpr.live.events import (
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm, LiveUpdate
-from flgpr.model.vehicle import Vehicle
 from flgpr.method.unlike import Comparison, Figure
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import Scan, describe_for_live, encode_scan
 from live_lane import make_lane_run, small_recipe
 from published_schemas import check, keeps_to, maker

@@ -25,6 +25,11 @@ BEGIN = 16.0  # m from the vehicle's front to the alarm
 SEEN_BEFORE = 3.0  # m before the beginning, from where pictures are shown
 NEAR = 1.0  # m, halo of the recipe
 TOLD = 0.4  # s until an event is on the screen: it is asked for every 0.2 s, and two steps of this replay
+MOST_FRAMES = 400  # of an approach
+SHOWN = """() => ({
+    ...document.getElementById('drive').dataset,
+    state: document.getElementById('state-words').textContent,
+})"""
 CLOCK_OF_SERVER = CLOCK.replace(
     "answer.json = async () => JSON.parse(text);",
     "answer.json = async () => ({ ...JSON.parse(text), now: performance.now() / 1000, age: 0 });",
@@ -69,75 +74,88 @@ def recorded():
     return start, views, alarms
 
 
+class Radar:
+    """A radar on the way to an alarm: scans with a rhythm, losses and latencies, and what detection made of them."""
+
+    def __init__(self, begin, front, views, looks, rng):
+        self.begin = begin  # s, on the page's clock
+        self.front = front  # m, of the vehicle before the array
+        self.views = views
+        self.looks = looks
+        self.rng = rng
+        self.number = 0
+        self.next_scan = 0.0
+        self.waiting = []  # when they are written, and the events
+
+    def drive(self, moment, until, place, speed):
+        """Take the scans up to a moment, from the place of the vehicle's front at the moment before."""
+        while self.next_scan <= until:
+            array = place + speed * (self.next_scan - moment) - self.front
+            if self.rng.uniform() >= LOST:
+                latency = self.rng.uniform(*LATENCY)
+                self.waiting.append((self.next_scan + latency, self.events(array, latency)))
+            self.number += 1
+            self.next_scan += (1 + self.rng.uniform(-JITTER, JITTER)) / RATE
+
+    def events(self, array, latency):
+        """Return the events of a scan, with what the packaged drive knew at this place of the array."""
+        scan = {
+            "event": "scan",
+            "scan": self.number,
+            "pose": [0.0, round(array, 4), 5.0, 0.0, 0.0, 0.0],
+            "outcome": "taken",
+            "arrived": self.begin + self.next_scan,
+            "latency_ms": 1e3 * latency,
+        }
+        known = []
+        for recorded_events in (self.views, self.looks):
+            while recorded_events and recorded_events[0][0] <= array:
+                known.append(recorded_events.pop(0)[1])
+        return [scan, *known]
+
+    def due(self, moment):
+        """Return the events that are written by a moment."""
+        events = [one for when, some in self.waiting if when <= moment for one in some]
+        self.waiting = [one for one in self.waiting if one[0] > moment]
+        return events
+
+
 def approach(page, file, start, views, looks, speed, rng, brakes):
     """Play an approach and return its frames; ``brakes`` tells of what is shown whether it says to brake."""
     vehicle = start["vehicle"]
-    # So that an alarm is not as far from the first scan as any other one's.
-    offset = rng.uniform(0, 1)
-    x, y = looks[-1][1]["x"], looks[-1][1]["y"]
-    front = y - BEGIN - offset
+    alarm = looks[-1][1]["y"]
+    front = (
+        alarm - BEGIN - rng.uniform(0, 1)
+    )  # so that no alarm is as far from the first scan as another
     file.write_text(as_line(start))
     page.evaluate("(how) => pass(how)", [600, True])
     begin = page.evaluate("performance.now()") / 1000
-    moment, v, number = 0.0, speed, 0
-    next_scan = 0.0
-    waiting = []  # (when they are written, events)
-    told = None
-    braking = None
+    near = [one for one in views if one[0] >= front - SEEN_BEFORE]
+    radar = Radar(begin, vehicle["front"], near, list(looks), rng)
+    moment = 0.0
+    told = braking = None
     frames = []
-    done = 0  # looks that were told
-    seen = sum(place < front - SEEN_BEFORE for place, _ in views)
-    while len(frames) < 400:
-        until = moment + STEP
-        while next_scan <= until:
-            array = front + v * (next_scan - moment) - vehicle["front"]
-            if rng.uniform() >= LOST:
-                latency = rng.uniform(*LATENCY)
-                events = [
-                    {
-                        "event": "scan",
-                        "scan": number,
-                        "pose": [0.0, round(array, 4), 5.0, 0.0, 0.0, 0.0],
-                        "outcome": "taken",
-                        "arrived": begin + next_scan,
-                        "latency_ms": 1e3 * latency,
-                    }
-                ]
-                while seen < len(views) and views[seen][0] <= array:
-                    events.append(views[seen][1])
-                    seen += 1
-                while done < len(looks) and looks[done][0] <= array:
-                    events.append(looks[done][1])
-                    done += 1
-                waiting.append((next_scan + latency, events))
-            number += 1
-            next_scan += (1 + rng.uniform(-JITTER, JITTER)) / RATE
+    while len(frames) < MOST_FRAMES and speed > 0 and front <= alarm + 1:
+        radar.drive(moment, moment + STEP, front, speed)
+        after = speed
         if braking is not None and moment >= braking:
-            slower = max(v - vehicle["deceleration"] * STEP, 0.0)
-            front += (v + slower) / 2 * STEP
-            v = slower
-        else:
-            front += v * STEP
-        moment = until
-        due = [events for when, events in waiting if when <= moment]
-        waiting = [one for one in waiting if one[0] > moment]
+            after = max(speed - vehicle["deceleration"] * STEP, 0.0)
+        front += (speed + after) / 2 * STEP
+        speed = after
+        moment += STEP
+        events = radar.due(moment)
         with file.open("a") as out:
-            for events in due:
-                out.write("".join(as_line(event) for event in events))
-                for event in events:
-                    if event["event"] == "alarm":
-                        is_above = event["confidence"] >= start["threshold"]
-                        told = (told if told is not None else moment) if is_above else None
+            out.write("".join(as_line(event) for event in events))
+        for event in events:
+            if event["event"] == "alarm":
+                is_above = event["confidence"] >= start["threshold"]
+                told = (moment if told is None else told) if is_above else None
         page.evaluate("(how) => pass(how)", [1e3 * STEP, True])
-        shown = page.evaluate(
-            "() => ({ ...document.getElementById('drive').dataset, state: document.getElementById('state-words').textContent })"
-        )
+        shown = page.evaluate(SHOWN)
         counts = told is not None and moment >= told + TOLD
-        frames.append(Frame(shown, y - front, v, counts))
+        frames.append(Frame(shown, alarm - front, speed, counts))
         if braking is None and told is not None and brakes(shown):
             braking = moment + vehicle["reaction"]
-        if v == 0 or front > y + 1:
-            break
     return frames
 
 

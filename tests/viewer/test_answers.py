@@ -122,7 +122,7 @@ def test_answers_need_a_live_run(tmp_path):
     (tmp_path / "lane").mkdir()
     ran = CliRunner().invoke(app, ["view", "--answers", "--no-browser"])
     assert (ran.exit_code, ran.output.count("\n")) == (2, 1)
-    with pytest.raises(ValueError, match="need a live run|must name a result"):
+    with pytest.raises(ValueError, match="must name a result"):
         Viewer([], answers=True)
 
 

@@ -49,7 +49,8 @@ AUDIO = """() => {
 VOICE = """() => {
     window.spoken = [];
     window.SpeechSynthesisUtterance = class { constructor(words) { this.words = words; } };
-    Object.defineProperty(window, 'speechSynthesis', { value: { cancel() {}, speak: (one) => window.spoken.push(one.words) } });
+    const speak = (one) => window.spoken.push(one.words);
+    Object.defineProperty(window, 'speechSynthesis', { value: { cancel() {}, speak } });
 }"""
 AMBER = (0xFF, 0xB0, 0x00)
 CLOCK = """(() => {
