@@ -176,7 +176,8 @@ def main() -> None:
     output = given.output or images / ("live-drive.png" if given.screens else "demo-live.gif")
     browser_path = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        viewer = Viewer([], live=folder, answers=True)
+        viewer = Viewer([], live=folder)
+        viewer.keep_answers()
         server = threading.Thread(target=viewer.run)
         server.start()
         browser = playwright.chromium.launch(

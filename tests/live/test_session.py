@@ -437,7 +437,7 @@ def test_a_file_that_is_still_written_is_waited_for(home, tmp_path):
         ([], "live needs a folder, a socket, a TCP address or a recording"),
         (["in", "--recipe", "nothing"], "recipe must be"),
         (["in", "--speed", "0"], "speed must lie"),
-        (["in", "--speed", "15", "--deceleration", "0"], "deceleration must lie"),
+        (["in", "--speed", "15", "--deceleration", "0"], "deceleration: input should be"),
         (["in", "-o", "full"], "holds other files"),
         (["in", "--looks", "0"], "looks must be"),
         (["in", "--warm-up", "2"], "--warm-up"),

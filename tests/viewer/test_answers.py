@@ -14,6 +14,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.store.answers import MOST_ANSWER_BYTES, MOST_ANSWERS, add_answer
 from flgpr.viewer import Viewer
+from small_results import small_result
 
 PATH = "data/answers"
 GOOD = {
@@ -122,8 +123,9 @@ def test_answers_need_a_live_run(tmp_path):
     (tmp_path / "lane").mkdir()
     ran = CliRunner().invoke(app, ["view", "--answers", "--no-browser"])
     assert (ran.exit_code, ran.output.count("\n")) == (2, 1)
-    with pytest.raises(ValueError, match="must name a result"):
-        Viewer([], answers=True)
+    small_result(tmp_path / "result")
+    with pytest.raises(ValueError, match="need a live run"):
+        Viewer([tmp_path / "result"]).keep_answers()
 
 
 def test_a_run_that_goes_on_keeps_them_and_one_begun_anew_says_what_it_removes(

@@ -114,8 +114,6 @@ class Viewer:
         File for an analyst's verdicts.
     framed : bool
         Whether pages of this machine may frame the page.
-    answers : bool
-        Whether the page may add a driver's answers to the log of the live run.
     make_map : callable, optional
         Returns a map project of a result.
 
@@ -141,7 +139,6 @@ class Viewer:
         verdicts: str | Path | None = None,
         framed: bool = False,
         make_map: MakeMap | None = None,
-        answers: bool = False,
     ) -> None:
         self._georeference = None if anchor is None else read_anchor(anchor).georeference()
         if not paths and live is None:
@@ -159,9 +156,6 @@ class Viewer:
         if verdicts is not None:
             live_folders = [] if self._live is None else [self._live.folder]
             self._verdicts = VerdictFile(verdicts, self._sources, live_folders)
-        if answers and self._live is None:
-            raise ValueError("answers need a live run that they are of, got none")
-        self._answers = answers
         self._anchor = None if anchor is None else Path(anchor)
         self._make_map = make_map
         self._score = None if score is None else Path(score)
@@ -173,12 +167,13 @@ class Viewer:
         self._socket = listening_socket(host, port)
         self.host = host
         self.port = int(self._socket.getsockname()[1])
-        puts = set[str]()
+        #: paths that the page may write to, which the guard looks at with every request
+        self._puts = set[str]()
         if self._verdicts is not None:
-            puts.add(VERDICTS_PATH)
-        if self._answers:
-            puts.add(ANSWERS_PATH)
-        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts, framed)
+            self._puts.add(VERDICTS_PATH)
+        app = Guard(
+            Starlette(routes=self._routes()), self.token, host, self.port, self._puts, framed
+        )
         self._server = LimitedServer(LimitedConfig(app, fit_to_process(self.limits)))
 
     @property
@@ -188,6 +183,18 @@ class Viewer:
         if ":" in host:
             host = f"[{host}]"
         return f"http://{host}:{self.port}/{self.token}/"
+
+    def keep_answers(self) -> None:
+        """Let the page add a driver's answers to the log of the live run.
+
+        Raises
+        ------
+        ValueError
+            If there is no live run.
+        """
+        if self._live is None:
+            raise ValueError("answers need a live run that they are of, got none")
+        self._puts.add(ANSWERS_PATH)
 
     def run(self) -> None:
         """Serve until :meth:`stop` or an interrupt."""
@@ -246,7 +253,7 @@ class Viewer:
         if self._verdicts is not None:
             endpoint = self._of_verdicts(self._verdicts)
             routes.append(Route(VERDICTS_PATH, endpoint, methods=["GET", "PUT"]))
-        if self._answers and self._live is not None:
+        if self._live is not None:
             endpoint = self._to_answers(self._live.folder)
             routes.append(Route(ANSWERS_PATH, endpoint, methods=["PUT"]))
         return routes
@@ -260,7 +267,7 @@ class Viewer:
         session: dict[str, Any] = {
             "results": [source.title for source in self._sources],
             "live": self._live is not None,
-            "answers": self._answers,
+            "answers": ANSWERS_PATH in self._puts,
             "georeference": self._georeference,
             "verdicts": None if self._verdicts is None else self._verdicts.path.name,
             "identities": identities,
@@ -391,6 +398,7 @@ def serve(
     score: str | Path | None = None,
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
+    answers: bool = False,
     **options: Any,
 ) -> None:
     """Show results in the browser until interrupted.
@@ -405,11 +413,15 @@ def serve(
         Whether to open the page in the browser.
     announce : callable
         Called with the address of the page.
+    answers : bool
+        Whether the page may add a driver's answers to the log of the live run.
     **options
         Further options of :class:`Viewer`.
     """
     path_list = [paths] if isinstance(paths, str | Path) else list(paths)
     viewer = Viewer(path_list, host, port, allow_remote, live, score, anchor, **options)
+    if answers:
+        viewer.keep_answers()
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
