@@ -124,8 +124,12 @@ def test_answers_need_a_live_run(tmp_path):
     ran = CliRunner().invoke(app, ["view", "--answers", "--no-browser"])
     assert (ran.exit_code, ran.output.count("\n")) == (2, 1)
     small_result(tmp_path / "result")
-    with pytest.raises(ValueError, match="need a live run"):
-        Viewer([tmp_path / "result"]).keep_answers()
+    words = "need a live run"
+    with pytest.raises(ValueError, match=words):
+        Viewer([tmp_path / "result"]).keep_answers()  # and it listens no more
+    ran = CliRunner().invoke(app, ["view", str(tmp_path / "result"), "--answers", "--no-browser"])
+    assert (ran.exit_code, ran.output.count("\n")) == (2, 1)
+    assert words in ran.output
 
 
 def test_a_run_that_goes_on_keeps_them_and_one_begun_anew_says_what_it_removes(

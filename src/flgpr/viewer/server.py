@@ -190,9 +190,10 @@ class Viewer:
         Raises
         ------
         ValueError
-            If there is no live run.
+            If there is no live run; the viewer listens no more then.
         """
         if self._live is None:
+            self._socket.close()
             raise ValueError("answers need a live run that they are of, got none")
         self._puts.add(ANSWERS_PATH)
 
