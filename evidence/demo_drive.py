@@ -30,7 +30,7 @@ from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import read_table, sample_drive
 
 TRAINING_SEEDS = (1, 2)
@@ -69,7 +69,7 @@ def make_model(folder: Path) -> Path:
 def detect_live(run: Path, model: Path, output: Path) -> list[dict[str, Any]]:
     """Return the events of live detection on a run whose scans are handed over one by one."""
     incoming = output.with_name(f"{output.name}-incoming")
-    vehicle = Vehicle(SPEED, front=0.5)
+    vehicle = Vehicle(speed=SPEED, front=0.5, threshold=SHOWN_FROM)
     options = LiveOptions(
         sample_drive() / "recipe.toml",
         output,
@@ -78,7 +78,6 @@ def detect_live(run: Path, model: Path, output: Path) -> list[dict[str, Any]]:
         lane=run.with_name(f"{run.stem}-lane.toml"),
         settings=LiveSettings(),
         vehicle=vehicle,
-        threshold=SHOWN_FROM,
         fresh=True,
     )
     events_file = output / "live.jsonl"

@@ -1,4 +1,4 @@
-"""Draw the animated picture of `flgpr demo --live` that the README begins with, or the driver's screen in its themes.
+"""Draw the animated picture of `flgpr demo --live` that the README begins with, or the driver's screen with its words.
 
 The packaged drive is shown on the driver's screen in a browser without windows, whose clock goes only when it is told
 to: a slow machine makes the same picture as a quick one. Needs Playwright and Chromium, as the tests do. Usage::
@@ -27,27 +27,33 @@ from flgpr.live.recording import read_recording
 from flgpr.store import sample_drive
 from flgpr.viewer import Viewer
 
-RATE = 4.2  # scans/s
-FIRST, LAST = 24, 92  # scans that are shown
+RATE = 2.25  # scans/s, as the demo plays it
+FIRST, LAST = 12, 80  # scans that are shown
 EVERY = 2  # scans per picture
 SCREEN = (1024, 768)
 WIDTH = 640  # of the picture
 COLOURS = 64
-DAY = 58  # scan after which the screen is shown by day
-NIGHT = 61  # at night
-SUN = 79  # in the sun
+WORDS = ("slow", "brake", "over")  # that are shown by day, at night and in the sun
 SILENCE = 1.2  # s without the radar, in the last picture
 AHEAD = 1000.0  # s, by which arrivals lie in the future: the page then goes by the recorded latency
 CLOCK = """(() => {
-    const later = window.setTimeout.bind(window), timers = new Map();
-    let now = performance.now(), last = 0;
+    const later = window.setTimeout.bind(window), ask = window.fetch.bind(window), timers = new Map();
+    let now = performance.now(), last = 0, waiting = 0;
     performance.now = () => now;
     window.setTimeout = (act, wait = 0) => timers.set(++last, { act, at: now + wait }) && last;
     window.clearTimeout = (timer) => timers.delete(timer);
+    window.fetch = async (...what) => {
+        waiting++;
+        try {
+            const answer = await ask(...what), text = await answer.text();
+            answer.json = async () => JSON.parse(text);
+            return answer;
+        } finally { waiting--; }
+    };
     window.pass = async (milliseconds) => {
         const end = now + milliseconds;
         for (;;) {
-            await new Promise((done) => later(done, 40));  // answers of the server come in
+            do await new Promise((done) => later(done)); while (waiting);  // answers of the server come in
             const due = [...timers].filter(([, one]) => one.at <= end);
             if (!due.length) break;
             const [key, next] = due.sort(([, a], [, b]) => a.at - b.at)[0];
@@ -96,6 +102,10 @@ class Drive:
         os.utime(self.path, (self.begin, self.begin))
         self.page.evaluate("(time) => pass(time)", 1e3 * seconds)
 
+    def word(self) -> str:
+        """Return what the driver is told."""
+        return str(self.page.get_attribute("#drive", "data-word"))
+
     def picture(self) -> Image.Image:
         """Return what the page shows."""
         return Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")
@@ -114,16 +124,16 @@ def pictures(drive: Drive) -> list[Image.Image]:
 
 
 def screens(drive: Drive) -> list[Image.Image]:
-    """Return the driver's screen by day, at night, in the sun, and when the radar falls silent."""
+    """Return the driver's screen with each of three words in its theme, and when the radar falls silent."""
     frames: list[Image.Image] = []
 
     def shown(number: int) -> None:
-        if number not in (DAY, NIGHT, SUN):
+        if number < FIRST or len(frames) == len(WORDS) or drive.word() != WORDS[len(frames)]:
             return
         frames.append(drive.picture())
         drive.page.click("#drive-theme")  # to the next one of the three themes
 
-    drive.play(SUN, shown)
+    drive.play(LAST, shown)
     drive.fall_silent(SILENCE)
     frames.append(drive.picture())
     return frames
@@ -167,6 +177,7 @@ def main() -> None:
     browser_path = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         viewer = Viewer([], live=folder)
+        viewer.keep_answers()
         server = threading.Thread(target=viewer.run)
         server.start()
         browser = playwright.chromium.launch(

@@ -74,12 +74,13 @@ def test_the_drive_is_shown_on_the_drivers_screen(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     seen = {}
 
-    def serve(paths, live, open_browser, announce):
+    def serve(paths, live, open_browser, announce, answers):
         file = Path(live) / "live.jsonl"
         while not (file.is_file() and file.stat().st_size):
             time.sleep(0.02)
         first = file.read_text().splitlines()[0]
         seen.update(json.loads(first), opens=open_browser, paths=paths)
+        assert answers  # the driver of the demo can try the buttons
 
     monkeypatch.setattr("flgpr.viewer.serve", serve)
     text = call("--live").stdout
@@ -97,7 +98,7 @@ def test_the_drive_begins_anew_until_it_is_stopped(monkeypatch, tmp_path):
     stop = threading.Event()
     played = []
 
-    def play(recording, folder, wait):
+    def play(recording, folder, rate, wait):
         played.append(folder)
         if len(played) == 3:
             stop.set()

@@ -10,8 +10,8 @@ from flgpr.live.feeding import feed
 from flgpr.live.forecast import NAME
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
-from flgpr.live.vehicle import Vehicle
 from flgpr.method.model import Model, save_model
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import save_run
 from live_lane import LANE, make_lane_run
 
@@ -47,7 +47,7 @@ def test_events_tell_it_where_the_model_does(run, model, tmp_path):
         ]
         return [line for line in lines if line["event"] == "alarm"]
 
-    lines = played(model, "new", vehicle=Vehicle(1.0))
+    lines = played(model, "new", vehicle=Vehicle(speed=1.0))
     for line in lines:
         assert line["p"] == pytest.approx(1 / (1 + math.exp(-line["confidence"])), abs=1e-4)
         assert ("wait" in line) == ("looks_left" in line) == (line["state"] in ("new", "update"))
@@ -55,7 +55,7 @@ def test_events_tell_it_where_the_model_does(run, model, tmp_path):
         assert ("last_p" in line) == (line.get("looks_left", 0) > 0)
     assert {line.get("wait") for line in lines} >= {True, False}
     with pytest.warns(UserWarning, match="trained before that was learnt; train it again"):
-        old = played(Model(model.detector), "old", vehicle=Vehicle(1.0))
+        old = played(Model(model.detector), "old", vehicle=Vehicle(speed=1.0))
     members = {"p", "next_p", "last_p", "looks_left", "change", "wait"}
     assert not any(members & set(line) for line in old)
     untimed = ("latency_ms", "margin_m", "in_time")
@@ -77,7 +77,7 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
     live = LiveRun(
         LiveOptions(
             tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "incoming", model=tmp_path / "model",
-            lane=tmp_path / "lane.toml", vehicle=Vehicle(0.1),
+            lane=tmp_path / "lane.toml", vehicle=Vehicle(speed=0.1),
         )
     )  # fmt: skip
     take = live._take_frame

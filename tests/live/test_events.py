@@ -20,9 +20,9 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.updates import LiveAlarm, LiveUpdate
-from flgpr.live.vehicle import Vehicle
 from flgpr.model import Lane
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import Scan
 
 
@@ -111,11 +111,11 @@ def test_the_event_of_the_start_says_what_is_searched():
     prescreen = SimpleNamespace(polarization="HH", subband="F1")
     recipe = SimpleNamespace(name="own", prescreen=prescreen)
     detector = SimpleNamespace(recipe=recipe, lane=None, view_grid=lambda: {"dx": 0.1})
-    event = start_event("a drive", detector, None, 0.5, Vehicle())
+    event = start_event("a drive", detector, None, Vehicle(threshold=0.5))
     assert (event["title"], event["recipe"], event["threshold"]) == ("a drive", "own", 0.5)
     assert event["channel"] == ["HH", "F1"]
     assert event["lane"] is None
     assert event["vehicle"]["front"] == Vehicle().front
     detector.lane = Lane(-1.0, 1.0, 0.0, 9.0)
-    borders = start_event("a drive", detector, None, 0.5, Vehicle())["lane"]
+    borders = start_event("a drive", detector, None, Vehicle(threshold=0.5))["lane"]
     assert borders == {"x_min": -1.0, "x_max": 1.0, "y_min": 0.0, "y_max": 9.0}

@@ -6,7 +6,7 @@ import pytest
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import save_run
 from flgpr.store.scan_file import scan_name
 from live_lane import SCANS, make_lane_run, small_recipe
@@ -47,7 +47,7 @@ def whole(home):
     """An undisturbed live run."""
     told = []
     report = LiveRun(
-        options(home, home / "whole", vehicle=Vehicle(15 / 3.6, front=0.4)), told.append
+        options(home, home / "whole", vehicle=Vehicle(speed=15 / 3.6, front=0.4)), told.append
     ).run()
     return home / "whole", report, told
 

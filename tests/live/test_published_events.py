@@ -19,9 +19,9 @@ from flgpr.live.events import (
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm, LiveUpdate
-from flgpr.live.vehicle import Vehicle
 from flgpr.method.unlike import Comparison, Figure
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import Scan, describe_for_live, encode_scan
 from live_lane import make_lane_run, small_recipe
 from published_schemas import check, keeps_to, maker
@@ -65,7 +65,7 @@ def test_a_live_session_keeps_to_the_schema_with_events_of_every_kind(tmp_path):
         for number in range(first, last):
             (incoming / f"{number:04d}.scan").write_bytes(made[number])
         recipe = tmp_path / "recipe.toml"
-        vehicle = Vehicle(2.0, front=0.4)
+        vehicle = Vehicle(speed=2.0, front=0.4)
         LiveRun(LiveOptions(recipe, tmp_path / "out", incoming, vehicle=vehicle, **more)).run()
 
     play(0, 8, idle=0.3)
@@ -88,7 +88,7 @@ def test_a_live_session_keeps_to_the_schema_with_events_of_every_kind(tmp_path):
 
 def events():
     """Return an event of every kind that functions make."""
-    vehicle = Vehicle(2.0, front=1.0)
+    vehicle = Vehicle(speed=2.0, front=1.0)
     alarm = alarm_event(ALARM, 12, POSE, vehicle, 0.25)
     add_places_on_earth([alarm], own_anchor(ANCHORED))
     before = Sighting(0, 0.0, POSE)

@@ -23,8 +23,8 @@ from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveRun
 from flgpr.live.source import Inbox
 from flgpr.live.state import read_snapshot
-from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import FolderWatch
+from flgpr.model.vehicle import Vehicle
 from flgpr.scoring import roc
 from flgpr.store import (
     decode_frame,
@@ -70,7 +70,7 @@ def whole(home):
     """An undisturbed live run."""
     told = []
     report = LiveRun(
-        options(home, home / "whole", vehicle=Vehicle(15 / 3.6, front=0.4)), told.append
+        options(home, home / "whole", vehicle=Vehicle(speed=15 / 3.6, front=0.4)), told.append
     ).run()
     return home / "whole", report, told
 
@@ -102,7 +102,7 @@ def test_a_run_is_played_to_its_end(whole, home):
 
 def test_alarm_lines_tell_place_confidence_and_what_is_left(whole, home):
     folder = whole[0]
-    vehicle = Vehicle(15 / 3.6, front=0.4)
+    vehicle = Vehicle(speed=15 / 3.6, front=0.4)
     assert vehicle.stopping_distance == pytest.approx(15 / 3.6 * 1.5 + (15 / 3.6) ** 2 / 6)
     poses = {line["scan"]: line["pose"] for line in events(folder, "scan")}
     for line in events(folder, "alarm"):
@@ -112,7 +112,7 @@ def test_alarm_lines_tell_place_confidence_and_what_is_left(whole, home):
         margin = left - vehicle.speed * line["latency_ms"] / 1e3 - vehicle.stopping_distance
         assert line["margin_m"] == pytest.approx(margin, abs=5e-3)
         assert line["in_time"] == (line["margin_m"] >= 0)
-    slow = Vehicle(1.0, 0.5, 3.0)
+    slow = Vehicle(speed=1.0, reaction=0.5, deceleration=3.0)
     assert slow.margin(3.0, 0.1) == pytest.approx(3.0 - 0.1 - 0.5 - 1 / 6)
     assert Vehicle().margin(3.0, 0.1) is None
 
@@ -230,7 +230,7 @@ def test_a_run_that_was_killed_goes_on(home, whole, tmp_path, after):
             raise Crash
 
     output = tmp_path / "out"
-    vehicle = Vehicle(15 / 3.6, front=0.4)
+    vehicle = Vehicle(speed=15 / 3.6, front=0.4)
     with pytest.raises(Crash):
         LiveRun(options(home, output, vehicle=vehicle, snapshot=7), tell).run()
     for thread in threading.enumerate():
@@ -315,7 +315,7 @@ def lines_of(output):
 
 def test_going_on_needs_the_same_recipe_unless_fresh(home, whole, tmp_path):
     output = tmp_path / "out"
-    vehicle = Vehicle(15 / 3.6, front=0.4)
+    vehicle = Vehicle(speed=15 / 3.6, front=0.4)
     shutil.copytree(whole[0], output)
     (tmp_path / "other.toml").write_text(small_recipe().replace("radius = 0.4", "radius = 0.5"))
     other = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle)
@@ -437,7 +437,7 @@ def test_a_file_that_is_still_written_is_waited_for(home, tmp_path):
         ([], "live needs a folder, a socket, a TCP address or a recording"),
         (["in", "--recipe", "nothing"], "recipe must be"),
         (["in", "--speed", "0"], "speed must lie"),
-        (["in", "--speed", "15", "--deceleration", "0"], "deceleration must lie"),
+        (["in", "--speed", "15", "--deceleration", "0"], "deceleration: input should be"),
         (["in", "-o", "full"], "holds other files"),
         (["in", "--looks", "0"], "looks must be"),
         (["in", "--warm-up", "2"], "--warm-up"),

@@ -12,8 +12,10 @@ PAGES = []
 
 
 @contextmanager
-def running(shown, **options):
+def running(shown, answers=False, **options):
     viewer = shown if isinstance(shown, Viewer) else Viewer(shown, **options)
+    if answers:
+        viewer.keep_answers()
     thread = threading.Thread(target=viewer.run)
     thread.start()
     try:

@@ -76,14 +76,11 @@ def test_a_live_run_at_the_desk_and_on_the_drivers_screen(watch, serving, tmp_pa
     feeder = Feeder(tmp_path)
     feeder.give(BEGIN, scan(0, 0.0), scan(1, 1.0))
     feeder.give(*(alarm(f"alarm-{k}", 0.1 * k, 4.0 + k, 4.5, 1.0) for k in range(12)))
-    with serving([], live=tmp_path) as viewer:
+    with serving([], live=tmp_path, answers=True) as viewer:
         one = watch(viewer, size=size)
         Screen(one, tmp_path).alive()
-        one.until("document.getElementById('drive-left').textContent.endsWith(' m')")
+        one.until("document.getElementById('drive-where').textContent.endsWith(' ahead')")
         assert findings(one.page) == []
-        one.page.click("#drive-set")
-        assert findings(one.page) == []
-        one.page.click("#drive-close")
         one.page.click("#to-desk")
         assert findings(one.page) == []
         one.close()

@@ -15,7 +15,7 @@ from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.live.updates import LiveAlarm
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import read_table, save_run
 from live_lane import LANE, SCANS, make_lane_run, small_recipe
 
@@ -28,7 +28,7 @@ START = {
     "grid": GRID,
     "channel": ["HH", "F1"],
     "georeference": {"latitude": 48.0, "longitude": 11.0, "azimuth": 0.0},
-    "vehicle": {"front": 1.0, "stopping_distance": VEHICLE.stopping_distance},
+    "vehicle": VEHICLE.model_dump() | {"stopping_distance": VEHICLE.stopping_distance},
 }
 
 
@@ -107,19 +107,19 @@ def test_new_alarms_are_told_to_screen_readers(live):
     page, feeder = live
     feeder.give(scan(0, 2.0))
     wait_words(page, "1 scans")
-    feeder.give(alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", -0.5, 7.0, 3.0, 2.0))
+    feeder.give(alarm("alarm-1", 1.0, 34.5, 4.5, 2.0), alarm("alarm-2", -0.5, 7.0, 3.0, 2.0))
     page.until("document.querySelector('#said').textContent.startsWith('New alarm')")
     said = page.page.text_content("#said")
     assert said == (
-        "New alarm: alarm-2, 4.0 metres ahead, 0.5 metres left, too near to stop, confidence 3.00, and 1 more"
+        "New alarm: alarm-2, 4.0 metres ahead, 0.5 metres left, brake, confidence 3.00, and 1 more"
     )
     assert page.page.get_attribute("#said", "aria-live") == "polite"
     labels = page.page.eval_on_selector_all(
         "#live li", "(all) => all.map((one) => one.getAttribute('aria-label'))"
     )
-    assert labels[0].startswith("alarm-2, 4.0 metres ahead, 0.5 metres left, too near to stop")
-    assert "too near" not in labels[1]
-    assert "too near" in page.text("#live li:first-child")
+    assert labels[0].startswith("alarm-2, 4.0 metres ahead, 0.5 metres left, brake")
+    assert "brake" not in labels[1]
+    assert "brake" in page.text("#live li:first-child")
 
 
 @pytest.mark.slow("a browser draws every page")

@@ -1,10 +1,10 @@
 """Both pages on displays of many sizes: nothing is cut off or overlaps, and the page tells what is too small."""
 
-from dataclasses import asdict
+import re
 
 import numpy as np
 import pytest
-from test_drive_page import BEGIN, CLOCK, LOOK, VEHICLE, Screen
+from test_drive_page import BEGIN, CLOCK, HIDDEN, LOOK, VEHICLE, Screen
 from test_live_page import Feeder, alarm, scan
 
 from flgpr.live.events import view_event
@@ -16,7 +16,7 @@ CUT = """() => [...document.querySelectorAll('#drive *, #state *')]
     .map((e) => {
         const range = document.createRange();
         range.selectNodeContents(e);
-        const words = range.getBoundingClientRect(), own = e.closest('button, section, div').getBoundingClientRect();
+        const words = range.getBoundingClientRect(), own = e.closest('button, div, section').getBoundingClientRect();
         const inside = words.left >= own.left && words.right <= own.right && words.top >= 0
             && words.right <= innerWidth && words.bottom <= innerHeight;
         return inside ? '' : e.id;
@@ -38,12 +38,12 @@ OVERLAPS = """() => {
 }"""
 """Pairs of neighbours that lie over each other."""
 
-STOP = (0xFF, 0x7A, 0x59)
+AMBER = (0xFF, 0xB0, 0x00)
 
 
 def lane_of(half):
     """Return the event that begins a run on a lane of twice this breadth, m."""
-    vehicle = asdict(VEHICLE) | {"stopping_distance": VEHICLE.stopping_distance}
+    vehicle = VEHICLE.model_dump() | {"stopping_distance": VEHICLE.stopping_distance}
     lane = {"x_min": -half, "x_max": half, "y_min": 0, "y_max": 60}
     return BEGIN | {"vehicle": vehicle, "lane": lane}
 
@@ -72,34 +72,53 @@ def drive_at(tmp_path, serving, watch):
 
 
 @pytest.mark.parametrize(
-    "size", [(800, 1280), (640, 1280), (768, 1024), (390, 844), (844, 390), (1024, 768)]
+    "size",
+    [
+        (1440, 900),
+        (820, 1180),
+        (800, 1280),
+        (640, 1024),
+        (768, 1024),
+        (390, 844),
+        (844, 390),
+        (1024, 768),
+    ],
 )
 def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, size):
     screen, feeder = drive_at(size)
     look = {"p": 0.622, "next_p": [0.396, 0.704], "wait": True}
     feeder.give(scan(2, 2.0), alarm("alarm-1", -1.6, 4.4, 4.5, 0.0) | look)
-    feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
+    feeder.give(*(alarm(f"alarm-{k}", 0.0, 20.0 + k, 4.5, 0.0) for k in range(2, 5)))
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
     screen.alive()
     screen.pass_time(300)
-    assert screen.says()["drive-verdict"] == "Cannot stop"
-    assert screen.page.inner_text("#drive-sound") == "Sound off"
+    assert screen.says()["word"] == "stop"
+    assert screen.says()["drive-prior"]
+    assert screen.page.inner_text("#drive-sound") == "Sound"
     assert screen.page.locator("#state-clock").is_visible()
     assert screen.page.evaluate(CUT) == []
-    assert screen.page.evaluate("drive.scrollHeight <= drive.clientHeight + 1")
+    assert screen.page.evaluate(HIDDEN) == []
     picture = screen.page.locator("#lane").bounding_box()
     assert min(picture["width"], picture["height"]) >= 150
-    large = size in ((800, 1280), (640, 1280), (1024, 768))
-    assert screen.page.locator("#drive-small").is_hidden() == large
+    small = size in ((390, 844), (844, 390))
+    assert screen.page.locator("#drive-small").is_hidden() != small
     looks = screen.page.evaluate(LOOK)
-    if large:
+    if small:
+        assert re.fullmatch(
+            r"Small screen: read it from 0\.\d m", screen.page.inner_text("#drive-small")
+        )
+        assert min(one["size"] for one in looks["type"]) >= 12
+        assert min(min(width, height) for *_, width, height in looks["buttons"]) >= 30
+    else:
         assert min(one["size"] for one in looks["type"]) >= 38
         assert min(min(width, height) for *_, width, height in looks["buttons"]) >= 72
-    else:
-        words = screen.page.inner_text("#drive-small")
-        assert f"{size[0]} × {size[1]} px" in words
-        assert "1024 × 768" in words
-    for _ in range(4):  # banners, and the settings
+    feeder.give(scan(3, 6.0))
+    screen.alive()
+    screen.pass_time(300)
+    assert screen.says()["word"] == "over"  # the longest word
+    assert screen.page.evaluate(CUT) == []
+    assert screen.page.evaluate(HIDDEN) == []
+    for _ in range(4):
         screen.pass_time(400)
     assert screen.says()["state-words"] == "No radar"
     assert screen.page.evaluate(CUT) == []
@@ -107,13 +126,6 @@ def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, siz
     screen.pass_time(400)
     assert screen.says()["state-words"] == "Detection stopped"  # the longest
     assert screen.page.evaluate(CUT) == []
-    screen.page.click("#drive-set")
-    box = screen.page.locator("#drive-settings").bounding_box()
-    assert box["x"] >= 0
-    assert box["x"] + box["width"] <= size[0]
-    assert screen.page.evaluate(
-        "(e => e.scrollWidth <= e.clientWidth)(document.getElementById('drive-settings'))"
-    )
 
 
 def test_the_vehicle_hides_no_alarm(drive_at):
@@ -125,23 +137,20 @@ def test_the_vehicle_hides_no_alarm(drive_at):
     assert screen.page.locator("#lane").screenshot() != without
 
 
-def test_alarms_beside_the_lane_carry_no_octagon(drive_at, tmp_path):
-    screen, feeder = drive_at((1024, 768))
-    watched = screen.watched
+def test_only_alarms_in_the_way_of_the_vehicle_are_filled(drive_at):
+    screen, feeder = drive_at((1024, 768), half=3.0)
+    kept = VEHICLE.width / 2 + VEHICLE.clearance
 
-    def stop_pixels(x):
-        feeder.give(alarm("alarm-1", x, 3.0, 4.5, 1.0), scan(2, 1.0))
+    def amber_pixels(x):
+        feeder.give(alarm("alarm-1", x, 14.0, 4.5, 1.0), scan(2, 1.0))
         screen.alive()
         screen.pass_time(300)
-        near = np.abs(watched.pixels() - STOP).max(axis=2) < 12
-        return int(near.sum())
+        return int((np.abs(screen.watched.pixels() - AMBER).max(axis=2) < 6).sum())
 
-    beside = stop_pixels(2.4)
-    assert screen.page.inner_text("#drive-head") == "Beside lane"
-    assert screen.says()["verdict"] == "halt"  # the driver is warned all the same
-    inside = stop_pixels(1.2)
-    assert screen.page.inner_text("#drive-head") == "Nearest"
-    assert inside > beside + 60
+    assert amber_pixels(kept + 0.1) == 0
+    assert "alarm" not in screen.says()["drive-aside"]
+    assert amber_pixels(kept - 0.1) > 60
+    assert screen.says()["word"] == "slow"
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ import { drawOverlay, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
 import type { Page } from "./page";
 import type { RawPanel } from "./raw";
+import { drawRoad, type Scene } from "./road";
 import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
 import { Scrub } from "./scrub";
 import type { Choice, Compare, Detection, Note, Source } from "./types";
@@ -57,6 +58,8 @@ export class App implements Page {
   enlarged = 1;
   /** Whether the driver's screen is shown. */
   driving = false;
+  /** What the driver's picture is made of. */
+  scene: Scene | null = null;
   private marked = false;
   /** Whether the picture that is drawn groups alarms. */
   private grouped = false;
@@ -442,7 +445,7 @@ export class App implements Page {
     };
   }
 
-  /** Alarms by cells of the picture where there is no room for each; the driver sees each. */
+  /** Alarms by cells of the picture where there is no room for each. */
   private groups(): Group[] | null {
     const { detection } = this;
     if (!detection || this.driving || !this.show.alarms) return null;
@@ -455,7 +458,7 @@ export class App implements Page {
 
   resized(): void {
     const { width, height } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
-    this.view.box = Picture.box(width, height, !this.driving);
+    this.view.box = this.driving ? { left: 0, top: 0, width, height } : Picture.box(width, height);
     if (this.fitting) this.view.fit();
     else if (this.following.on) this.following.set(true);
     else this.view.hold();
@@ -479,6 +482,10 @@ export class App implements Page {
     context.clearRect(0, 0, width, height);
     context.fillStyle = palette.unseen;
     context.fillRect(box.left, box.top, box.width, box.height);
+    if (this.driving) {
+      this.drawDriven(context, density, start);
+      return;
+    }
     drawBackdrop(context, this.view, this.backdrop);
     const gaps = this.picture.gaps;
     const whole = rasters(this, context, density);
@@ -495,9 +502,22 @@ export class App implements Page {
     drawComparison(this, pen);
     context.restore();
     this.picture.axes(pen, palette);
-    if (this.source.index.layers.length && !this.driving) colourBar(pen, box, this.colours, palette, box.top + 166);
+    if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
     this.showBadge();
     if (whole && !this.marked && box.width > 10) {
+      this.marked = true;
+      performance.mark("flgpr:first-picture");
+    }
+    performance.measure("flgpr:frame", { start, end: performance.now() });
+  }
+
+  /** The driver's picture: the road as of the page's last look, in place of the lane. */
+  private drawDriven(context: CanvasRenderingContext2D, density: number, start: number): void {
+    const { box } = this.view;
+    context.fillStyle = colour("road");
+    context.fillRect(box.left, box.top, box.width, box.height);
+    if (this.scene) drawRoad(this, context, canvasPen(context), density, this.scene);
+    if (!this.marked && box.width > 10) {
       this.marked = true;
       performance.mark("flgpr:first-picture");
     }

@@ -140,6 +140,7 @@ export class Following {
     el("follow").setAttribute("aria-pressed", String(follow));
     if (!follow || !app.live) return;
     app.fitting = false;
+    if (app.driving) return app.redraw(); // the driver's picture is laid about the vehicle as it is drawn
     app.view.fill = true;
     app.view.scale = Math.min(app.view.along / Math.min(FOLLOWED, 6 * app.view.breadth), (0.96 * app.view.across) / app.view.breadth);
     this.keepUp(app.past ?? app.live);
@@ -148,7 +149,7 @@ export class Following {
 
   private keepUp(live: Live): void {
     const { app } = this;
-    if (!this.on || !live.here) return;
+    if (!this.on || !live.here || app.driving) return;
     app.view.x = (app.view.extent.x_min + app.view.extent.x_max) / 2;
     app.view.y = live.here.y + app.view.along / app.view.scale / 2 - BEHIND;
   }

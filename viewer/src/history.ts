@@ -11,7 +11,6 @@ export interface LiveAlarm {
   magnitude: number | null;
   scans: number | null;
   final: boolean;
-  inTime: boolean | null;
   /** Probability that it is a target, now and, with 80 %, after the next look; whether that is worth waiting for. */
   p: number | null;
   next: [number, number] | null;

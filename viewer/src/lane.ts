@@ -5,7 +5,7 @@ import { CanvasPen, type Pen } from "./pen";
 import type { Choice, Source } from "./types";
 import { ticks, View, type Box } from "./view";
 
-const MARGIN = { left: 46, right: 52, barless: 10, top: 8, bottom: 34 };
+const MARGIN = { left: 46, right: 52, top: 8, bottom: 34 };
 const MOST_PAINTED = 160;
 
 interface Palette { text: string; axis: string; paper: string; unseen: string }
@@ -20,6 +20,8 @@ export class Picture {
   private readonly holed = new WeakSet<HTMLCanvasElement>();
   /** Whether a tile that was painted has ground that no scan has seen. */
   gaps = false;
+  /** Whether ground that no scan has seen is striped. */
+  striped = true;
 
   constructor(
     private readonly sources: Source[],
@@ -40,13 +42,12 @@ export class Picture {
     for (const tile of tiles) for (const turned of [true, false]) this.painted.delete(`${source}/${layer}/0/${tile}/${turned}`);
   }
 
-  /** Where the picture lies on a canvas; on the driver's screen no colour bar stands beside it. */
-  static box(width: number, height: number, barred = true): Box {
-    const right = barred ? MARGIN.right : MARGIN.barless;
+  /** Where the picture lies on a canvas. */
+  static box(width: number, height: number): Box {
     return {
       left: MARGIN.left,
       top: MARGIN.top,
-      width: Math.max(width - MARGIN.left - right, 10),
+      width: Math.max(width - MARGIN.left - MARGIN.right, 10),
       height: Math.max(height - MARGIN.top - MARGIN.bottom, 10),
     };
   }
@@ -102,6 +103,7 @@ export class Picture {
     const to = Math.min(Math.floor((high - first) / step / index.tile_rows), Math.ceil(rows / index.tile_rows) - 1);
     context.imageSmoothingEnabled = smooth || step * view.scale < 0.99;
     context.imageSmoothingQuality = "medium";
+    const isStored = index.layers[number]!.levels[level]!.file !== "";
     let whole = true;
     if (backdrop) {
       let missing = false;
@@ -110,9 +112,9 @@ export class Picture {
       if (!missing) return true;
     }
     for (let tile = from; tile <= to; tile++) {
-      const data = this.tiles.get(source, number, level, tile);
+      const data = this.tile(source, number, level, tile);
       if (!data) {
-        whole = false;
+        whole &&= !isStored;
         continue;
       }
       const bitmap = this.paint(`${source}/${number}/${level}/${tile}`, data, grid.nx, table);
@@ -122,10 +124,16 @@ export class Picture {
       const b = view.toScreen(grid.x + (grid.nx - 0.5) * grid.dx, end);
       const [left, right] = [Math.round(Math.min(a[0], b[0])), Math.round(Math.max(a[0], b[0]))];
       const [top, bottom] = [Math.round(Math.min(a[1], b[1])), Math.round(Math.max(a[1], b[1]))];
-      if (this.holed.has(bitmap)) this.hatch(context, view.toScreen(grid.x - grid.dx / 2, start), view.toScreen(grid.x + (grid.nx - 0.5) * grid.dx, Math.min(end, first + rows * step)));
+      if (this.striped && this.holed.has(bitmap)) this.hatch(context, view.toScreen(grid.x - grid.dx / 2, start), view.toScreen(grid.x + (grid.nx - 0.5) * grid.dx, Math.min(end, first + rows * step)));
       context.drawImage(bitmap, left, top, Math.max(right - left, 1), Math.max(bottom - top, 1));
     }
     return whole;
+  }
+
+  /** A tile, asked for where it lies in a file: those of a live run come by its events alone. */
+  private tile(source: number, layer: number, level: number, tile: number): Uint16Array | null {
+    const isStored = this.sources[source]!.index.layers[layer]!.levels[level]!.file !== "";
+    return isStored ? this.tiles.get(source, layer, level, tile) : this.tiles.peek(source, layer, level, tile);
   }
 
   /** Fill the ground between two corners with stripes: what is drawn over it has holes. */
@@ -220,7 +228,7 @@ export class Picture {
     context.clip();
     context.imageSmoothingEnabled = true;
     for (let tile = 0; tile * source.index.tile_rows < layer.levels[level]!.rows; tile++) {
-      const data = this.tiles.get(choice.source, number, level, tile);
+      const data = this.tile(choice.source, number, level, tile);
       if (!data) continue;
       const bitmap = this.paint(`${choice.source}/${number}/${level}/${tile}`, data, grid.nx, this.table(layer.percentiles["50"] ?? 0));
       const [from, rows] = [tile * source.index.tile_rows * scale, (data.length / grid.nx) * scale];

@@ -1,5 +1,6 @@
 import { getJson } from "./data";
 import { el, fixed, make } from "./dom";
+import { counts, instruct, type Instruction, type Numbers, type Place } from "./instruct";
 import { History, type LiveAlarm, type LiveRows, type Moment } from "./history";
 import type { Detection, Georeference, Grid, Lane } from "./types";
 
@@ -20,8 +21,6 @@ interface Event {
   magnitude?: number;
   scans?: number;
   left_m?: number;
-  in_time?: boolean;
-  margin_m?: number;
   p?: number;
   next_p?: number[];
   wait?: boolean;
@@ -75,7 +74,14 @@ export const LABELLED = 8;
 const POLL = 200;
 /** A request that hangs is given up after so long, ms. */
 const PATIENCE = 2000;
+const NUMBERS = ["reaction", "deceleration", "warning", "clearance", "width", "tyre", "front", "axle", "walk"] as const;
+/** Looks at a place that an alarm needs, beyond the first: ground that fewer scans have seen is not yet searched. */
+const LOOKS = 2;
+/** The time between two updates that is reckoned with until the radar's rhythm is known, s. */
+const UPDATE = 0.75;
 const OLDEST = 3600; // s, that a scan may have waited to be read
+/** Intervals from which a rhythm is known. */
+export const FEW = 4;
 /** Time over which the speed is measured, s, and how far apart two scans may lie for it. */
 const [MEASURED, FARTHEST] = [0.9, 3];
 
@@ -106,12 +112,12 @@ export class Live {
   grid: Grid | null = null;
   channel: [string, string] = ["", ""];
   georeference: Georeference | null = null;
-  front = 0;
-  /** Speed as stated and as chosen on the page, m/s; reaction time, s; deceleration, m/s². */
+  /** The table of the vehicle, but for the threshold; null until the run has begun. */
+  vehicle: Record<(typeof NUMBERS)[number], number> | null = null;
+  /** Speed as stated, m/s. */
   stated: number | null = null;
-  chosen: number | null = null;
-  reaction = 1.5;
-  deceleration = 3;
+  /** The one clock of the driver's picture and words: when the page last looked, ms. */
+  moment = performance.now();
   title = "";
   /** On the page's clock, ms: the last answer, the last frame of the radar, the last scan that was of use, the last pose. */
   readonly came = { answer: performance.now(), frame: 0, use: 0, pose: 0 };
@@ -130,7 +136,6 @@ export class Live {
   counts: Record<string, number> = {};
   /** What is said of ground that is unlike that of the model's training; empty where confidences hold. */
   unlike: string[] = [];
-  private told: number | null = null;
   private offset = 0;
   private scans = new Set<number>();
   private bad = 0;
@@ -169,25 +174,69 @@ export class Live {
   }
 
   get speed(): number | null {
-    return this.chosen ?? this.measured ?? this.stated;
+    return this.measured ?? this.stated;
   }
 
-  /** v·t + v²/(2·a), m. */
+  get front(): number {
+    return this.vehicle?.front ?? 0;
+  }
+
+  get numbers(): Numbers | null {
+    return this.vehicle && { ...this.vehicle, threshold: this.least };
+  }
+
+  /** Distance driven from the word to the stand, v·t + v²/(2·a), m. */
   get stopping(): number | null {
-    const { speed } = this;
-    return speed === null ? this.told : speed * this.reaction + speed ** 2 / (2 * this.deceleration);
+    const { speed, vehicle } = this;
+    return speed === null || !vehicle ? null : speed * vehicle.reaction + speed ** 2 / (2 * vehicle.deceleration);
   }
 
-  /** How far ahead of the vehicle's front the run-view reaches, m; not positive where nothing is seen ahead. */
+  /** How far ahead of the vehicle's front ground has been searched, m; not positive where none is. */
   get sight(): number {
-    const { grid, here } = this;
-    if (!grid?.ny || !here) return 0;
-    return (this.distance({ x: here.x, y: grid.y + (grid.ny - 0.5) * grid.dy }) ?? 0) - this.driven;
+    const { grid, here, track } = this;
+    const before = track[track.length - 1 - LOOKS];
+    if (!grid?.ny || !here || !before) return 0;
+    const reach = this.distance({ x: here.x, y: grid.y + (grid.ny - 0.5) * grid.dy }) ?? 0;
+    return reach - Math.hypot(here.x - before.x, here.y - before.y) - this.driven;
   }
 
   /** How far the vehicle has driven since the last pose was taken, m. */
   get driven(): number {
-    return ((this.speed ?? 0) * (performance.now() - this.came.pose)) / 1000;
+    return ((this.speed ?? 0) * Math.max(this.moment - this.came.pose, 0)) / 1000;
+  }
+
+  /** The longest time between two updates of late, s. */
+  get update(): number {
+    return this.rhythm.length < FEW ? UPDATE : Math.max(...this.rhythm) / 1000;
+  }
+
+  /** Where the vehicle is now, straight on from the last pose. */
+  get now(): { x: number; y: number; heading: number } | null {
+    const { here, driven } = this;
+    return here && { x: here.x + driven * Math.sin(here.heading), y: here.y + driven * Math.cos(here.heading), heading: here.heading };
+  }
+
+  /** Where alarms lie from where the vehicle is now; those of positions that hold no more are left out. */
+  places(): Place[] {
+    return this.here ? [...this.alarms.values()].filter(({ id }) => !this.past.has(id)).map((one) => this.place(one, this.driven)) : [];
+  }
+
+  private place(alarm: LiveAlarm, driven: number): Place {
+    return { id: alarm.id, confidence: alarm.confidence, left: (this.distance(alarm) ?? 0) - driven, aside: this.aside(alarm) };
+  }
+
+  /** What would be told of an alarm alone, as of the last scan; null where it does not count. */
+  advice(alarm: LiveAlarm): Instruction | null {
+    const { numbers } = this;
+    const place = this.place(alarm, 0);
+    if (!numbers || !this.here || this.past.has(alarm.id) || !counts(numbers, place)) return null;
+    return instruct(numbers, { blind: false, speed: this.speed, update: this.update, sight: Infinity, alarms: [place], before: "clear" });
+  }
+
+  /** Whether the vehicle must brake for an alarm. */
+  urgent(alarm: LiveAlarm): boolean {
+    const word = this.advice(alarm)?.word;
+    return word === "brake" || word === "stop";
   }
 
   /** Ground distance from the vehicle's front to an alarm along its heading, m; negative once it is passed. */
@@ -201,12 +250,6 @@ export class Live {
   aside(alarm: { x: number; y: number }): number {
     const { here } = this;
     return here ? (alarm.x - here.x) * Math.cos(here.heading) - (alarm.y - here.y) * Math.sin(here.heading) : alarm.x;
-  }
-
-  /** Whether an alarm lies beside a lane whose sides are known. */
-  besideLane(alarm: { x: number; y: number }): boolean {
-    const { lane } = this;
-    return lane !== null && (alarm.x < lane.x_min || alarm.x > lane.x_max);
   }
 
   /** The run as it was known after a scan: this one in all else, threshold and settings of the vehicle included. */
@@ -324,12 +367,10 @@ export class Live {
     if (grid && [grid.x, grid.y, grid.nx, grid.dx, grid.dy].every(number)) this.grid = { ...grid, ny: 0 };
     if (Array.isArray(event.channel)) this.channel = [String(event.channel[0]), String(event.channel[1])];
     this.georeference = event.georeference ?? null;
-    this.front = number(event.vehicle?.front) ? event.vehicle.front : 0;
-    const { speed, reaction, deceleration, stopping_distance: told } = event.vehicle ?? {};
-    this.stated = number(speed) ? speed : null;
-    this.told = number(told) ? told : null;
-    if (number(reaction)) this.reaction = reaction;
-    if (number(deceleration)) this.deceleration = deceleration;
+    const { vehicle = {} } = event;
+    this.stated = number(vehicle["speed"]) ? vehicle["speed"] : null;
+    const values = NUMBERS.map((name) => [name, vehicle[name]] as const);
+    this.vehicle = values.every(([, value]) => number(value)) ? (Object.fromEntries(values) as Live["vehicle"]) : null;
     if (number(event.threshold)) this.wanted = this.least = event.threshold;
     this.handlers.began(this);
   }
@@ -386,7 +427,6 @@ export class Live {
       magnitude: number(event.magnitude) ? event.magnitude : null,
       scans: number(event.scans) ? event.scans : null,
       final: event.state === "final",
-      inTime: typeof event.in_time === "boolean" ? event.in_time : null,
       p: number(event.p) ? event.p : null,
       next: number(event.next_p?.[0]) && number(event.next_p[1]) ? ([event.next_p[0], event.next_p[1]] as [number, number]) : null,
       wait: event.wait === true,
@@ -411,7 +451,7 @@ export class Live {
     const left = this.distance(alarm);
     const aside = this.aside(alarm);
     const place = left === null ? `at y ${fixed(alarm.y, 1)} m` : left > 0 ? `${fixed(left, 1)} metres ahead` : "passed";
-    const late = alarm.inTime === false && left !== null && left > 0 ? ", too near to stop" : "";
+    const late = this.urgent(alarm) ? ", brake" : "";
     const told = [`confidence ${fixed(alarm.confidence, 2)}`, chances(alarm), alarm.wait ? "worth another look" : ""].filter(Boolean).join(", ");
     return `${alarm.id}, ${place}, ${fixed(Math.abs(aside), 1)} metres ${aside < 0 ? "left" : "right"}${late}, ${told}`;
   }
@@ -431,7 +471,11 @@ export class Live {
     if (this.at) parts.push(make("p", { id: "live-then" }, `Gone back to scan ${this.at.scan}: vehicle, alarms and run-view as they were then`));
     const [unlike, ...differences] = this.unlike;
     if (unlike) parts.push(make("p", { id: "live-unlike", title: differences.join("; ") }, make("em", {}, `${unlike.charAt(0).toUpperCase()}${unlike.slice(1)}.`)));
-    if (this.stopping !== null) parts.push(make("p", { class: "soft" }, `Stopping distance ${fixed(this.stopping, 1)} m`));
+    const { vehicle } = this;
+    if (this.stopping !== null && vehicle) {
+      const decide = `reaction ${fixed(vehicle.reaction, 1)} s, ${fixed(vehicle.deceleration, 1)} m/s², ${fixed(this.update, 1)} s between updates, ${fixed(vehicle.clearance, 1)} m kept, ${fixed(vehicle.width, 2)} m wide, rear axle ${fixed(vehicle.front + vehicle.axle, 1)} m behind the front`;
+      parts.push(make("p", { class: "soft", id: "live-stopping", title: decide }, `Stopping distance ${fixed(this.stopping, 1)} m at ${fixed(3.6 * (this.speed ?? 0), 0)} km/h`));
+    }
     const faults = Object.entries(FAULTS).flatMap(([name, what]) => (this.counts[name] ? [`${this.counts[name]} ${what}`] : []));
     if (faults.length) parts.push(make("p", { id: "live-faults", class: "soft", title: this.problem }, `Scans: ${faults.join(", ")}`));
     if (this.found.size) parts.push(make("p", { id: "live-health", class: "soft", title: this.problem }, `Radar: ${[...this.found].join(", ")}`));
@@ -440,11 +484,12 @@ export class Live {
     for (const { alarm, left } of all.slice(0, LISTED)) {
       const aside = this.aside(alarm);
       const far = `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}`;
-      const stop = alarm.inTime === false ? [make("em", {}, " too near")] : [];
+      const urgent = this.urgent(alarm);
+      const stop = urgent ? [make("em", {}, " brake")] : [];
       const again = alarm.wait ? [make("small", { class: "again", title: "another look is worth waiting for" }, " wait")] : [];
       const told = alarm.p === null ? [fixed(alarm.confidence, 2)] : [make("small", { title: "probability now, and with 80 % after the next look" }, percents(alarm)), ...again];
       const place = make("span", {}, make("b", {}, `${fixed(left, 1)} m`), ` ahead: ${alarm.id}, ${far}`, ...stop);
-      list.append(make("li", { class: alarm.inTime === false ? "late" : "", "aria-label": this.words(alarm) }, place, make("span", {}, ...told)));
+      list.append(make("li", { class: urgent ? "late" : "", "aria-label": this.words(alarm) }, place, make("span", {}, ...told)));
     }
     if (all.length > LISTED) list.append(make("li", {}, `and ${all.length - LISTED} more`));
     parts.push(list);

@@ -106,6 +106,7 @@ interface Session {
   results: string[];
   identities: string[];
   live: boolean;
+  answers: boolean;
   raw: boolean;
   map: boolean;
   verdicts: string | null;
@@ -143,7 +144,7 @@ async function start(): Promise<void> {
   listenToPointer(app);
   listenToKeys(app);
   if (live) {
-    const drive = new Drive(app, live);
+    const drive = new Drive(app, live, session.answers);
     if (!session.results.length) drive.show(true);
     live.start();
   }

@@ -179,7 +179,7 @@ function drawVehicle(pen: Pen, view: View, live: Live): void {
   drawScan(pen, view, here.x, here.y, here.heading, false);
 }
 
-/** Draw what a live run adds to its alarms: octagons about those that are too near, and distances. */
+/** Draw what a live run adds to its alarms: octagons about those to brake for, and distances. */
 function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
   const own = overlay.detection?.name === "live";
   const labelled = new Set(live.ahead(live.least).slice(0, live.labelled).map(({ alarm }) => alarm.id));
@@ -187,16 +187,14 @@ function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
     const [px, py] = view.toScreen(alarm.x, alarm.y);
     if (!overlay.show.alarms || alarm.confidence < live.least || !inBox(view, px, py)) continue;
     const left = live.distance(alarm);
-    const ahead = left !== null && left > 0;
     if (!own) drawAlarm(pen, px, py, "plain");
-    const tooNear = ahead && (live.stopping === null ? alarm.inTime === false : left < live.stopping);
-    const late = tooNear && !live.besideLane(alarm);
+    const late = live.urgent(alarm);
     if (late) drawLate(pen, px, py);
     if (left !== null && labelled.has(alarm.id)) pen.text(px + 11, py - 8, `${fixed(left, 1)} m`, { fill: late ? "#ffd2c4" : "#ffffff", halo: SHADOW, size: 11, bold: late });
   }
 }
 
-/** An alarm that the vehicle cannot stop before: an octagon about its ring. */
+/** An alarm that the vehicle must brake for: an octagon about its ring. */
 function drawLate(pen: Pen, x: number, y: number): void {
   const corners = Array.from({ length: 8 }, (_, i): [number, number] => [x + 11 * Math.cos(((i + 0.5) * Math.PI) / 4), y + 11 * Math.sin(((i + 0.5) * Math.PI) / 4)]);
   pen.path(corners, true, { stroke: SHADOW, width: 4.5 });
@@ -280,7 +278,7 @@ export function showLegend(list: HTMLElement, overlay: Overlay): void {
   for (const label of ["plain", "detection", "false", "ignored", "outside"]) if (labels.has(label)) add(short[label]!, (pen) => drawAlarm(pen, 10, 10, label, 5.5));
   if (overlay.groups) add("so many alarms", (pen) => drawGroup(pen, 10, 10, ["plain", "plain", "plain"]));
   if (overlay.groups && labels.has("detection")) add("a hit among them", (pen) => drawGroup(pen, 10, 10, ["plain", "detection"]));
-  if (overlay.live && overlay.live.stopping !== null) add("too near to stop", (pen) => drawLate(pen, 10, 10));
+  if (overlay.live && overlay.live.stopping !== null) add("brake or stop", (pen) => drawLate(pen, 10, 10));
   if (second) add("alarm of B", (pen) => drawAlarm(pen, 10, 10, "plain", 5, true));
   const score = overlay.show.truth ? source.score : null;
   for (const kind of score?.kinds ?? []) add(kind, (pen) => drawTarget(pen, 10, 10, kind, 0.4, false));

@@ -1,3 +1,6 @@
+import { fixed } from "./dom";
+import type { Instruction } from "./instruct";
+
 /** Tones of the driver's screen: off until they are switched on, for a browser lets no page sound before it is touched. */
 export class Sound {
   on = false;
@@ -26,5 +29,38 @@ export class Sound {
     tone.connect(gain).connect(context.destination);
     tone.start(start);
     tone.stop(start + length);
+  }
+}
+
+const SPOKEN = { clear: "Clear", slow: "Slow", brake: "Brake", stop: "Stop", over: "Over an alarm" };
+/** A lower speed is said again once it has fallen by so much, km/h. */
+const FALLEN = 3;
+
+/** The instruction as speech, by the browser's own voice: off until it is switched on. */
+export class Voice {
+  on = false;
+  private said: Instruction | null = null;
+
+  get exists(): boolean {
+    return "speechSynthesis" in window;
+  }
+
+  toggle(): void {
+    this.on = !this.on;
+    this.said = null;
+    if (!this.on) speechSynthesis.cancel();
+  }
+
+  /** Say an instruction that is new, in the place of what is being said. */
+  say(instruction: Instruction): void {
+    const { said } = this;
+    const isLower = instruction.word === "slow" && (said?.atMost ?? 0) - (instruction.atMost ?? 0) >= FALLEN;
+    if (!this.on || (said?.word === instruction.word && !isLower)) return;
+    this.said = instruction;
+    const most = instruction.word === "slow" && instruction.atMost !== null ? `. At most ${fixed(instruction.atMost, 0)}` : "";
+    speechSynthesis.cancel();
+    const words = new SpeechSynthesisUtterance(SPOKEN[instruction.word] + most);
+    words.lang = "en";
+    speechSynthesis.speak(words);
   }
 }

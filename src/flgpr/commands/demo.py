@@ -34,6 +34,7 @@ LIVE = Annotated[
     bool, Option("--live", help="Show a recorded drive of half a minute on the driver's screen.")
 ]
 _REPORT = "report"  # the last step of the demo
+_RATE = 2.25  # scans/s, a metre each: a speed at which the driver's screen says all its words
 _PAUSE = 5.0  # s between the end of the drive and its beginning anew
 
 
@@ -85,7 +86,7 @@ def _show_drive(opens: bool) -> None:
     from flgpr.store import read_table, sample_drive
 
     mines = len(read_table(sample_drive() / "truth.csv", "truth"))
-    say(f"A drive at 15 km/h on a simulated road with {mines} mines, as flgpr live recorded it.")
+    say(f"A drive at 8 km/h on a simulated road with {mines} mines, as flgpr live recorded it.")
     say("It begins anew when it is over; Ctrl-C ends it.")
     stop = threading.Event()
     with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
@@ -94,7 +95,7 @@ def _show_drive(opens: bool) -> None:
         )
         player.start()
         try:
-            viewer.serve([], open_browser=opens, live=folder, announce=say)
+            viewer.serve([], open_browser=opens, live=folder, announce=say, answers=True)
         finally:
             stop.set()
             player.join()
@@ -119,7 +120,7 @@ def play_drive(
     from flgpr.live.recording import play_recording
 
     while not stop.is_set():
-        play_recording(recording, folder, wait=stop.wait)
+        play_recording(recording, folder, _RATE, stop.wait)
         stop.wait(pause)
 
 

@@ -69,7 +69,7 @@ def _page(call: Arguments) -> Iterator[None]:
     if not call.view:
         yield
         return
-    command = [sys.executable, "-m", "flgpr", "view", "--live", str(call.output)]
+    command = [sys.executable, "-m", "flgpr", "view", "--live", str(call.output), "--answers"]
     if call.no_browser:
         command.append("--no-browser")
     # In a session of its own an interrupt on the terminal reaches the detection alone.
@@ -118,8 +118,8 @@ def _print_event(line: str) -> None:
         "Where scans come from": ("socket", "tcp", "secret_file", "rate"),
         "Recipe and lane": ("recipe", "model", "lane", "anchor"),
         "Detection": ("looks", "warm_up", "span", "worth"),
-        "Vehicle": ("speed", "reaction", "deceleration", "front"),
-        "Page": ("view", "no_browser", "threshold"),
+        "Vehicle": ("speed", "threshold", "reaction", "deceleration", "front"),
+        "Page": ("view", "no_browser"),
     },
     compiles_kernels=True,
 )
@@ -144,9 +144,17 @@ def live(
         float | None,
         Option(help="Speed of the vehicle, km/h: alarms then state whether it can stop."),
     ] = None,
-    reaction: Annotated[float, Option(help="Time until the brakes hold, s.")] = 1.5,
-    deceleration: Annotated[float, Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
-    front: Annotated[float, Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
+    reaction: Annotated[
+        float | None, Option(help="Time until the brakes hold, s; default the recipe's.")
+    ] = None,
+    deceleration: Annotated[
+        float | None,
+        Option(help="Deceleration of the braking vehicle, m/s²; default the recipe's."),
+    ] = None,
+    front: Annotated[
+        float | None,
+        Option(help="Vehicle's foremost point ahead of the array, m; default the recipe's."),
+    ] = None,
     looks: Annotated[int, Option(help="Scans that must have seen a point before an alarm.")] = 3,
     warm_up: Annotated[
         int,
@@ -158,7 +166,8 @@ def live(
     snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
     idle: Annotated[float | None, Option(help="End after this time without a scan, s.")] = None,
     threshold: Annotated[
-        float | None, Option(help="Confidence from which the page shows alarms; default all.")
+        float | None,
+        Option(help="Confidence from which an alarm counts; default the recipe's, else all."),
     ] = None,
     rate: Annotated[
         float | None,
@@ -196,7 +205,8 @@ def live(
     from flgpr.live.detector import LiveSettings
     from flgpr.live.options import LiveOptions
     from flgpr.live.session import LIVE_RECORDING, LiveRun
-    from flgpr.live.vehicle import Vehicle
+    from flgpr.model.vehicle import Vehicle
+    from flgpr.recipe.schema import load_recipe
     from flgpr.store.extras import optional
 
     if mcap:
@@ -206,7 +216,16 @@ def live(
         from flgpr.commands.recorded import read_recorded
 
         played = read_recorded(incoming, anchor)
-    metres_per_second = None if speed is None else speed / 3.6
+    if speed is not None and not 0 < speed < 360:
+        raise ValueError(f"speed must lie between 0 and 360 km/h, got {speed:g}")
+    vehicle = Vehicle() if recipe is None else load_recipe(recipe).vehicle
+    vehicle = vehicle.changed(
+        speed=None if speed is None else speed / 3.6,
+        reaction=reaction,
+        deceleration=deceleration,
+        front=front,
+        threshold=threshold,
+    )
     options = LiveOptions(
         recipe=recipe,
         output=output,
@@ -216,10 +235,9 @@ def live(
         lane=lane,
         anchor=anchor,
         settings=LiveSettings(looks, warm_up, span),
-        vehicle=Vehicle(metres_per_second, reaction, deceleration, front),
+        vehicle=vehicle,
         snapshot=snapshot,
         idle=idle,
-        threshold=threshold,
         fresh=fresh,
         worth=worth,
         tcp=tcp,

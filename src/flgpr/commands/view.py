@@ -16,7 +16,7 @@ from flgpr.commands.shell import command
 @command(
     quiet=False,
     panels={
-        "What is shown": ("live", "anchor", "backdrop", "verdicts"),
+        "What is shown": ("live", "answers", "anchor", "backdrop", "verdicts"),
         "Server": ("port", "host", "allow_remote", "no_browser"),
     },
 )
@@ -37,6 +37,12 @@ def view(
     live: Annotated[
         PathLike | None, Option(help="JSON lines of a live detection to follow.")
     ] = None,
+    answers: Annotated[
+        bool,
+        Option(
+            "--answers", help="With --live: keep what the driver answers to alarms in its folder."
+        ),
+    ] = False,
     anchor: AnchorOption = None,
     backdrop: Annotated[
         PathLike | None,
@@ -49,7 +55,7 @@ def view(
 ) -> None:
     """Show results in the browser, on this machine.
 
-    Nothing is written, except with --verdicts.
+    Nothing is written, except with --verdicts and --answers.
 
     Raises
     ------
@@ -77,6 +83,7 @@ def view(
         backdrop=backdrop,
         verdicts=verdicts,
         make_map=map_bytes,
+        answers=answers,
     )
 
 

@@ -13,8 +13,8 @@ from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import AlarmEvent, Event
 from flgpr.live.events import add_places_on_earth, alarm_event, as_line
 from flgpr.live.forecast import Forecast, forecast_event
-from flgpr.live.options import LiveOptions
 from flgpr.live.updates import LiveAlarm, LiveUpdate
+from flgpr.model.vehicle import Vehicle
 
 
 class AlarmReporter:
@@ -22,14 +22,17 @@ class AlarmReporter:
 
     Parameters
     ----------
-    options : LiveOptions
-        Vehicle, threshold and worth of waiting.
+    vehicle : Vehicle
+        Speed, brakes, front and threshold.
+    worth : float
+        Probability of another decision from which waiting is worth it.
     send_line : callable
         Called with the line of every event.
     """
 
-    def __init__(self, options: LiveOptions, send_line: Callable[[str], None]) -> None:
-        self._options = options
+    def __init__(self, vehicle: Vehicle, worth: float, send_line: Callable[[str], None]) -> None:
+        self._vehicle = vehicle
+        self._worth = worth
         self._send_line = send_line
         self.forecast: Forecast | None = None  #: what the model has learnt of further looks
         self.anchor: Anchor | None = None  #: what ties the lane to the Earth
@@ -106,14 +109,13 @@ class AlarmReporter:
         detector: LiveDetector,
     ) -> AlarmEvent:
         """Return an alarm's event, with a forecast where the model has one."""
-        options = self._options
-        event = alarm_event(alarm, scan, pose, options.vehicle, latency)
+        event = alarm_event(alarm, scan, pose, self._vehicle, latency)
         if detector.ground is not None and detector.ground.unlike:
             event["unlike"] = True
         if self.forecast is None:
             return event
-        threshold = 0.0 if options.threshold is None else options.threshold
+        threshold = self._vehicle.threshold or 0.0
         entries = forecast_event(
-            self.forecast, detector, alarm, event.get("margin_m"), threshold, options.worth
+            self.forecast, detector, alarm, event.get("margin_m"), threshold, self._worth
         )
         return {**event, **entries}

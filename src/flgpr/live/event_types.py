@@ -51,11 +51,18 @@ class ViewGrid(TypedDict):
 class VehicleEntries(TypedDict):
     """The vehicle and its brakes."""
 
-    speed: float | None  #: m/s; null where no stopping distance is asked for
-    reaction: float  #: time from the alarm to brakes that hold, s
+    speed: float | None  #: m/s; null where none is stated
+    reaction: float  #: time from the word to brakes that hold, s
     deceleration: float  #: m/s²
     front: float  #: how far the vehicle's front lies ahead of the array's reference point, m
     stopping_distance: float | None  #: m; null without a speed
+    # Runs of versions before 2026-11-28 lack these.
+    warning: NotRequired[float]  #: time from a word of caution to the word to brake, s
+    clearance: NotRequired[float]  #: kept between vehicle and alarm on all sides, m
+    width: NotRequired[float]  #: of the vehicle, m
+    tyre: NotRequired[float]  #: width of a wheel, m
+    axle: NotRequired[float]  #: how far the rear axle lies behind the reference point, m
+    walk: NotRequired[float]  #: speed while no ground has been seen ahead, m/s
 
 
 class StartEvent(TypedDict):
@@ -70,7 +77,7 @@ class StartEvent(TypedDict):
         list[str], Field(min_length=2, max_length=2)
     ]  #: polarization and sub-band of the run-view
     georeference: Any  #: what ties the lane to the Earth; null where nothing does
-    threshold: float | None  #: confidence from which the page shows alarms; null shows all
+    threshold: float | None  #: confidence from which an alarm counts; null: all count
     vehicle: VehicleEntries
 
 

@@ -37,11 +37,11 @@ from flgpr.live.event_types import (
     ViewEvent,
 )
 from flgpr.live.updates import LiveAlarm, LiveUpdate, SettledOutcome
-from flgpr.live.vehicle import Vehicle
 from flgpr.method.look_samples import decibels
 from flgpr.method.unlike import Comparison
 from flgpr.model.plausible import MotionStep
 from flgpr.model.printable import text_bytes
+from flgpr.model.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -170,7 +170,6 @@ def start_event(
     title: str,
     detector: LiveDetector,
     georeference: Any,
-    threshold: float | None,
     vehicle: Vehicle,
 ) -> StartEvent:
     """Return the event that detection starts.
@@ -183,10 +182,8 @@ def start_event(
         The detector, with its recipe, lane and grid.
     georeference : dict or None
         Where the lane lies on Earth.
-    threshold : float or None
-        Confidence from which on alarms are shown.
     vehicle : Vehicle
-        Speed, brakes and front.
+        What the driver's screen decides by.
 
     Returns
     -------
@@ -195,7 +192,8 @@ def start_event(
     """
     screen = detector.recipe.prescreen
     lane = detector.lane
-    stated_vehicle = asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance}
+    stated_vehicle = vehicle.model_dump(exclude={"threshold"})
+    stated_vehicle["stopping_distance"] = vehicle.stopping_distance
     return {
         "event": "start",
         "title": title,
@@ -204,7 +202,7 @@ def start_event(
         "grid": detector.view_grid(),
         "channel": [screen.polarization, screen.subband],
         "georeference": georeference,
-        "threshold": threshold,
+        "threshold": vehicle.threshold,
         "vehicle": cast(VehicleEntries, stated_vehicle),
     }
 

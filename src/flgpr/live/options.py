@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from flgpr.live.detector import LiveSettings
 from flgpr.live.sockets import check_unix_sockets
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 
 PathLike = str | Path
 
@@ -34,10 +33,9 @@ class LiveOptions:
     lane: PathLike | None = None  #: TOML of the lane
     anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
     settings: LiveSettings = field(default_factory=LiveSettings)
-    vehicle: Vehicle = field(default_factory=Vehicle)
+    vehicle: Vehicle | None = None  #: what decides what the driver is told; None is the recipe's
     snapshot: int = 20  #: a snapshot is written after that many scans; 0 writes only the last
     idle: float | None = None  #: end after so many seconds without a scan
-    threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
     #: an alarm advises to wait for the next look if that changes the decision with at least this
     #: probability
@@ -63,8 +61,6 @@ class LiveOptions:
             check_unix_sockets(Path(self.socket))
         if self.rate is not None and self.played is None:
             raise ValueError(f"rate goes with a recording that is played, got {self.rate:g}")
-        if self.threshold is not None and not np.isfinite(self.threshold):
-            raise ValueError(f"threshold must be finite, got {self.threshold}")
         if not 0 <= self.worth <= 1:
             raise ValueError(f"worth must be a probability, 0 to 1, got {self.worth}")
         if self.snapshot < 0:

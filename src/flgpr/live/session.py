@@ -73,6 +73,7 @@ from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
 from flgpr.model import Lane
+from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 from flgpr.store import (
@@ -86,6 +87,7 @@ from flgpr.store import (
     read_lane,
     sha256,
 )
+from flgpr.store.answers import ANSWER_FILE, drop_answers
 from flgpr.store.files import PARTIAL, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
@@ -124,7 +126,9 @@ class LiveRun:
         self._secret = None if options.tcp is None else live_secret(options.secret_file)
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
-        self._alarms = AlarmReporter(options, tell)
+        #: what the driver is told by
+        self.vehicle = options.vehicle or _recipe_vehicle(options)
+        self._alarms = AlarmReporter(self.vehicle, options.worth, tell)
         digest = ""
         self._model = Model()
         if options.model is not None:
@@ -219,6 +223,12 @@ class LiveRun:
         if options.played is not None:
             sources.append(RunPlayer(options.played, self.inbox, options.rate, known))
         new_events = snapshot is None
+        if new_events:
+            dropped = drop_answers(self.output)
+            if dropped:
+                log_note(
+                    f"{dropped} answers of drivers to the run before are removed: it begins anew"
+                )
         with (
             EventFile(self.output / EVENT_FILE, new_events) as events,
             SnapshotWriter(path) as writer,
@@ -489,10 +499,7 @@ class LiveRun:
         anchor = self._alarms.anchor
         if self.options.anchor is not None and anchor is not None:
             reference = anchor.georeference()
-        options = self.options
-        return start_event(
-            description.title, detector, reference, options.threshold, options.vehicle
-        )
+        return start_event(description.title, detector, reference, self.vehicle)
 
     def _snapshot(self) -> Snapshot:
         """Return the state of detector and intake."""
@@ -548,6 +555,13 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
         detector.add(Scan(number, float("nan"), pose, signal))
 
 
+def _recipe_vehicle(options: LiveOptions) -> Vehicle:
+    """Return the vehicle of the given recipe; of a recipe made for the run, the default one."""
+    if options.recipe is None:
+        return Vehicle()
+    return parse_recipe(recipe_text(options.recipe), str(options.recipe)).vehicle
+
+
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
@@ -564,7 +578,7 @@ def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
 
 def _check_output(folder: Path) -> None:
     """Refuse a folder that holds anything but the files of a live run, or links."""
-    known = {EVENT_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
+    known = {EVENT_FILE, ANSWER_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
     known |= {name + PARTIAL for name in known}  # of a process that was killed
     known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
     refuse_links(folder)

@@ -18,6 +18,7 @@ from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.faults import describe_fault, listed_faults, no_preset
 from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
+from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.tables import (
     BackgroundTable,
     ContrastTable,
@@ -60,7 +61,7 @@ class Recipe(Table):
 
     Where no detector was trained, ``confidence`` ranks the alarms: their local contrast, the
     magnitude, or a column of a features stage. ``motion`` are the limits of the vehicle, by which
-    wrong poses are found.
+    wrong poses are found; ``vehicle`` decides what its driver is told, and no result depends on it.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Recipe(Table):
     score: ScoreTable
     lane: LaneTable | None = None
     motion: MotionLimits = MotionLimits()
+    vehicle: Vehicle = Vehicle()
     clutter: tuple[ClutterNamed, ...] = ()
     map: MapNamed | None = None
     screen: ScreenNamed | None = None

@@ -1,6 +1,7 @@
 """The viewer's server.
 
-Local by default, and read-only except for a file of verdicts where one is given.
+Local by default, and read-only except for a file of verdicts where one is given, and for a driver's
+answers where they are asked for.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from starlette.routing import Route
 
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
+from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket
@@ -47,6 +49,7 @@ STATIC = {
     "icon.svg": ("icon.svg", "image/svg+xml"),
 }
 VERDICTS_PATH = "/data/verdicts.json"
+ANSWERS_PATH = "/data/answers"
 _JSON = "application/json"
 _BYTES = "application/octet-stream"
 
@@ -164,8 +167,13 @@ class Viewer:
         self._socket = listening_socket(host, port)
         self.host = host
         self.port = int(self._socket.getsockname()[1])
-        puts = () if self._verdicts is None else (VERDICTS_PATH,)
-        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts, framed)
+        #: paths that the page may write to, which the guard looks at with every request
+        self._puts = set[str]()
+        if self._verdicts is not None:
+            self._puts.add(VERDICTS_PATH)
+        app = Guard(
+            Starlette(routes=self._routes()), self.token, host, self.port, self._puts, framed
+        )
         self._server = LimitedServer(LimitedConfig(app, fit_to_process(self.limits)))
 
     @property
@@ -175,6 +183,19 @@ class Viewer:
         if ":" in host:
             host = f"[{host}]"
         return f"http://{host}:{self.port}/{self.token}/"
+
+    def keep_answers(self) -> None:
+        """Let the page add a driver's answers to the log of the live run.
+
+        Raises
+        ------
+        ValueError
+            If there is no live run; the viewer listens no more then.
+        """
+        if self._live is None:
+            self._socket.close()
+            raise ValueError("answers need a live run that they are of, got none")
+        self._puts.add(ANSWERS_PATH)
 
     def run(self) -> None:
         """Serve until :meth:`stop` or an interrupt."""
@@ -233,6 +254,9 @@ class Viewer:
         if self._verdicts is not None:
             endpoint = self._of_verdicts(self._verdicts)
             routes.append(Route(VERDICTS_PATH, endpoint, methods=["GET", "PUT"]))
+        if self._live is not None:
+            endpoint = self._to_answers(self._live.folder)
+            routes.append(Route(ANSWERS_PATH, endpoint, methods=["PUT"]))
         return routes
 
     def _session(self, request: Request) -> Response:  # noqa: ARG002
@@ -244,6 +268,7 @@ class Viewer:
         session: dict[str, Any] = {
             "results": [source.title for source in self._sources],
             "live": self._live is not None,
+            "answers": ANSWERS_PATH in self._puts,
             "georeference": self._georeference,
             "verdicts": None if self._verdicts is None else self._verdicts.path.name,
             "identities": identities,
@@ -324,18 +349,34 @@ class Viewer:
             try:
                 if request.method != "PUT":
                     return _json_answer(await run_in_threadpool(file.read))
-                # Counted while it arrives: what a header states of its length proves nothing.
-                body = bytearray()
-                async for chunk in request.stream():
-                    body += chunk
-                    if len(body) > MOST_VERDICT_BYTES:
-                        return _refusal("verdicts are too large", 413)
-                return _json_answer(await run_in_threadpool(file.write, bytes(body)))
+                body = await _body(request, MOST_VERDICT_BYTES)
+                if body is None:
+                    return _refusal("verdicts are too large", 413)
+                return _json_answer(await run_in_threadpool(file.write, body))
             except ClientDisconnect:  # nobody reads the answer, and nothing is written
                 return Response(status_code=408)
             except (ValueError, OSError, RecursionError) as error:
                 prefix = "verdicts are not saved: " if request.method == "PUT" else ""
                 return _refusal(f"{prefix}{error}", 409)
+
+        return answer
+
+    def _to_answers(self, folder: Path) -> Endpoint:
+        """Return an endpoint that adds a driver's answer to the log of a live run.
+
+        One that breaks a rule is answered with the reason, and nothing is written.
+        """
+
+        async def answer(request: Request) -> Response:
+            try:
+                body = await _body(request, MOST_ANSWER_BYTES)
+                if body is None:
+                    return _refusal("answer is too large", 413)
+                return _json_answer(await run_in_threadpool(add_answer, folder, body))
+            except ClientDisconnect:  # nobody reads the answer, and nothing is written
+                return Response(status_code=408)
+            except (ValueError, OSError, RecursionError) as error:
+                return _refusal(f"answer is not kept: {error}", 409)
 
         return answer
 
@@ -358,6 +399,7 @@ def serve(
     score: str | Path | None = None,
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
+    answers: bool = False,
     **options: Any,
 ) -> None:
     """Show results in the browser until interrupted.
@@ -372,11 +414,15 @@ def serve(
         Whether to open the page in the browser.
     announce : callable
         Called with the address of the page.
+    answers : bool
+        Whether the page may add a driver's answers to the log of the live run.
     **options
         Further options of :class:`Viewer`.
     """
     path_list = [paths] if isinstance(paths, str | Path) else list(paths)
     viewer = Viewer(path_list, host, port, allow_remote, live, score, anchor, **options)
+    if answers:
+        viewer.keep_answers()
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
@@ -419,6 +465,19 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
             )
 
     return answer
+
+
+async def _body(request: Request, most: int) -> bytes | None:
+    """Return the body of a request; None if it has more than so many bytes.
+
+    It is counted while it arrives: what a header states of its length proves nothing.
+    """
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > most:
+            return None
+    return bytes(body)
 
 
 def _static(name: str) -> Callable[[Request], Response]:

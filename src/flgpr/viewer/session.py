@@ -18,6 +18,7 @@ import numpy as np
 from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
 from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.json_text import parse_json
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import (
     MOST_VERDICT_BYTES,
     check_verdicts,
@@ -338,7 +339,7 @@ class LiveFile:
             except ValueError:
                 event = None
             if isinstance(event, dict):
-                events.append(event)
+                events.append(_with_whole_vehicle(event))
             else:
                 bad += bool(line.strip())
         return {
@@ -350,6 +351,17 @@ class LiveFile:
             "age": round(age, 3),
             "now": round(time.time(), 3),
         }
+
+
+def _with_whole_vehicle(event: dict[str, Any]) -> dict[str, Any]:
+    """Return an event; that of the start of an older run has the defaults of what it does not say.
+
+    Runs of before 2026-11-28 state fewer numbers of their vehicle, and the page has none of its own.
+    """
+    if event.get("event") != "start" or not isinstance(event.get("vehicle", {}), dict):
+        return event
+    defaults = Vehicle().model_dump(exclude={"threshold"})
+    return {**event, "vehicle": {**defaults, **event.get("vehicle", {})}}
 
 
 ViewSource = ResultFiles | RunFiles | ScoreFiles

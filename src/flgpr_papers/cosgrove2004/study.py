@@ -107,7 +107,11 @@ def _figures(
 def seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
     """Return the cases of a seed by surroundings and site, or read them if they are on disk."""
     models = folder / "models" if seed == 1 else None
-    path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
+    path = (
+        folder
+        / "lanes"
+        / f"seed-{seed}-{key_of(recipe.model_dump(mode='json', exclude={'vehicle'}))}.json"
+    )
     cases: dict[str, dict[str, Case]] = read_or_make(
         path, lambda: run_seed(recipe, seed, recipe.study.share, models)
     )

@@ -173,7 +173,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
         Thresholds that the results depend on.
     """
     content: dict[str, Any] = {
-        "recipe": recipe.model_dump(mode="json"),
+        "recipe": recipe.model_dump(mode="json", exclude={"vehicle"}),
         "chain": recipe_text("fuse2018"),
         "quick": quick,
         "variants": list(VARIANTS),
