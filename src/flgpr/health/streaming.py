@@ -72,11 +72,15 @@ class LiveHealth:
         self._pose: FloatArray | None = None  # that came last
         self._steps = deque[float](maxlen=32)  # of the vehicle while it drove, m
         self._changes = deque[float](maxlen=32)  # of the data then, dB
-        self._latest: list[tuple[ComplexArray, FloatArray]] = []  # consecutive scans
+        # consecutive scans, with those that are of no use: they keep their place among the poses
+        self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
+        self._looked = 0  # scans that had come when the geometry was looked at last
         self._paths: list[float] = []
         self._differences: dict[str, list[float]] = {name: [] for name in _PAIRED}
 
-    def take(self, signal: ComplexArray, pose: FloatArray | None) -> CheckedScan:
+    def take(
+        self, signal: ComplexArray, pose: FloatArray | None, follows: bool = True
+    ) -> CheckedScan:
         """Take in a scan.
 
         Parameters
@@ -85,6 +89,8 @@ class LiveHealth:
             Its data.
         pose : (6,) ndarray of float, or None
             Its pose, as it came.
+        follows : bool
+            Whether it was measured next after the scan before: none was lost or overtaken.
 
         Returns
         -------
@@ -103,11 +109,20 @@ class LiveHealth:
             found += self._tell(
                 finding("repeated scans", self.sums.repeated).acted("they are left out")
             )
+            self._remember(None, pose, follows)
             return CheckedScan(None, found, repeated=True)
         cleaned = self._cleaned(signal, figures, pairs, gaps, tones)
+        self._remember(cleaned, pose, follows)
         if cleaned is not None:
-            found += self._later(cleaned, pose)
+            found += self._later()
         return CheckedScan(cleaned, found)
+
+    def _remember(
+        self, signal: ComplexArray | None, pose: FloatArray | None, follows: bool
+    ) -> None:
+        """Keep a scan among the latest, as long as they are consecutive."""
+        before = self._latest if follows else []
+        self._latest = [] if pose is None else [*before, (signal, pose)][-_KEPT:]
 
     def _tell(self, one: Finding) -> list[Finding]:
         """Return a finding unless it was told before, of all its pairs or tones."""
@@ -253,14 +268,10 @@ class LiveHealth:
         )
         return gaps, self._tell(one.acted("filled in from the tones beside"))
 
-    def _later(self, signal: ComplexArray, pose: FloatArray | None) -> list[Finding]:
+    def _later(self) -> list[Finding]:
         """Judge what takes more scans: sums, and whether data and poses fit one another."""
         found: list[Finding] = []
         count = self.sums.scans
-        if pose is None:
-            self._latest = []
-        else:
-            self._latest = [*self._latest, (signal, pose)][-_KEPT:]
         if count >= _FIRST_JUDGED and (
             count % _FIRST_JUDGED == 0 and _is_power(count // _FIRST_JUDGED)
         ):
@@ -268,12 +279,14 @@ class LiveHealth:
                 if one.name in ("turned pairs", "noisy tones", "noise", "jitter"):
                     found += self._tell(one)
         every = _EVERY if count < _MANY else 4 * _EVERY
-        if count % every == 0 and len(self._latest) == _KEPT:
-            found += self._geometry()
+        middle = [signal for signal, _ in self._latest[1:3] if signal is not None]
+        if count - self._looked >= every and len(self._latest) == _KEPT and len(middle) == 2:
+            self._looked = count
+            found += self._geometry(middle)
         return found
 
-    def _geometry(self) -> list[Finding]:
-        """Look at two scans of the latest, and judge all that were looked at."""
+    def _geometry(self, middle: list[ComplexArray]) -> list[Finding]:
+        """Look at the two scans in the middle of the latest, and judge all that were looked at."""
         radar = self._radar
         standing = self.sums.standing / np.maximum(self.sums.sweeps, 1)[..., None]
         check = GeometryCheck(
@@ -284,7 +297,6 @@ class LiveHealth:
             standing.astype(np.complex64),
         )
         poses = np.array([pose for _, pose in self._latest])
-        middle = [signal for signal, _ in self._latest[1:3]]
         figures = check.figures([1, 2], middle, poses)
         if np.isfinite(figures.path_db):
             self._paths.append(figures.path_db)
@@ -316,10 +328,12 @@ class LiveHealth:
             "paths": list(self._paths),
             "differences": {name: list(known) for name, known in self._differences.items()},
             "latest": [pose.tolist() for _, pose in self._latest],
+            "looked": self._looked,
         }
         arrays = self.sums.state()
         for place, (signal, _) in enumerate(self._latest):
-            arrays[f"latest{place}"] = signal
+            if signal is not None:
+                arrays[f"latest{place}"] = signal
         return values, arrays
 
     def restore(self, values: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
@@ -334,9 +348,10 @@ class LiveHealth:
         self._changes = deque(values["changes"], maxlen=32)
         self._paths = list(values["paths"])
         self._differences = {name: list(values["differences"][name]) for name in _PAIRED}
+        self._looked = int(values.get("looked", 0))
         self._latest = []
         for place, pose in enumerate(values["latest"]):
-            self._latest.append((arrays[f"latest{place}"], np.array(pose, np.float64)))
+            self._latest.append((arrays.get(f"latest{place}"), np.array(pose, np.float64)))
 
 
 _PAIRED = ("reversed_receivers", "backwards", "late", "early")
