@@ -26,9 +26,11 @@ from flgpr.health.findings import (
 )
 from flgpr.health.geometry import GeometryFigures, Paired
 from flgpr.health.sums import HealthSums
+from flgpr.model import Lane
 from flgpr.model.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
+_BEFORE_LANE = 10.0  # m
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
@@ -151,6 +153,26 @@ def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:
     goes_by = change_db > np.median(change_db[driving]) - MOVING_DB
     share = np.count_nonzero(known & stands & goes_by) / np.count_nonzero(known)
     return [finding("frozen positions", share)] if share > LIMITS["frozen positions"].most else []
+
+
+def judge_course(pose: FloatArray, lane: Lane | None) -> list[Finding]:
+    """Return whether the course lies beside the middle of the lane; nothing without a lane.
+
+    Parameters
+    ----------
+    pose : (scan, 2 or more) ndarray of float
+        Poses, of which x and y are used, m; those just before the lane count, too.
+    lane : Lane or None
+        Ground that is searched.
+    """
+    if lane is None or not len(pose):
+        return []
+    within = (pose[:, 1] > lane.y_min - _BEFORE_LANE) & (pose[:, 1] < lane.y_max)
+    if not within.any():
+        return []
+    aside = abs(float(np.median(pose[within, 0])) - (lane.x_min + lane.x_max) / 2)
+    most = max(LIMITS["course"].most, (lane.x_max - lane.x_min) / 3)
+    return [finding("course", aside)] if aside > most else []
 
 
 def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:

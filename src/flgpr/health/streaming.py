@@ -20,8 +20,16 @@ from flgpr.health.findings import (
     listed,
 )
 from flgpr.health.geometry import GeometryCheck, GeometryFigures, Paired
-from flgpr.health.judging import Radar, judge_geometry, judge_sums, over_alike, tone_names
+from flgpr.health.judging import (
+    Radar,
+    judge_course,
+    judge_geometry,
+    judge_sums,
+    over_alike,
+    tone_names,
+)
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
+from flgpr.model import Lane
 from flgpr.model.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -59,10 +67,16 @@ class LiveHealth:
     ----------
     radar : Radar
         Names and places of channels and tones.
+
+    Attributes
+    ----------
+    lane : Lane or None
+        Ground that is searched; with it the course is compared with its middle.
     """
 
     def __init__(self, radar: Radar) -> None:
         self._radar = radar
+        self.lane: Lane | None = None
         shape = (len(radar.polarizations), len(radar.tx_position), radar.frequency.size)
         self.sums = HealthSums(shape)
         self._told: dict[str, set[int]] = {}  # by name, of which pairs or tones
@@ -70,10 +84,12 @@ class LiveHealth:
         self._quiet = np.zeros(shape[1], np.int64)  # in which it was dead
         self._doubts = 0  # scans in a row without good positions
         self._pose: FloatArray | None = None  # that came last
+        self._places = deque[tuple[float, float]](maxlen=_MANY)  # x and y, m
         self._steps = deque[float](maxlen=32)  # of the vehicle while it drove, m
         self._changes = deque[float](maxlen=32)  # of the data then, dB
         # consecutive scans, with those that are of no use: they keep their place among the poses
         self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
+        self._judged_from = _FIRST_JUDGED  # scans from which on sums are judged next
         self._looked = 0  # scans that had come when the geometry was looked at last
         self._paths: list[float] = []
         self._differences: dict[str, list[float]] = {name: [] for name in _PAIRED}
@@ -153,6 +169,7 @@ class LiveHealth:
             return []
         before = self._pose
         self._pose = pose
+        self._places.append((float(pose[0]), float(pose[1])))
         if before is None:
             self._sure()
             return []
@@ -272,12 +289,15 @@ class LiveHealth:
         """Judge what takes more scans: sums, and whether data and poses fit one another."""
         found: list[Finding] = []
         count = self.sums.scans
-        if count >= _FIRST_JUDGED and (
-            count % _FIRST_JUDGED == 0 and _is_power(count // _FIRST_JUDGED)
-        ):
+        if count >= self._judged_from:  # the scan due for it may have been of no use
+            while self._judged_from <= count:
+                self._judged_from *= 2
             for one in judge_sums(self.sums, self._radar):
                 if one.name in ("turned pairs", "noisy tones", "noise", "jitter"):
                     found += self._tell(one)
+        if len(self._places) >= _FIRST_JUDGED:
+            for one in judge_course(np.array(self._places), self.lane):
+                found += self._tell(one)
         every = _EVERY if count < _MANY else 4 * _EVERY
         middle = [signal for signal, _ in self._latest[1:3] if signal is not None]
         if count - self._looked >= every and len(self._latest) == _KEPT and len(middle) == 2:
@@ -323,12 +343,14 @@ class LiveHealth:
             "quiet": self._quiet.tolist(),
             "doubts": self._doubts,
             "pose": None if self._pose is None else self._pose.tolist(),
+            "places": [list(place) for place in self._places],
             "steps": list(self._steps),
             "changes": list(self._changes),
             "paths": list(self._paths),
             "differences": {name: list(known) for name, known in self._differences.items()},
             "latest": [pose.tolist() for _, pose in self._latest],
             "looked": self._looked,
+            "judged_from": self._judged_from,
         }
         arrays = self.sums.state()
         for place, (signal, _) in enumerate(self._latest):
@@ -344,11 +366,13 @@ class LiveHealth:
         self._quiet = np.array(values["quiet"], np.int64)
         self._doubts = int(values["doubts"])
         self._pose = None if values["pose"] is None else np.array(values["pose"], np.float64)
+        self._places = deque(map(tuple, values.get("places", [])), maxlen=_MANY)
         self._steps = deque(values["steps"], maxlen=32)
         self._changes = deque(values["changes"], maxlen=32)
         self._paths = list(values["paths"])
         self._differences = {name: list(values["differences"][name]) for name in _PAIRED}
         self._looked = int(values.get("looked", 0))
+        self._judged_from = int(values.get("judged_from", _FIRST_JUDGED))
         self._latest = []
         for place, pose in enumerate(values["latest"]):
             self._latest.append((arrays.get(f"latest{place}"), np.array(pose, np.float64)))
@@ -365,11 +389,6 @@ def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
             good = np.isfinite(sweep)
             tones = np.arange(sweep.size)
             sweep[~good] = np.interp(tones[~good], tones[good], sweep[good])
-
-
-def _is_power(number: int) -> bool:
-    """Return whether a number is a power of two."""
-    return number > 0 and number & (number - 1) == 0
 
 
 def _largest(values: FloatArray) -> float:
