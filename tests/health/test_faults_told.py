@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from faulty import FAULTS, PAIRS, TONES, make_drive, with_fault
+from faulty import FAULTS, PAIRS, TONES, disturbed, make_drive, with_fault
 
 from flgpr.health.findings import LIMITS
 from flgpr.health.of_run import health_of_run, radar_of, without
@@ -152,3 +152,38 @@ def test_scans_that_overtake_one_another_are_not_taken_for_consecutive_ones(long
     for place, pose in enumerate(longer["pose"].values):
         watch.take(longer["signal"].values[place], pose, follows=place % 3 > 0)
     assert watch._looked == 0
+
+
+@pytest.mark.parametrize("pairs", [1, 2])
+def test_of_a_few_pairs_what_can_be_judged_is(clean, pairs):
+    """A dead pair among two, disturbed tones and repeated scans; no level of one by another's."""
+    few = clean.isel(pair=slice(pairs))
+    assert names(few) == []
+
+    def changed(change):
+        signal = few["signal"].values.copy()
+        change(signal)
+        return names(few.assign(signal=(few["signal"].dims, signal)))
+
+    def silent(signal):
+        signal[:, :, pairs - 1] = 0
+
+    def frozen(signal):
+        signal[9:] = signal[9]
+
+    def half_stuck(signal):
+        signal[..., : TONES * 2 // 3] = signal[0, ..., : TONES * 2 // 3]
+
+    assert "dead pairs" in changed(silent) if pairs > 1 else changed(silent) == ["repeated scans"]
+    assert "repeated scans" in changed(frozen)
+    assert "stuck pairs" in changed(half_stuck)
+    assert "disturbed tones" in changed(lambda signal: disturbed(signal, None))
+
+
+def test_a_pair_of_zeros_is_told_with_a_number(clean):
+    silent = with_fault(
+        clean, lambda signal, pose: (signal * (np.arange(PAIRS) != 4)[:, None], pose)
+    )
+    [one] = [one for one in health_of_run(silent).findings if one.name == "dead pairs"]
+    assert one.pairs == (4,)
+    assert np.isfinite(one.value)

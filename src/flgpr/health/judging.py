@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ from flgpr.model.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
 _BEFORE_LANE = 10.0  # m
+_LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
+_SILENT_DB = 300.0  # under the median pair, stands for no power at all
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
@@ -53,6 +56,16 @@ class LeftOut:
 
     def __bool__(self) -> bool:
         return bool(self.pairs or self.tones)
+
+    def as_json(self) -> dict[str, list[int]]:
+        """Return it as JSON values."""
+        return {"pairs": list(self.pairs), "tones": list(self.tones)}
+
+    @classmethod
+    def recorded(cls, description: Mapping[str, Any]) -> LeftOut:
+        """Return what the description of a run in a manifest, checked before, says was left out."""
+        entries = description.get("left_out", {})
+        return cls(tuple(entries.get("pairs", ())), tuple(entries.get("tones", ())))
 
 
 @dataclass(frozen=True)
@@ -224,16 +237,20 @@ def over_alike(levels: FloatArray, radar: Radar) -> FloatArray:
 
 
 def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield pairs that are far under or over the others."""
-    levels = channel_levels(sums)
+    """Yield pairs that are far under or over the others; of a few, those that are zero."""
+    levels = np.maximum(channel_levels(sums), -_SILENT_DB)
     known = sums.sweeps > 0
-    dead = known & (levels < -LIMITS["dead pairs"].most)
-    over = over_alike(levels, radar)
-    hot = known & (over > LIMITS["hot pairs"].most)
-    if levels.shape[1] < 4 or not np.isfinite(levels[known]).any():
+    if not (levels[known] > -_SILENT_DB).any():
         return
+    dead = known & (levels < -LIMITS["dead pairs"].most)
+    if levels.shape[1] < _LEAST_PAIRS:
+        dead = known & (levels == -_SILENT_DB)
     if dead.any():
         yield _of_channels("dead pairs", dead, float(-levels[dead].min()), radar)
+    if levels.shape[1] < _LEAST_PAIRS:
+        return
+    over = over_alike(levels, radar)
+    hot = known & (over > LIMITS["hot pairs"].most)
     if hot.any():
         yield _of_channels("hot pairs", hot, float(over[hot].max()), radar)
 
@@ -245,7 +262,7 @@ def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     always = (sums.stuck >= sums.steps[..., None]) & (sums.steps[..., None] > 1)
     share = always.mean(axis=-1)
     stuck = share > LIMITS["stuck pairs"].most
-    if stuck.any() and not stuck.all():
+    if stuck.any():
         yield _of_channels("stuck pairs", stuck, float(share.max()), radar)
 
 
