@@ -24,6 +24,7 @@ import xarray as xr
 from common import markdown, with_share
 from flgpr.health.channels import channel_levels
 from flgpr.health.findings import CLEAR, LIMITS, NOISY_LIKENESS
+from flgpr.health.geometry import mean, median
 from flgpr.health.judging import LeftOut, judge_motion, over_alike, turned_pairs
 from flgpr.health.of_run import geometry_figures, health_of_run, radar_of, read_sums
 from flgpr.health.streaming import LiveHealth
@@ -93,10 +94,10 @@ def statistics(run: xr.Dataset) -> dict[str, float]:
         "jitter": deviation if clear >= CLEAR else np.nan,
         "repeated scans": float(sums.repeated),
         "frozen positions": motion[0].value if motion else 0.0,
-        "paths": -figures.path_db,
-        "receivers": figures.reversed_receivers.mean,
-        "heading": figures.backwards.mean,
-        "lag": max(figures.late.mean, figures.early.mean),
+        "paths": -median(figures.path_db),
+        "receivers": mean(figures.receivers),
+        "heading": mean(figures.heading),
+        "lag": max(mean(figures.late), mean(figures.early)),
         "warns": float(bool(health_of_run(run).findings)),
     }
 

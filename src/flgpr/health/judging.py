@@ -25,7 +25,7 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryFigures, Paired
+from flgpr.health.geometry import GeometryFigures, deviations, mean, median
 from flgpr.health.sums import HealthSums
 from flgpr.model import Lane
 from flgpr.model.arrays import FloatArray
@@ -122,28 +122,28 @@ def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
 
 def judge_geometry(figures: GeometryFigures) -> list[Finding]:
     """Return what a sub-sample of scans tells of paths, receivers and poses."""
-    if figures.path_db < -LIMITS["paths"].most:
+    path_db = median(figures.path_db)
+    if path_db < -LIMITS["paths"].most:
         what = "conjugated, or their tones are in reverse order"
-        if figures.conjugated > 1.25:
+        conjugated = median(figures.conjugated)
+        if conjugated > 1.25:
             what = "conjugated (or, less likely, their tones are in reverse order)"
-        elif figures.conjugated < 0.8:
+        elif conjugated < 0.8:
             what = "in reverse order of the tones (or, less likely, conjugated)"
         # The looks of such data say nothing.
-        return [finding("paths", -figures.path_db, what)]
-    found = []
-    if _is_better(figures.reversed_receivers, "receivers"):
-        found.append(finding("receivers", figures.reversed_receivers.mean))
-    if _is_better(figures.backwards, "heading"):
-        return [*found, finding("heading", figures.backwards.mean)]
-    for paired, where in ((figures.late, "after"), (figures.early, "before")):
-        if _is_better(paired, "lag"):
-            found.append(finding("lag", paired.mean, where))
-    return found
+        return [finding("paths", -path_db, what)]
+    found = _better("receivers", figures.receivers)
+    turned = _better("heading", figures.heading)
+    if turned:
+        return found + turned
+    return found + _better("lag", figures.late, "after") + _better("lag", figures.early, "before")
 
 
-def _is_better(paired: Paired, name: str) -> bool:
+def _better(name: str, differences: Sequence[float], where: str = "") -> list[Finding]:
     """Return whether another assumption fits better than what is stated, beyond chance."""
-    return paired.mean > LIMITS[name].most and paired.deviations > DEVIATIONS
+    value = mean(differences)
+    is_better = value > LIMITS[name].most and deviations(differences) > DEVIATIONS
+    return [finding(name, value, where)] if is_better else []
 
 
 def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:

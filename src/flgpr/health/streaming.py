@@ -19,7 +19,7 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryCheck, GeometryFigures, Paired
+from flgpr.health.geometry import GeometryCheck, GeometryFigures
 from flgpr.health.judging import (
     Radar,
     judge_course,
@@ -91,8 +91,7 @@ class LiveHealth:
         self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
         self._judged_from = _FIRST_JUDGED  # scans from which on sums are judged next
         self._looked = 0  # scans that had come when the geometry was looked at last
-        self._paths: list[float] = []
-        self._differences: dict[str, list[float]] = {name: [] for name in _PAIRED}
+        self._figures = GeometryFigures()  # of the latest looks
 
     def take(
         self, signal: ComplexArray, pose: FloatArray | None, follows: bool = True
@@ -148,6 +147,10 @@ class LiveHealth:
             return []
         self._told[one.name] = numbers | (known or set())
         return [one]
+
+    def _tell_all(self, findings: list[Finding]) -> list[Finding]:
+        """Return those of findings that were not told before."""
+        return [told for one in findings for told in self._tell(one)]
 
     def _drives(self, pose: FloatArray | None) -> bool:
         """Return whether a pose lies farther from the one before than that of a standing vehicle."""
@@ -292,12 +295,11 @@ class LiveHealth:
         if count >= self._judged_from:  # the scan due for it may have been of no use
             while self._judged_from <= count:
                 self._judged_from *= 2
-            for one in judge_sums(self.sums, self._radar):
-                if one.name in ("turned pairs", "noisy tones", "noise", "jitter"):
-                    found += self._tell(one)
+            later = ("turned pairs", "noisy tones", "noise", "jitter")
+            judged = judge_sums(self.sums, self._radar)
+            found += self._tell_all([one for one in judged if one.name in later])
         if len(self._places) >= _FIRST_JUDGED:
-            for one in judge_course(np.array(self._places), self.lane):
-                found += self._tell(one)
+            found += self._tell_all(judge_course(np.array(self._places), self.lane))
         every = _EVERY if count < _MANY else 4 * _EVERY
         middle = [signal for signal, _ in self._latest[1:3] if signal is not None]
         if count - self._looked >= every and len(self._latest) == _KEPT and len(middle) == 2:
@@ -317,23 +319,11 @@ class LiveHealth:
             standing.astype(np.complex64),
         )
         poses = np.array([pose for _, pose in self._latest])
-        figures = check.figures([1, 2], middle, poses)
-        if np.isfinite(figures.path_db):
-            self._paths.append(figures.path_db)
-        for name in _PAIRED:
-            known = self._differences[name]
-            known += getattr(figures, name).differences.tolist()
-            del known[:-_MANY]
-        del self._paths[:-_MANY]
-        if min(len(self._differences["backwards"]), 2 * len(self._paths)) < _LEAST_DIFFERENCES:
+        figures = self._figures
+        figures.join(check.figures([1, 2], middle, poses), _MANY)
+        if min(len(figures.heading), len(figures.path_db)) < _LEAST_DIFFERENCES:
             return []
-        together = GeometryFigures(path_db=float(np.median(self._paths)))
-        for name in _PAIRED:
-            setattr(together, name, Paired(np.array(self._differences[name])))
-        found = []
-        for one in judge_geometry(together):
-            found += self._tell(one)
-        return found
+        return self._tell_all(judge_geometry(figures))
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
@@ -346,8 +336,7 @@ class LiveHealth:
             "places": [list(place) for place in self._places],
             "steps": list(self._steps),
             "changes": list(self._changes),
-            "paths": list(self._paths),
-            "differences": {name: list(known) for name, known in self._differences.items()},
+            "figures": {name: list(known) for name, known in vars(self._figures).items()},
             "latest": [pose.tolist() for _, pose in self._latest],
             "looked": self._looked,
             "judged_from": self._judged_from,
@@ -369,17 +358,12 @@ class LiveHealth:
         self._places = deque(map(tuple, values.get("places", [])), maxlen=_MANY)
         self._steps = deque(values["steps"], maxlen=32)
         self._changes = deque(values["changes"], maxlen=32)
-        self._paths = list(values["paths"])
-        self._differences = {name: list(values["differences"][name]) for name in _PAIRED}
+        self._figures = GeometryFigures(**values["figures"])
         self._looked = int(values.get("looked", 0))
         self._judged_from = int(values.get("judged_from", _FIRST_JUDGED))
         self._latest = []
         for place, pose in enumerate(values["latest"]):
             self._latest.append((arrays.get(f"latest{place}"), np.array(pose, np.float64)))
-
-
-_PAIRED = ("reversed_receivers", "backwards", "late", "early")
-"""Figures of the geometry that add up."""
 
 
 def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
