@@ -35,6 +35,7 @@ from flgpr.live.intake import COUNTS
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.model import make_run
+from flgpr.results.result import read_result
 from flgpr.store import (
     describe_for_live,
     encode_scan,
@@ -384,9 +385,10 @@ def batch(folder: Path, path: Path, recipe: str, truth: pd.DataFrame) -> Outcome
     begun = time.monotonic()
     output = folder / "batch-out"
     try:
-        result = detect(path, recipe, output, lane=lane, report=False, overwrite=True)
+        detect(path, recipe, output, lane=lane, report=False, overwrite=True)
     except ValueError as error:
         return Outcome(0, 0, [f"refused: {error}"], [], {}, time.monotonic() - begun)
+    result = read_result(output)
     manifest = result.manifest["run"]
     findings = manifest.get("health", [])
     told = [finding["name"] for finding in findings]
