@@ -2,7 +2,7 @@
 
 The drive is declared in ``faults.toml``: 80 m of ``sri-array`` over 16 metal mines, in 96 scans. One fault at a time is
 put into its data or its poses, and the recipe is run on what comes out. A mine counts as found where one of the 32 most
-confident alarms lies within 1 m of it. Usage::
+confident alarms lies within 1 m of it. A recipe that learns is trained on the drive of another seed. Usage::
 
     python evidence/faults.py WORK_FOLDER [--recipe wang2007] [--only NAME ...] [--roads batch live]
         [--again] [--table] [--costs]
@@ -29,12 +29,14 @@ import xarray as xr
 from common import markdown
 from flgpr.commands.detect import detect
 from flgpr.commands.simulate import simulate_lane
+from flgpr.commands.train import train
 from flgpr.health.of_run import health_of_run, radar_of
 from flgpr.health.streaming import LiveHealth
 from flgpr.live.intake import COUNTS
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.model import make_run
+from flgpr.recipe.schema import load_recipe
 from flgpr.results.result import read_result
 from flgpr.store import (
     describe_for_live,
@@ -49,6 +51,7 @@ from flgpr.store.scan_file import END_FILE, stored_scan
 
 CSV = Path(__file__).parents[1] / "docs" / "evidence" / "faults.csv"
 SEED = 1
+TRAINING_SEED = 2  # of the drive that a recipe that learns is trained on
 MINES = 16
 STRONGEST = 32  # alarms that count, two a mine
 HALO = 1.0  # m
@@ -349,12 +352,25 @@ def faulty(run: xr.Dataset, name: str) -> xr.Dataset:
     )
 
 
-def drive(folder: Path) -> Path:
+def drive(folder: Path, name: str = "drive", seed: int = SEED) -> Path:
     """Simulate the drive, unless an earlier call did."""
-    path = folder / "drive.zarr"
+    path = folder / f"{name}.zarr"
     if not path.exists():
         scene = Path(__file__).with_name("faults.toml")
-        simulate_lane(scene, sensor="sri-array", seed=SEED, output=path)
+        simulate_lane(scene, sensor="sri-array", seed=seed, output=path)
+    return path
+
+
+def model_of(folder: Path, recipe: str) -> Path | None:
+    """Train a recipe that learns on another drive, without a fault; None if it does not learn."""
+    if not load_recipe(recipe).learning():
+        return None
+    path = folder / f"model-{Path(recipe).stem}"
+    if not path.exists():
+        other = drive(folder, "training", TRAINING_SEED)
+        truth = folder / "training-truth.csv"
+        lane = folder / "training-lane.toml"
+        train([other], [truth], recipe, path, lanes=[lane], check=False, workers=1)
     return path
 
 
@@ -379,13 +395,15 @@ def found_of(alarms: pd.DataFrame, truth: pd.DataFrame) -> int:
     return int((np.hypot(*np.moveaxis(offset, -1, 0)).min(axis=0) <= HALO).sum())
 
 
-def batch(folder: Path, path: Path, recipe: str, truth: pd.DataFrame) -> Outcome:
+def batch(
+    folder: Path, path: Path, recipe: str, truth: pd.DataFrame, model: Path | None
+) -> Outcome:
     """Detect on a stored run."""
     lane = folder / "drive-lane.toml"
     begun = time.monotonic()
-    output = folder / "batch-out"
+    output = folder / f"batch-out-{Path(recipe).stem}"
     try:
-        detect(path, recipe, output, lane=lane, report=False, overwrite=True)
+        detect(path, recipe, output, lane=lane, model=model, report=False, overwrite=True)
     except ValueError as error:
         return Outcome(0, 0, [f"refused: {error}"], [], {}, time.monotonic() - begun)
     result = read_result(output)
@@ -402,7 +420,9 @@ def batch(folder: Path, path: Path, recipe: str, truth: pd.DataFrame) -> Outcome
     return Outcome(found, len(result.alarms), told, done, counted, seconds)
 
 
-def live(folder: Path, path: Path, recipe: str, truth: pd.DataFrame, name: str) -> Outcome:
+def live(
+    folder: Path, path: Path, recipe: str, truth: pd.DataFrame, model: Path | None, name: str
+) -> Outcome:
     """Detect on a run that comes scan by scan."""
     run = open_run(path)
     incoming = folder / "incoming"
@@ -416,7 +436,8 @@ def live(folder: Path, path: Path, recipe: str, truth: pd.DataFrame, name: str) 
         (incoming / f"{place:06d}.scan").write_bytes(data)
     (incoming / END_FILE).write_text(json.dumps({"scans": run.sizes["scan"]}) + "\n")
     begun = time.monotonic()
-    options = LiveOptions(recipe, output, incoming, lane=folder / "drive-lane.toml", fresh=True)
+    lane = folder / "drive-lane.toml"
+    options = LiveOptions(recipe, output, incoming, lane=lane, model=model, fresh=True)
     LiveRun(options).run()
     seconds = time.monotonic() - begun
     events = [json.loads(line) for line in (output / "live.jsonl").read_text().splitlines()]
@@ -583,6 +604,7 @@ def run_faults(folder: Path, log: Path, options: argparse.Namespace) -> None:
     """Run the faults that were asked for and did not run before, and write each down."""
     clean = open_run(drive(folder))
     truth = read_table(folder / "drive-truth.csv", "truth")
+    model = model_of(folder, options.recipe)
     done = set() if options.again else {(row["fault"], row["road"]) for row in rows_of(log)}
     for name in options.only:
         roads = [road for road in options.roads if (name, road) not in done]
@@ -590,14 +612,14 @@ def run_faults(folder: Path, log: Path, options: argparse.Namespace) -> None:
             roads = [road for road in roads if road == "live"]
         if not roads:
             continue
-        path = folder / "faulty.zarr"
+        path = folder / f"faulty-{log.stem}.zarr"
         shutil.rmtree(path, ignore_errors=True)
         save_run(faulty(clean, name), path)
         for road in roads:
             if road == "batch":
-                outcome = batch(folder, path, options.recipe, truth)
+                outcome = batch(folder, path, options.recipe, truth, model)
             else:
-                outcome = live(folder, path, options.recipe, truth, name)
+                outcome = live(folder, path, options.recipe, truth, model, name)
             entries = {"fault": name, "road": road, **vars(outcome)}
             write_down(log, entries)
             print(entries, flush=True)
