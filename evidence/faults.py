@@ -8,7 +8,7 @@ confident alarms lies within 1 m of it. A recipe that learns is trained on the d
         [--again] [--table] [--costs]
 
 What was run is kept in ``WORK_FOLDER/faults-RECIPE.jsonl``; a second call runs the rest. It writes all rows of all
-recipes to ``docs/evidence/faults.csv`` and prints the table; ``--table`` does this alone.
+recipes to ``docs/evidence/faults.csv`` and prints the table; ``--table`` does this alone, without rows from the file.
 """
 
 from __future__ import annotations
@@ -541,26 +541,36 @@ def as_frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
+def read_rows(path: str | Path) -> pd.DataFrame:
+    """Read rows that were written before."""
+    return pd.read_csv(path, keep_default_na=False)
+
+
+def told_names(row: pd.Series) -> str:
+    """Return what was told of a row by name; counts only where nothing has a name."""
+    parts = str(row["told"]).split("; ") if row["told"] else []
+    named = [part for part in parts if not part[0].isdigit()]
+    return ", ".join(named or parts) or "**nothing**"
+
+
 def table(frame: pd.DataFrame) -> str:
-    """Return the table of what was run: found of 16, told and acted, for each recipe and road."""
+    """Return the table of what was run: found of 16 by recipe and road, told, and whether acted."""
     roads = [("wang2007", "batch"), ("wang2007", "live"), ("fused", "batch")]
     cells = []
     for fault, rows in frame.groupby("fault", sort=False):
-        line = [str(fault)]
+        found = []
         words: dict[str, list[str]] = {}
         for recipe, road in roads:
             row = rows[(rows["recipe"] == recipe) & (rows["road"] == road)]
-            line.append("–" if row.empty else str(row["found"].iloc[0]))
+            found.append("–" if row.empty else str(row["found"].iloc[0]))
             if not row.empty and recipe == "wang2007":
-                told = row["told"].iloc[0] or "nothing"
-                acted = row["acted"].iloc[0]
-                words.setdefault(f"{told}{f' ({acted})' if acted else ''}", []).append(road)
-        said_by_road = [f"{' and '.join(of)}: {what}" for what, of in words.items()]
+                words.setdefault(told_names(row.iloc[0]), []).append(road)
+        told = "; ".join(f"{road[0]}: {what}" for what, road in words.items())
         if len(words) == 1:
-            said_by_road = list(words)
-        cells.append([*line, "; ".join(said_by_road)])
-    head = ("fault", "batch", "live", "`fused`", "told (and done)")
-    return markdown(head, cells)
+            [told] = words
+        acted = "yes" if (rows["acted"] != "").any() else ""
+        cells.append([str(fault), *found, told, acted])
+    return markdown(("fault", "batch", "live", "`fused`", "told", "acted"), cells)
 
 
 def rows_of(log: Path) -> list[dict[str, Any]]:
@@ -595,9 +605,9 @@ def main() -> None:
     if not options.table:
         run_faults(folder, log, options)
     everything = [row for kept in sorted(folder.glob("faults-*.jsonl")) for row in rows_of(kept)]
-    frame = as_frame(everything)
-    frame.to_csv(Path(options.csv), index=False)
-    print(table(frame))
+    if everything:
+        as_frame(everything).to_csv(Path(options.csv), index=False)
+    print(table(read_rows(options.csv)))
 
 
 def run_faults(folder: Path, log: Path, options: argparse.Namespace) -> None:
