@@ -25,7 +25,13 @@ from common import markdown, with_share
 from flgpr.health.channels import channel_levels
 from flgpr.health.findings import CLEAR, LIMITS, NOISY_LIKENESS
 from flgpr.health.geometry import mean, median
-from flgpr.health.judging import LeftOut, judge_motion, over_alike, turned_pairs
+from flgpr.health.judging import (
+    LeftOut,
+    judge_motion,
+    over_alike,
+    turned_pairs,
+    under_loudest,
+)
 from flgpr.health.of_run import geometry_figures, health_of_run, radar_of, read_sums
 from flgpr.health.streaming import LiveHealth
 from flgpr.model import load_sensor
@@ -86,6 +92,7 @@ def statistics(run: xr.Dataset) -> dict[str, float]:
         "missing pairs": float((1 - sums.sweeps / sums.scans).max()),
         "dead pairs": float(-levels.min()),
         "hot pairs": float(over_alike(levels, radar).max()),
+        "dead polarization": float(under_loudest(sums).max()),
         "stuck pairs": float((sums.stuck >= sums.steps[..., None]).mean(axis=-1).max()),
         "turned pairs": float(len(turned_pairs(sums, radar))),
         "disturbed tones": float(sums.changed_db.max()),

@@ -126,7 +126,7 @@ def longer():
     return make_drive(scans=46)
 
 
-@pytest.mark.parametrize("name", ["turned pairs", "jitter", "heading", "lag"])
+@pytest.mark.parametrize("name", ["dead polarization", "turned pairs", "jitter", "heading", "lag"])
 def test_the_geometry_is_judged_while_driving_too(longer, name):
     assert told_live(longer) == []
     assert name in told_live(with_fault(longer, FAULTS[name]))

@@ -46,6 +46,12 @@ LIMITS: dict[str, Limit] = {
         "{where}: {value:.0f} dB over the median pair, at most {most:.0f} dB",
         "look at the channel's gain",
     ),
+    "dead polarization": Limit(
+        40.0,
+        "dB",
+        "{where}: {value:.0f} dB under the loudest polarization, at most {most:.0f} dB",
+        "look at the antennas and switches of this polarization",
+    ),
     "stuck pairs": Limit(
         0.5,
         "share of the tones",

@@ -26,7 +26,7 @@ from flgpr.health.findings import (
     listed,
 )
 from flgpr.health.geometry import GeometryFigures, deviations, mean, median
-from flgpr.health.sums import HealthSums
+from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
 from flgpr.model.arrays import FloatArray
 
@@ -82,7 +82,8 @@ HEALTHY = Health()
 
 def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
     """Return what sums tell of channels, tones, time zero and repeated scans."""
-    found = [*_missing(sums, radar), *_levels(sums, radar), *_stuck(sums, radar)]
+    found = [*_missing(sums, radar), *_levels(sums, radar)]
+    found += [*_polarizations(sums, radar), *_stuck(sums, radar)]
     if sums.scans < LEAST_SCANS:
         return found
     found += _repeated(sums)
@@ -253,6 +254,23 @@ def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     hot = known & (over > LIMITS["hot pairs"].most)
     if hot.any():
         yield _of_channels("hot pairs", hot, float(over[hot].max()), radar)
+
+
+def under_loudest(sums: HealthSums) -> FloatArray:
+    """Return how far the median pair of each polarization lies under the loudest of them, dB."""
+    power = np.median(sums.power / np.maximum(sums.sweeps, 1), axis=1)
+    levels = 10 * np.log10(np.maximum(power, LEAST_POWER))
+    return np.asarray(levels.max() - levels)
+
+
+def _polarizations(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield polarizations that are far under the others as a whole."""
+    under = under_loudest(sums)
+    dead = (under > LIMITS["dead polarization"].most) & (sums.sweeps > 0).any(axis=1)
+    if dead.any():
+        labels = [radar.polarizations[k] for k in np.flatnonzero(dead)]
+        value = float(under[dead].max())
+        yield finding("dead polarization", value, listed(labels), polarizations=labels)
 
 
 def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
