@@ -358,7 +358,9 @@ class LiveHealth:
         self._places = deque(map(tuple, values.get("places", [])), maxlen=_MANY)
         self._steps = deque(values["steps"], maxlen=32)
         self._changes = deque(values["changes"], maxlen=32)
-        self._figures = GeometryFigures(**values["figures"])
+        figures = values.get("figures", {})  # a snapshot of a version before has none
+        for name, known in vars(self._figures).items():
+            known[:] = figures.get(name, [])
         self._looked = int(values.get("looked", 0))
         self._judged_from = int(values.get("judged_from", _FIRST_JUDGED))
         self._latest = []
