@@ -23,10 +23,11 @@ import xarray as xr
 
 from common import markdown, with_share
 from flgpr.health.channels import channel_levels
-from flgpr.health.findings import CLEAR, LIMITS, NOISY_LIKENESS
+from flgpr.health.findings import LIMITS, NOISY_LIKENESS
 from flgpr.health.geometry import mean, median
 from flgpr.health.judging import (
     LeftOut,
+    jitter_ps,
     judge_motion,
     over_alike,
     turned_pairs,
@@ -84,9 +85,6 @@ def statistics(run: xr.Dataset) -> dict[str, float]:
     figures = geometry_figures(run, radar, sums, samples, LeftOut())
     levels = channel_levels(sums)
     likeness = sums.tone_likeness
-    clear = float(np.median(sums.clearness))
-    tone_step = float(np.median(np.diff(radar.frequency)))
-    deviation = float(np.std(sums.delays)) / (2 * np.pi * tone_step) * 1e12 / np.sqrt(2)
     motion = judge_motion(steps, np.array(sums.changed))
     return {
         "missing pairs": float((1 - sums.sweeps / sums.scans).max()),
@@ -98,7 +96,7 @@ def statistics(run: xr.Dataset) -> dict[str, float]:
         "disturbed tones": float(sums.changed_db.max()),
         "noisy tones": float((likeness < NOISY_LIKENESS * np.median(likeness)).mean()),
         "noise": 1 - sums.likeness,
-        "jitter": deviation if clear >= CLEAR else np.nan,
+        "jitter": jitter_ps(sums, radar),
         "repeated scans": float(sums.repeated),
         "frozen positions": motion[0].value if motion else 0.0,
         "paths": -median(figures.path_db),

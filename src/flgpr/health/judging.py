@@ -330,12 +330,17 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         yield finding("noisy tones", share, tone_names(noisy, radar))
 
 
+def jitter_ps(sums: HealthSums, radar: Radar) -> float:
+    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still."""
+    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
+        return np.nan
+    step = float(np.median(np.diff(radar.frequency)))
+    return float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+
+
 def _jitter(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     """Yield how far time zero jumps, where a standing part is strong enough to tell."""
-    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
-        return
-    step = float(np.median(np.diff(radar.frequency)))
-    deviation = float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+    deviation = jitter_ps(sums, radar)
     if deviation > LIMITS["jitter"].most:
         yield finding("jitter", deviation)
 
