@@ -55,7 +55,7 @@ test-full: test test-slow
 lint: $(VENV)/.test
 	$(LINT)
 
-# Tests of what docs/evidence/robustness.md promises.
+# Tests of what docs/evidence/guarantees.md promises.
 ROBUSTNESS := robustness health/test_faults_told.py test_bounds.py method/test_demo.py commands/test_commands_errors.py \
     commands/test_doubts.py commands/test_health_told.py commands/test_implausible_poses.py \
     ground/test_scorers.py ground/test_submission.py live/test_live_health.py \

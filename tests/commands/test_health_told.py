@@ -8,9 +8,12 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.detect import detect
+from flgpr.commands.replay import replay
 from flgpr.commands.run_report import run_info
 from flgpr.jobs.job import make_job
+from flgpr.jobs.pieces import open_lane
 from flgpr.model import make_run
+from flgpr.results.description import check_description
 from flgpr.results.result import read_result
 from flgpr.store import save_run
 from small_lane import LANE, TARGETS, small_recipe, small_run
@@ -124,3 +127,37 @@ def test_the_same_left_out_is_part_of_what_a_job_is(home):
     assert "left_out" not in clean.identity
     assert "left_out" not in clean.lasting_identity
     assert hot.identity["left_out"] == hot.lasting_identity["left_out"] == [[3], []]
+
+
+def test_a_run_taken_together_with_another_is_judged_too(home):
+    """Its findings are told with its name, its pair is left out, and a replay leaves it out again."""
+    job = make_job(
+        home / "clean.zarr", small_recipe(), LANE, home / "beside", others={"x": home / "hot.zarr"}
+    )
+    [finding] = job.health.findings
+    assert finding.sentence.startswith("run x: pair 3")
+    assert not job.left_out
+    assert [one.pairs for one in job.left_out_of_others] == [(3,)]
+    lane, _ = open_lane(job)
+    assert lane.run.sizes["pair"] == lane.setup.others["x"].sizes["pair"] + 1
+    clean = make_job(
+        home / "clean.zarr",
+        small_recipe(),
+        LANE,
+        home / "beside",
+        others={"x": home / "clean.zarr"},
+    )
+    assert clean.left_out_of_others == ()
+    assert set(job.identity) - set(clean.identity) == {"left_out_of_others"}
+
+
+def test_a_replay_leaves_out_what_the_result_left_out(home):
+    result = detect(home / "hot.zarr", home / "recipe.toml", home / "replayed", lane=LANE)
+    assert result.manifest["run"]["left_out"] == {"pairs": [3], "tones": []}
+    assert replay(home / "replayed")["agrees"]
+
+
+@pytest.mark.parametrize("value", [3, {"pairs": "all"}, {"tones": [-1]}, {"tones": [1.5]}])
+def test_what_a_forged_manifest_says_was_left_out_is_checked(value):
+    with pytest.raises(ValueError, match=r"run\.left_out.* must be"):
+        check_description({"left_out": value})

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from flgpr.health.findings import LIMITS
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.schema import recipe_names
 from reading import FENCE, ROOT, read
 

@@ -326,7 +326,7 @@ def test_programs_are_valid_and_import_what_exists(page, body):
 
 
 def test_make_robustness_runs_every_test_that_the_page_of_promises_names():
-    page = read(ROOT / "docs" / "evidence" / "robustness.md")
+    page = read(ROOT / "docs" / "evidence" / "guarantees.md")
     listed = re.search(r"^ROBUSTNESS := ((?:.*\\\n)*.*)$", read(ROOT / "Makefile"), re.MULTILINE)
     run = listed[1].replace("\\", "").split()
     folder = ROOT / "tests" / "robustness"

@@ -125,6 +125,7 @@ FAULTS = {
     "missing pairs": put((ALL, ALL, 4), np.nan),
     "hot pairs": scaled((ALL, ALL, 4), 1e4),
     "dead pairs": scaled((ALL, ALL, 4), 1e-3),
+    "dead polarization": scaled((ALL, 1), 1e-4),
     "stuck pairs": put((ALL, ALL, 4), 1 + 1j),
     "turned pairs": turned,
     "noisy tones": noisy,

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from faulty import FAULTS, PAIRS, TONES, make_drive, with_fault
+from faulty import FAULTS, PAIRS, TONES, disturbed, make_drive, with_fault
 
 from flgpr.health.findings import LIMITS
-from flgpr.health.of_run import health_of_run, without
+from flgpr.health.of_run import health_of_run, radar_of, without
+from flgpr.health.streaming import LiveHealth
 from flgpr.model import Lane, complete_scans
 
 
@@ -105,3 +106,84 @@ def test_a_long_run_is_judged_by_stretches_of_it():
     signal[:, :, 3] *= 1e4
     told = names(long.assign(signal=(long["signal"].dims, signal)))
     assert "hot pairs" in told
+
+
+def told_live(run, lane=None, lost=True):
+    """Return what is told of a run that comes scan by scan, of which one scan in six is lost."""
+    watch = LiveHealth(radar_of(run))
+    watch.lane = lane
+    told = []
+    for place, pose in enumerate(run["pose"].values):
+        signal = run["signal"].values[place]
+        if lost and place % 6 == 5:  # those after which sums are due are among them
+            signal = np.full_like(signal, np.nan)
+        told += [finding.name for finding in watch.take(signal, pose).findings]
+    return told
+
+
+@pytest.fixture(scope="module")
+def longer():
+    return make_drive(scans=46)
+
+
+@pytest.mark.parametrize("name", ["dead polarization", "turned pairs", "jitter", "heading", "lag"])
+def test_the_geometry_is_judged_while_driving_too(longer, name):
+    assert told_live(longer) == []
+    assert name in told_live(with_fault(longer, FAULTS[name]))
+
+
+def test_the_sense_of_data_and_of_receivers_is_judged_while_driving(longer):
+    conjugated = with_fault(longer, lambda signal, pose: (signal.conj(), pose))
+    assert told_live(longer, lost=False) == []
+    assert told_live(conjugated, lost=False) == ["paths"]
+    assert told_live(with_fault(longer, FAULTS["receivers"]), lost=False) == ["receivers"]
+
+
+def test_a_course_beside_the_lane_is_told_while_driving(longer):
+    aside = with_fault(longer, lambda signal, pose: (signal, pose + [2, 0, 0, 0, 0, 0]))
+    lane = Lane(-1.5, 1.5, 2.0, 22.0)
+    assert told_live(longer, lane) == []
+    assert told_live(aside, lane) == ["course"]
+    assert told_live(aside) == []
+
+
+def test_scans_that_overtake_one_another_are_not_taken_for_consecutive_ones(longer):
+    watch = LiveHealth(radar_of(longer))
+    for place, pose in enumerate(longer["pose"].values):
+        watch.take(longer["signal"].values[place], pose, follows=place % 3 > 0)
+    assert watch._looked == 0
+
+
+@pytest.mark.parametrize("pairs", [1, 2])
+def test_of_a_few_pairs_what_can_be_judged_is(clean, pairs):
+    """A dead pair among two, disturbed tones and repeated scans; no level of one by another's."""
+    few = clean.isel(pair=slice(pairs))
+    assert names(few) == []
+
+    def changed(change):
+        signal = few["signal"].values.copy()
+        change(signal)
+        return names(few.assign(signal=(few["signal"].dims, signal)))
+
+    def silent(signal):
+        signal[:, :, pairs - 1] = 0
+
+    def frozen(signal):
+        signal[9:] = signal[9]
+
+    def half_stuck(signal):
+        signal[..., : TONES * 2 // 3] = signal[0, ..., : TONES * 2 // 3]
+
+    assert "dead pairs" in changed(silent) if pairs > 1 else changed(silent) == ["repeated scans"]
+    assert "repeated scans" in changed(frozen)
+    assert "stuck pairs" in changed(half_stuck)
+    assert "disturbed tones" in changed(lambda signal: disturbed(signal, None))
+
+
+def test_a_pair_of_zeros_is_told_with_a_number(clean):
+    silent = with_fault(
+        clean, lambda signal, pose: (signal * (np.arange(PAIRS) != 4)[:, None], pose)
+    )
+    [one] = [one for one in health_of_run(silent).findings if one.name == "dead pairs"]
+    assert one.pairs == (4,)
+    assert np.isfinite(one.value)

@@ -1,4 +1,5 @@
 import json
+import os
 import queue
 import shutil
 import tempfile
@@ -47,6 +48,7 @@ class WatchMachine(RuleBasedStateMachine):
         # torn: size when last looked at, and since when
         self.whole = {}
         self.torn = {}
+        self.no_files = set()
         self.handed = set()
         # handed over as torn: read once more when they grow
         self.cut = set()
@@ -121,6 +123,7 @@ class WatchMachine(RuleBasedStateMachine):
 
     @rule(what=st.sampled_from(["link.scan", "folder.scan", "notes.txt"]))
     def lay_down_something_else(self, what):
+        """Links and folders with the name of a scan are handed over once, as what they are."""
         path = self.folder / what
         if what == "link.scan" and not path.is_symlink():
             path.symlink_to(self.folder / "run.json")
@@ -128,6 +131,8 @@ class WatchMachine(RuleBasedStateMachine):
             path.mkdir(exist_ok=True)
         elif what == "notes.txt":
             path.write_text("no scan")
+        if what != "notes.txt":
+            self.no_files.add(what)
 
     @rule(seconds=st.sampled_from([0.01, 0.3, 1.5]))
     def wait(self, seconds):
@@ -159,7 +164,7 @@ class WatchMachine(RuleBasedStateMachine):
         if not self.told:
             assert arrivals.pop(0).kind == "run"
             self.told = True
-        self.handed &= {*self.whole, *self.torn}
+        self.handed &= {*self.whole, *self.torn, *self.no_files}
         now = time.time() + self.ahead
         given_up = set()
         for name in {*self.torn} - self.handed:
@@ -169,11 +174,12 @@ class WatchMachine(RuleBasedStateMachine):
                 self.torn[name] = size, now
             elif now - before[1] > 1.0:
                 given_up.add(name)
-        due = sorted({*self.whole} - self.handed | given_up)
+        due = sorted({*self.whole, *self.no_files} - self.handed | given_up)
         frames = [one for one in arrivals if one.kind == "frame"]
         assert [one.name for one in frames] == due
         for one in frames:
             assert one.data == self.whole.get(one.name, one.data)
+            assert (one.name in self.no_files) == (one.value is not None)
         self.handed.update(due)
         self.cut |= given_up
         waiting = {*self.torn} - self.handed
@@ -216,6 +222,24 @@ def test_a_scan_in_two_halves_seconds_apart_is_read_when_it_is_whole():
         intake.admit(data[1])
     assert intake.admit(data[2]).number == 3
     machine.teardown()
+
+
+def test_a_folder_a_link_and_a_pipe_with_names_of_scans_are_told_and_counted(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps(TINY.as_json()))
+    (tmp_path / scan_name(0)).mkdir()
+    (tmp_path / scan_name(1)).symlink_to(tmp_path / "run.json")
+    os.mkfifo(tmp_path / scan_name(2))
+    inbox = Inbox()
+    source = FolderWatch(tmp_path, inbox)
+    source._check()
+    source._check()
+    arrivals = [inbox.arrivals.get_nowait() for _ in range(4)]
+    assert inbox.arrivals.empty()
+    intake = Intake(TINY)
+    for one, kind in zip(arrivals[1:], ("folder", "link", "pipe"), strict=True):
+        with pytest.raises(ScanFileError, match=kind):
+            intake.admit(one.data, one.value)
+    assert intake.counts["received"] == intake.counts["corrupt"] == 3
 
 
 def test_the_queue_is_full_with_so_many_arrivals_or_so_many_bytes():

@@ -76,7 +76,7 @@ def replay(
             f"run must be the one the result was made of ({digest[:12]}…), got {store}"
         )
 
-    for name in ("others", "health"):
+    for name in ("others", "health", "left_out"):
         if name in recorded:
             description[name] = recorded[name]
 
@@ -90,7 +90,8 @@ def _detect_again(
     old: Result, run: xr.Dataset, description: dict[str, Any], folder: Path, track: Track
 ) -> None:
     """Detect by the recipes of a result and write the new result."""
-    from flgpr.health.of_run import health_of_run, without
+    from flgpr.health.judging import LeftOut
+    from flgpr.health.of_run import without
     from flgpr.jobs.pieces import with_recipes
     from flgpr.method.imaged_run import ImagedRun
     from flgpr.method.instead import describe_trust
@@ -110,7 +111,7 @@ def _detect_again(
             raise ValueError(
                 f"run {name} must be the one the result was made with, got another at {store}"
             )
-        other_runs[name] = open_run(store)
+        other_runs[name] = without(open_run(store), LeftOut.recorded(other))
 
     section_note = old.manifest.get("section")
     # A section is part of a lane: its note states the lane, its rows and the threshold of all.
@@ -122,7 +123,7 @@ def _detect_again(
     recorded = old.manifest["run"]
     far = recorded.get("far", {}).get("rate")
     trust = Trust(recorded.get("unlike", {}).get("choice", "fallback"), far)
-    used = without(run, health_of_run(run).left_out)
+    used = without(run, LeftOut.recorded(description))
     area = area_of(used, old.recipe, lane)
     setup = ImagedRun(
         used, old.recipe, area, model, section=section, others=other_runs, trust=trust

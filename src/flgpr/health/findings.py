@@ -46,6 +46,12 @@ LIMITS: dict[str, Limit] = {
         "{where}: {value:.0f} dB over the median pair, at most {most:.0f} dB",
         "look at the channel's gain",
     ),
+    "dead polarization": Limit(
+        40.0,
+        "dB",
+        "{where}: {value:.0f} dB under the loudest polarization, at most {most:.0f} dB",
+        "look at the antennas and switches of this polarization",
+    ),
     "stuck pairs": Limit(
         0.5,
         "share of the tones",
@@ -183,11 +189,13 @@ class Finding:
     polarizations: tuple[str, ...] = ()
     tones: tuple[int, ...] = ()  #: numbers of the tones, from 0
     done: str = ""  #: what was done about it; "" for nothing
+    run: str = ""  #: name of the run taken together with the one searched; "" for that one
 
     @property
     def sentence(self) -> str:
         """All of it in one line."""
-        return f"{self.words}; {self.done or self.advice}"
+        of_run = f"run {self.run}: " if self.run else ""
+        return f"{of_run}{self.words}; {self.done or self.advice}"
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON values, without what does not apply."""
@@ -201,6 +209,10 @@ class Finding:
     def acted(self, done: str) -> Finding:
         """Return it with what was done."""
         return replace(self, done=done)
+
+    def of_run(self, run: str) -> Finding:
+        """Return it as one of a run with a name."""
+        return replace(self, run=run)
 
 
 def finding(

@@ -49,45 +49,51 @@ def sampled_scans(scans: int) -> NDArray[np.intp]:
     return np.unique(starts[:, None] + np.arange(length)).astype(np.intp)
 
 
-@dataclass(frozen=True)
-class Paired:
-    """Differences of one figure between two assumptions, scan by scan."""
-
-    differences: FloatArray
-
-    @property
-    def mean(self) -> float:
-        """Their mean; NaN where there are none."""
-        return float(self.differences.mean()) if self.differences.size else np.nan
-
-    @property
-    def deviations(self) -> float:
-        """Mean over its standard error; 0 for fewer than four."""
-        count = self.differences.size
-        if count < 4:
-            return 0.0
-        error = float(self.differences.std(ddof=1)) / np.sqrt(count)
-        return self.mean / error if error > 0 else 0.0
-
-
 @dataclass
 class GeometryFigures:
-    """What a sub-sample of scans shows of paths, focus and poses; NaN or empty: not checked."""
+    """What scans show of paths, focus and poses: a value for each; empty lists: not checked."""
 
-    #: power at paths of the scene over that at their mirror, dB, the lowest of the polarizations
-    path_db: float = np.nan
+    #: power at paths of the scene over that at their mirror, dB
+    path_db: list[float] = field(default_factory=list)
     #: focus with conjugated data over that with their tones reversed; above 1: conjugated
-    conjugated: float = np.nan
+    conjugated: list[float] = field(default_factory=list)
     #: focus with the receivers in reverse order, less that as stated
-    reversed_receivers: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
-    #: correlation of consecutive looks where the poses put them, their median
-    agreement: float = np.nan
-    #: the same with the way driven backwards, less that as stated
-    backwards: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    receivers: list[float] = field(default_factory=list)
+    #: correlation of consecutive looks with the way driven backwards, less that as stated
+    heading: list[float] = field(default_factory=list)
     #: likeness of consecutive images with the poses of the scan after, less that as stated
-    late: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    late: list[float] = field(default_factory=list)
     #: the same with the poses of the scan before
-    early: Paired = field(default_factory=lambda: Paired(np.zeros(0)))
+    early: list[float] = field(default_factory=list)
+
+    def add(self, name: str, value: float) -> None:
+        """Add a value of a figure, unless it is not known."""
+        if np.isfinite(value):
+            getattr(self, name).append(float(value))
+
+    def join(self, later: GeometryFigures, most: int) -> None:
+        """Add the values of later scans, and keep the latest ``most`` of each figure."""
+        for name, values in vars(self).items():
+            values += getattr(later, name)
+            del values[:-most]
+
+
+def median(values: Sequence[float]) -> float:
+    """Return the median of values; NaN where there are none."""
+    return float(np.median(values)) if len(values) else np.nan
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean of values; NaN where there are none."""
+    return float(np.mean(values)) if len(values) else np.nan
+
+
+def deviations(values: Sequence[float]) -> float:
+    """Return the mean of values over its standard error; 0 for fewer than four."""
+    if len(values) < 4:
+        return 0.0
+    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
+    return mean(values) / error if error > 0 else 0.0
 
 
 class GeometryCheck:
@@ -149,51 +155,50 @@ class GeometryCheck:
         if not 0 < height < _AIRBORNE:
             return found
         patch = _Patch(height)
-        paths = []
-        conjugated = []
-        receivers = []
-        stated = []
-        backwards = []
-        late = []
-        early = []
         for k in self.polarizations:
             before: tuple[int, ComplexArray, FloatArray] | None = None
             for number, signal in zip(scans, signals, strict=True):
                 echoes = (signal[k] - self._standing[k])[:, self.tones]
                 profiles, step = self._profiles(echoes)
-                path_db = self._path_db(profiles, step, height)
-                paths.append(path_db)
-                tx, rx = self._antennas(pose[number])
-                image = self._image(profiles, step, tx, rx, patch.points)
-                if number % 2:
-                    mirrored = self._image(profiles, step, tx, rx * [-1, 1, 1], patch.points)
-                    receivers.append(_focus(mirrored) - _focus(image))
-                if path_db < 0:
-                    focus = []
-                    for other in (echoes.conj(), echoes[:, ::-1]):
-                        focus.append(
-                            _focus(self._image(*self._profiles(other), tx, rx, patch.points))
-                        )
-                    conjugated.append(focus[0] / focus[1])
-                total = image.sum(axis=0)
-                look = patch.look(total)
+                image = self._judge_scan(
+                    found, number, echoes, (profiles, step), pose[number], patch
+                )
+                look = patch.look(image)
                 if before is not None and before[0] == number - 1:
-                    here = patch.agreement(before[2], look, _driven(pose, number - 1))
-                    there = patch.agreement(before[2], look, -_driven(pose, number - 1))
-                    stated.append(here)
-                    backwards.append(there - here)
-                    likeness = self._likeness(before[1], profiles, step, pose, number, patch)
-                    late.append(likeness[1] - likeness[0])
-                    early.append(likeness[-1] - likeness[0])
-                before = (number, total, look)
-        found.path_db = _median(paths)
-        found.conjugated = _median(conjugated)
-        found.reversed_receivers = _paired(receivers)
-        found.agreement = _median(stated)
-        found.backwards = _paired(backwards)
-        found.late = _paired(late)
-        found.early = _paired(early)
+                    driven = _driven(pose, number - 1)
+                    stated = patch.agreement(before[2], look, driven)
+                    found.add("heading", patch.agreement(before[2], look, -driven) - stated)
+                    alike = self._likeness(before[1], profiles, step, pose, number, patch)
+                    found.add("late", alike[1] - alike[0])
+                    found.add("early", alike[-1] - alike[0])
+                before = (number, image, look)
         return found
+
+    def _judge_scan(
+        self,
+        found: GeometryFigures,
+        number: int,
+        echoes: ComplexArray,
+        profiled: tuple[ComplexArray, float],
+        pose: FloatArray,
+        patch: _Patch,
+    ) -> ComplexArray:
+        """Add what a scan shows by itself; return its image (point,)."""
+        profiles, step = profiled
+        tx, rx = self._antennas(pose)
+        path_db = self._path_db(profiles, step, patch.height)
+        found.add("path_db", path_db)
+        image = self._image(profiles, step, tx, rx, patch.points)
+        if number % 2:
+            mirrored = self._image(profiles, step, tx, rx * [-1, 1, 1], patch.points)
+            found.add("receivers", _focus(mirrored) - _focus(image))
+        if path_db < 0:
+            focus = [
+                _focus(self._image(*self._profiles(other), tx, rx, patch.points))
+                for other in (echoes.conj(), echoes[:, ::-1])
+            ]
+            found.add("conjugated", focus[0] / focus[1])
+        return np.asarray(image.sum(axis=0))
 
     def _likeness(
         self,
@@ -284,6 +289,7 @@ class _Patch:
     """Ground ahead of an array at a height, m, that a coarse image is made of."""
 
     def __init__(self, height: float) -> None:
+        self.height = height
         self.cell = _CELL * height
         across = np.arange(-0.6 * height, 0.61 * height, self.cell)
         ahead = np.arange(height, 2.8 * height, self.cell)
@@ -330,15 +336,3 @@ def _focus(image: ComplexArray) -> float:
     bright = np.argsort(total)[-_BRIGHT:]
     power = (np.abs(image[:, bright]) ** 2).sum(axis=0)
     return float((total[bright] / (len(image) * power + 1e-30)).mean())
-
-
-def _median(values: Sequence[float]) -> float:
-    """Return the median of values that are known; NaN where none is."""
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else np.nan
-
-
-def _paired(differences: Sequence[float]) -> Paired:
-    """Return differences, those that are known."""
-    values = np.array(differences, dtype=np.float64)
-    return Paired(values[np.isfinite(values)])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +25,15 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryFigures, Paired
-from flgpr.health.sums import HealthSums
+from flgpr.health.geometry import GeometryFigures, deviations, mean, median
+from flgpr.health.sums import LEAST_POWER, HealthSums
+from flgpr.model import Lane
 from flgpr.model.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
+_BEFORE_LANE = 10.0  # m
+_LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
+_SILENT_DB = 300.0  # under the median pair, stands for no power at all
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
@@ -52,6 +57,16 @@ class LeftOut:
     def __bool__(self) -> bool:
         return bool(self.pairs or self.tones)
 
+    def as_json(self) -> dict[str, list[int]]:
+        """Return it as JSON values."""
+        return {"pairs": list(self.pairs), "tones": list(self.tones)}
+
+    @classmethod
+    def recorded(cls, description: Mapping[str, Any]) -> LeftOut:
+        """Return what the description of a run in a manifest, checked before, says was left out."""
+        entries = description.get("left_out", {})
+        return cls(tuple(entries.get("pairs", ())), tuple(entries.get("tones", ())))
+
 
 @dataclass(frozen=True)
 class Health:
@@ -67,7 +82,8 @@ HEALTHY = Health()
 
 def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
     """Return what sums tell of channels, tones, time zero and repeated scans."""
-    found = [*_missing(sums, radar), *_levels(sums, radar), *_stuck(sums, radar)]
+    found = [*_missing(sums, radar), *_levels(sums, radar)]
+    found += [*_polarizations(sums, radar), *_stuck(sums, radar)]
     if sums.scans < LEAST_SCANS:
         return found
     found += _repeated(sums)
@@ -107,28 +123,28 @@ def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
 
 def judge_geometry(figures: GeometryFigures) -> list[Finding]:
     """Return what a sub-sample of scans tells of paths, receivers and poses."""
-    if figures.path_db < -LIMITS["paths"].most:
+    path_db = median(figures.path_db)
+    if path_db < -LIMITS["paths"].most:
         what = "conjugated, or their tones are in reverse order"
-        if figures.conjugated > 1.25:
+        conjugated = median(figures.conjugated)
+        if conjugated > 1.25:
             what = "conjugated (or, less likely, their tones are in reverse order)"
-        elif figures.conjugated < 0.8:
+        elif conjugated < 0.8:
             what = "in reverse order of the tones (or, less likely, conjugated)"
         # The looks of such data say nothing.
-        return [finding("paths", -figures.path_db, what)]
-    found = []
-    if _is_better(figures.reversed_receivers, "receivers"):
-        found.append(finding("receivers", figures.reversed_receivers.mean))
-    if _is_better(figures.backwards, "heading"):
-        return [*found, finding("heading", figures.backwards.mean)]
-    for paired, where in ((figures.late, "after"), (figures.early, "before")):
-        if _is_better(paired, "lag"):
-            found.append(finding("lag", paired.mean, where))
-    return found
+        return [finding("paths", -path_db, what)]
+    found = _better("receivers", figures.receivers)
+    turned = _better("heading", figures.heading)
+    if turned:
+        return found + turned
+    return found + _better("lag", figures.late, "after") + _better("lag", figures.early, "before")
 
 
-def _is_better(paired: Paired, name: str) -> bool:
+def _better(name: str, differences: Sequence[float], where: str = "") -> list[Finding]:
     """Return whether another assumption fits better than what is stated, beyond chance."""
-    return paired.mean > LIMITS[name].most and paired.deviations > DEVIATIONS
+    value = mean(differences)
+    is_better = value > LIMITS[name].most and deviations(differences) > DEVIATIONS
+    return [finding(name, value, where)] if is_better else []
 
 
 def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:
@@ -151,6 +167,26 @@ def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:
     goes_by = change_db > np.median(change_db[driving]) - MOVING_DB
     share = np.count_nonzero(known & stands & goes_by) / np.count_nonzero(known)
     return [finding("frozen positions", share)] if share > LIMITS["frozen positions"].most else []
+
+
+def judge_course(pose: FloatArray, lane: Lane | None) -> list[Finding]:
+    """Return whether the course lies beside the middle of the lane; nothing without a lane.
+
+    Parameters
+    ----------
+    pose : (scan, 2 or more) ndarray of float
+        Poses, of which x and y are used, m; those just before the lane count, too.
+    lane : Lane or None
+        Ground that is searched.
+    """
+    if lane is None or not len(pose):
+        return []
+    within = (pose[:, 1] > lane.y_min - _BEFORE_LANE) & (pose[:, 1] < lane.y_max)
+    if not within.any():
+        return []
+    aside = abs(float(np.median(pose[within, 0])) - (lane.x_min + lane.x_max) / 2)
+    most = max(LIMITS["course"].most, (lane.x_max - lane.x_min) / 3)
+    return [finding("course", aside)] if aside > most else []
 
 
 def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
@@ -202,18 +238,39 @@ def over_alike(levels: FloatArray, radar: Radar) -> FloatArray:
 
 
 def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield pairs that are far under or over the others."""
-    levels = channel_levels(sums)
+    """Yield pairs that are far under or over the others; of a few, those that are zero."""
+    levels = np.maximum(channel_levels(sums), -_SILENT_DB)
     known = sums.sweeps > 0
-    dead = known & (levels < -LIMITS["dead pairs"].most)
-    over = over_alike(levels, radar)
-    hot = known & (over > LIMITS["hot pairs"].most)
-    if levels.shape[1] < 4 or not np.isfinite(levels[known]).any():
+    if not (levels[known] > -_SILENT_DB).any():
         return
+    dead = known & (levels < -LIMITS["dead pairs"].most)
+    if levels.shape[1] < _LEAST_PAIRS:
+        dead = known & (levels == -_SILENT_DB)
     if dead.any():
         yield _of_channels("dead pairs", dead, float(-levels[dead].min()), radar)
+    if levels.shape[1] < _LEAST_PAIRS:
+        return
+    over = over_alike(levels, radar)
+    hot = known & (over > LIMITS["hot pairs"].most)
     if hot.any():
         yield _of_channels("hot pairs", hot, float(over[hot].max()), radar)
+
+
+def under_loudest(sums: HealthSums) -> FloatArray:
+    """Return how far the median pair of each polarization lies under the loudest of them, dB."""
+    power = np.median(sums.power / np.maximum(sums.sweeps, 1), axis=1)
+    levels = 10 * np.log10(np.maximum(power, LEAST_POWER))
+    return np.asarray(levels.max() - levels)
+
+
+def _polarizations(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
+    """Yield polarizations that are far under the others as a whole."""
+    under = under_loudest(sums)
+    dead = (under > LIMITS["dead polarization"].most) & (sums.sweeps > 0).any(axis=1)
+    if dead.any():
+        labels = [radar.polarizations[k] for k in np.flatnonzero(dead)]
+        value = float(under[dead].max())
+        yield finding("dead polarization", value, listed(labels), polarizations=labels)
 
 
 def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
@@ -223,7 +280,7 @@ def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     always = (sums.stuck >= sums.steps[..., None]) & (sums.steps[..., None] > 1)
     share = always.mean(axis=-1)
     stuck = share > LIMITS["stuck pairs"].most
-    if stuck.any() and not stuck.all():
+    if stuck.any():
         yield _of_channels("stuck pairs", stuck, float(share.max()), radar)
 
 
@@ -273,12 +330,17 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         yield finding("noisy tones", share, tone_names(noisy, radar))
 
 
+def jitter_ps(sums: HealthSums, radar: Radar) -> float:
+    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still."""
+    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
+        return np.nan
+    step = float(np.median(np.diff(radar.frequency)))
+    return float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+
+
 def _jitter(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     """Yield how far time zero jumps, where a standing part is strong enough to tell."""
-    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
-        return
-    step = float(np.median(np.diff(radar.frequency)))
-    deviation = float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+    deviation = jitter_ps(sums, radar)
     if deviation > LIMITS["jitter"].most:
         yield finding("jitter", deviation)
 

@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.health.findings import LEAST_SCANS, LIMITS, Finding, finding
+from flgpr.health.findings import LEAST_SCANS
 from flgpr.health.geometry import GeometryCheck, GeometryFigures, sampled_scans
 from flgpr.health.judging import (
     Health,
     LeftOut,
     Radar,
+    judge_course,
     judge_geometry,
     judge_motion,
     judge_sums,
@@ -53,7 +54,7 @@ def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
     if not names & {"noise", "repeated scans"} and run.attrs.get("sounding") != "ground-coupled":
         figures = geometry_figures(run, radar, sums, samples, settled.left_out)
         findings += judge_geometry(figures)
-    findings += _course(run, lane)
+    findings += judge_course(run["pose"].values, lane)
     return Health(tuple(findings), settled.left_out)
 
 
@@ -128,19 +129,6 @@ def geometry_figures(
         standing[:, pairs],
     )
     return check.figures(list(usable), list(usable.values()), pose)
-
-
-def _course(run: xr.Dataset, lane: Lane | None) -> list[Finding]:
-    """Return whether the course lies beside the middle of the lane."""
-    if lane is None:
-        return []
-    pose = run["pose"].values
-    within = (pose[:, 1] > lane.y_min - 10) & (pose[:, 1] < lane.y_max)
-    if not within.any():
-        return []
-    aside = abs(float(np.median(pose[within, 0])) - (lane.x_min + lane.x_max) / 2)
-    most = max(LIMITS["course"].most, (lane.x_max - lane.x_min) / 3)
-    return [finding("course", aside)] if aside > most else []
 
 
 def without(run: xr.Dataset, left_out: LeftOut) -> xr.Dataset:

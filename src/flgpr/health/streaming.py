@@ -19,9 +19,17 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryCheck, GeometryFigures, Paired
-from flgpr.health.judging import Radar, judge_geometry, judge_sums, over_alike, tone_names
+from flgpr.health.geometry import GeometryCheck, GeometryFigures
+from flgpr.health.judging import (
+    Radar,
+    judge_course,
+    judge_geometry,
+    judge_sums,
+    over_alike,
+    tone_names,
+)
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
+from flgpr.model import Lane
 from flgpr.model.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -59,10 +67,16 @@ class LiveHealth:
     ----------
     radar : Radar
         Names and places of channels and tones.
+
+    Attributes
+    ----------
+    lane : Lane or None
+        Ground that is searched; with it the course is compared with its middle.
     """
 
     def __init__(self, radar: Radar) -> None:
         self._radar = radar
+        self.lane: Lane | None = None
         shape = (len(radar.polarizations), len(radar.tx_position), radar.frequency.size)
         self.sums = HealthSums(shape)
         self._told: dict[str, set[int]] = {}  # by name, of which pairs or tones
@@ -70,13 +84,18 @@ class LiveHealth:
         self._quiet = np.zeros(shape[1], np.int64)  # in which it was dead
         self._doubts = 0  # scans in a row without good positions
         self._pose: FloatArray | None = None  # that came last
+        self._places = deque[tuple[float, float]](maxlen=_MANY)  # x and y, m
         self._steps = deque[float](maxlen=32)  # of the vehicle while it drove, m
         self._changes = deque[float](maxlen=32)  # of the data then, dB
-        self._latest: list[tuple[ComplexArray, FloatArray]] = []  # consecutive scans
-        self._paths: list[float] = []
-        self._differences: dict[str, list[float]] = {name: [] for name in _PAIRED}
+        # consecutive scans, with those that are of no use: they keep their place among the poses
+        self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
+        self._judged_from = _FIRST_JUDGED  # scans from which on sums are judged next
+        self._looked = 0  # scans that had come when the geometry was looked at last
+        self._figures = GeometryFigures()  # of the latest looks
 
-    def take(self, signal: ComplexArray, pose: FloatArray | None) -> CheckedScan:
+    def take(
+        self, signal: ComplexArray, pose: FloatArray | None, follows: bool = True
+    ) -> CheckedScan:
         """Take in a scan.
 
         Parameters
@@ -85,6 +104,8 @@ class LiveHealth:
             Its data.
         pose : (6,) ndarray of float, or None
             Its pose, as it came.
+        follows : bool
+            Whether it was measured next after the scan before: none was lost or overtaken.
 
         Returns
         -------
@@ -103,11 +124,20 @@ class LiveHealth:
             found += self._tell(
                 finding("repeated scans", self.sums.repeated).acted("they are left out")
             )
+            self._remember(None, pose, follows)
             return CheckedScan(None, found, repeated=True)
         cleaned = self._cleaned(signal, figures, pairs, gaps, tones)
+        self._remember(cleaned, pose, follows)
         if cleaned is not None:
-            found += self._later(cleaned, pose)
+            found += self._later()
         return CheckedScan(cleaned, found)
+
+    def _remember(
+        self, signal: ComplexArray | None, pose: FloatArray | None, follows: bool
+    ) -> None:
+        """Keep a scan among the latest, as long as they are consecutive."""
+        before = self._latest if follows else []
+        self._latest = [] if pose is None else [*before, (signal, pose)][-_KEPT:]
 
     def _tell(self, one: Finding) -> list[Finding]:
         """Return a finding unless it was told before, of all its pairs or tones."""
@@ -117,6 +147,10 @@ class LiveHealth:
             return []
         self._told[one.name] = numbers | (known or set())
         return [one]
+
+    def _tell_all(self, findings: list[Finding]) -> list[Finding]:
+        """Return those of findings that were not told before."""
+        return [told for one in findings for told in self._tell(one)]
 
     def _drives(self, pose: FloatArray | None) -> bool:
         """Return whether a pose lies farther from the one before than that of a standing vehicle."""
@@ -138,6 +172,7 @@ class LiveHealth:
             return []
         before = self._pose
         self._pose = pose
+        self._places.append((float(pose[0]), float(pose[1])))
         if before is None:
             self._sure()
             return []
@@ -253,27 +288,27 @@ class LiveHealth:
         )
         return gaps, self._tell(one.acted("filled in from the tones beside"))
 
-    def _later(self, signal: ComplexArray, pose: FloatArray | None) -> list[Finding]:
+    def _later(self) -> list[Finding]:
         """Judge what takes more scans: sums, and whether data and poses fit one another."""
         found: list[Finding] = []
         count = self.sums.scans
-        if pose is None:
-            self._latest = []
-        else:
-            self._latest = [*self._latest, (signal, pose)][-_KEPT:]
-        if count >= _FIRST_JUDGED and (
-            count % _FIRST_JUDGED == 0 and _is_power(count // _FIRST_JUDGED)
-        ):
-            for one in judge_sums(self.sums, self._radar):
-                if one.name in ("turned pairs", "noisy tones", "noise", "jitter"):
-                    found += self._tell(one)
+        if count >= self._judged_from:  # the scan due for it may have been of no use
+            while self._judged_from <= count:
+                self._judged_from *= 2
+            later = ("dead polarization", "turned pairs", "noisy tones", "noise", "jitter")
+            judged = judge_sums(self.sums, self._radar)
+            found += self._tell_all([one for one in judged if one.name in later])
+        if len(self._places) >= _FIRST_JUDGED:
+            found += self._tell_all(judge_course(np.array(self._places), self.lane))
         every = _EVERY if count < _MANY else 4 * _EVERY
-        if count % every == 0 and len(self._latest) == _KEPT:
-            found += self._geometry()
+        middle = [signal for signal, _ in self._latest[1:3] if signal is not None]
+        if count - self._looked >= every and len(self._latest) == _KEPT and len(middle) == 2:
+            self._looked = count
+            found += self._geometry(middle)
         return found
 
-    def _geometry(self) -> list[Finding]:
-        """Look at two scans of the latest, and judge all that were looked at."""
+    def _geometry(self, middle: list[ComplexArray]) -> list[Finding]:
+        """Look at the two scans in the middle of the latest, and judge all that were looked at."""
         radar = self._radar
         standing = self.sums.standing / np.maximum(self.sums.sweeps, 1)[..., None]
         check = GeometryCheck(
@@ -284,24 +319,11 @@ class LiveHealth:
             standing.astype(np.complex64),
         )
         poses = np.array([pose for _, pose in self._latest])
-        middle = [signal for signal, _ in self._latest[1:3]]
-        figures = check.figures([1, 2], middle, poses)
-        if np.isfinite(figures.path_db):
-            self._paths.append(figures.path_db)
-        for name in _PAIRED:
-            known = self._differences[name]
-            known += getattr(figures, name).differences.tolist()
-            del known[:-_MANY]
-        del self._paths[:-_MANY]
-        if min(len(self._differences["backwards"]), 2 * len(self._paths)) < _LEAST_DIFFERENCES:
+        figures = self._figures
+        figures.join(check.figures([1, 2], middle, poses), _MANY)
+        if min(len(figures.heading), len(figures.path_db)) < _LEAST_DIFFERENCES:
             return []
-        together = GeometryFigures(path_db=float(np.median(self._paths)))
-        for name in _PAIRED:
-            setattr(together, name, Paired(np.array(self._differences[name])))
-        found = []
-        for one in judge_geometry(together):
-            found += self._tell(one)
-        return found
+        return self._tell_all(judge_geometry(figures))
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
@@ -311,15 +333,18 @@ class LiveHealth:
             "quiet": self._quiet.tolist(),
             "doubts": self._doubts,
             "pose": None if self._pose is None else self._pose.tolist(),
+            "places": [list(place) for place in self._places],
             "steps": list(self._steps),
             "changes": list(self._changes),
-            "paths": list(self._paths),
-            "differences": {name: list(known) for name, known in self._differences.items()},
+            "figures": {name: list(known) for name, known in vars(self._figures).items()},
             "latest": [pose.tolist() for _, pose in self._latest],
+            "looked": self._looked,
+            "judged_from": self._judged_from,
         }
         arrays = self.sums.state()
         for place, (signal, _) in enumerate(self._latest):
-            arrays[f"latest{place}"] = signal
+            if signal is not None:
+                arrays[f"latest{place}"] = signal
         return values, arrays
 
     def restore(self, values: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
@@ -330,17 +355,17 @@ class LiveHealth:
         self._quiet = np.array(values["quiet"], np.int64)
         self._doubts = int(values["doubts"])
         self._pose = None if values["pose"] is None else np.array(values["pose"], np.float64)
+        self._places = deque(map(tuple, values.get("places", [])), maxlen=_MANY)
         self._steps = deque(values["steps"], maxlen=32)
         self._changes = deque(values["changes"], maxlen=32)
-        self._paths = list(values["paths"])
-        self._differences = {name: list(values["differences"][name]) for name in _PAIRED}
+        figures = values.get("figures", {})  # a snapshot of a version before has none
+        for name, known in vars(self._figures).items():
+            known[:] = figures.get(name, [])
+        self._looked = int(values.get("looked", 0))
+        self._judged_from = int(values.get("judged_from", _FIRST_JUDGED))
         self._latest = []
         for place, pose in enumerate(values["latest"]):
-            self._latest.append((arrays[f"latest{place}"], np.array(pose, np.float64)))
-
-
-_PAIRED = ("reversed_receivers", "backwards", "late", "early")
-"""Figures of the geometry that add up."""
+            self._latest.append((arrays.get(f"latest{place}"), np.array(pose, np.float64)))
 
 
 def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
@@ -350,11 +375,6 @@ def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
             good = np.isfinite(sweep)
             tones = np.arange(sweep.size)
             sweep[~good] = np.interp(tones[~good], tones[good], sweep[good])
-
-
-def _is_power(number: int) -> bool:
-    """Return whether a number is a power of two."""
-    return number > 0 and number & (number - 1) == 0
 
 
 def _largest(values: FloatArray) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -71,8 +71,10 @@ class LaneJob:
     far: float | None = None  #: false alarms per m² that a threshold is wanted for
     #: whether the passes end with what is compared with the training lanes
     only_measures: bool = False
-    #: what is wrong with the run and what of it is left out: a ``Health``; by default nothing
+    #: what is wrong with the runs and what of the first is left out; by default nothing
     health: Health = HEALTHY
+    #: what is left out of every run taken together with it; () for nothing
+    left_out_of_others: tuple[LeftOut, ...] = ()
 
     @property
     def trust(self) -> Trust:
@@ -133,6 +135,8 @@ class LaneJob:
         }
         if self.left_out:
             entries["left_out"] = [list(self.left_out.pairs), list(self.left_out.tones)]
+        if any(self.left_out_of_others):
+            entries["left_out_of_others"] = [one.as_json() for one in self.left_out_of_others]
         return entries
 
     @property
@@ -142,7 +146,7 @@ class LaneJob:
         Neither the versions of the program nor the machine are part of it.
         """
         identity = self.identity
-        names = ("run", "recipe", "lane", "model", "others", "left_out")
+        names = ("run", "recipe", "lane", "model", "others", "left_out", "left_out_of_others")
         lasting = {name: identity[name] for name in names if name in identity}
         if self.unlike != "fallback":
             lasting["unlike"] = self.unlike
@@ -243,8 +247,13 @@ def make_job(
     health = health_of_run(stored, borders or (None if parsed.lane is None else parsed.lane.lane()))
     area = area_of(without(stored, health.left_out), parsed, borders)
     other_runs = []
+    left_out_of_others = []
     for name, path in (others or {}).items():
         other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
+        judged = health_of_run(open_run(path, options.max_memory))
+        findings = tuple(one.of_run(name) for one in judged.findings)
+        health = replace(health, findings=health.findings + findings)
+        left_out_of_others.append(judged.left_out)
     truth_and_digest = ("", "")
     if truth is not None:
         truth_and_digest = (absolute(truth), sha256(read_named(truth)))
@@ -268,6 +277,7 @@ def make_job(
         unlike=unlike,
         far=far,
         health=health,
+        left_out_of_others=tuple(left_out_of_others) if any(left_out_of_others) else (),
     )
 
 

@@ -55,8 +55,9 @@ class PassCache:
             return None
         identity = self._job.identity
         context = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
-        if "left_out" in identity:
-            context["left_out"] = identity["left_out"]
+        for key in ("left_out", "left_out_of_others"):
+            if key in identity:
+                context[key] = identity[key]
         context["layout"] = _LAYOUT
         return sha256(canonical_json([context, name, depends_on]))[:32]
 

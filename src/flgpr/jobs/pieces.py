@@ -14,11 +14,13 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache
+from itertools import zip_longest
 from typing import Any
 
 from flgpr import system
 from flgpr.door import read_named
 from flgpr.engine import Arrays, Engine, block_name, worker_state
+from flgpr.health.judging import LeftOut
 from flgpr.health.of_run import without
 from flgpr.jobs.checkpoint import BlockCheckpoint, Checkpoint
 from flgpr.jobs.job import LaneJob, code_versions, processor
@@ -149,13 +151,17 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
     described["searched"] = searched.as_json()
     if job.health.findings:
         described["health"] = [finding.as_json() for finding in job.health.findings]
+    if job.left_out:
+        described["left_out"] = job.left_out.as_json()
     if trained_on(lane.model, job.store_sha256):
         described["trained_on_this_run"] = True
     described |= describe_trust(lane, detections)
     if job.others:
         described["others"] = {}
-        for name, path, digest in job.others:
+        for (name, path, digest), left_out in zip_longest(job.others, job.left_out_of_others):
             described["others"][name] = {"path": path, "store_sha256": digest}
+            if left_out:
+                described["others"][name]["left_out"] = left_out.as_json()
     return described
 
 
@@ -220,7 +226,9 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
     truth = None if truth_data is None else parse_table(truth_data, "truth", job.truth[0])
     recipe = parse_recipe(job.recipe)
     run = without(open_run(job.run, job.max_memory), job.left_out)
-    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    others = {}
+    for (name, path, _), left_out in zip_longest(job.others, job.left_out_of_others):
+        others[name] = without(open_run(path, job.max_memory), left_out or LeftOut())
     work = Checkpoint(job.work, job.largest)
     results = work.with_shared(job.shared)
     lane = ImagedRun(

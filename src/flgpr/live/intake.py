@@ -35,7 +35,8 @@ COUNTS = {
     "duplicate": "scans whose number had been taken in before; left out",
     "late": "scans whose ground was passed when they came; left out",
     "still": "scans of a vehicle that had not moved; left out",
-    "corrupt": "frames with a wrong checksum, a wrong length or another run's number; left out",
+    "corrupt": "frames with a wrong checksum, a wrong length or another run's number, "
+    "and what has the name of a scan but is no file; left out",
     "masked": "scans with a missing sweep; left out",
     "pose_filled": "scans whose pose was filled in from their neighbours'",
     "pose_missing": "scans without a pose for too long; left out",
@@ -177,8 +178,8 @@ class Intake:
             self.counts["duplicate"] += 1
             return None
         self._record(scan)
+        checked = self.health.take(scan.signal, scan.pose, scan.number == self.newest + 1)
         self.newest = scan.number
-        checked = self.health.take(scan.signal, scan.pose)
         self.findings += checked.findings
         if checked.signal is None:
             self.counts["refused" if checked.repeated else "masked"] += 1

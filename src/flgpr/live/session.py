@@ -385,6 +385,7 @@ class LiveRun:
         if cannot_judge and (self._model.detector is not None or self._model.stages):
             log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
         rehearse(description, recipe, self._model)
+        intake.health.lane = self._lane or (None if recipe.lane is None else recipe.lane.lane())
         self._detector = detector
         self._intake = intake
         return detector

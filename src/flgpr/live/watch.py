@@ -114,9 +114,9 @@ class FolderWatch(Source):
                 data = file.read(LARGEST_FRAME if fits else head_size())
         except FileNotFoundError:
             return False
-        except DoorError:
-            self._known.add(name)  # links, folders and pipes are no scans
-            return False
+        except DoorError as error:  # links, folders and pipes are no scans: told, and counted
+            self._known.add(name)
+            return self.inbox.put(Arrival("frame", name, time.time(), value=ScanFileError(error)))
         except OSError as error:
             return self._cannot_read(name, error)
         if self._grows(name, data, status.st_size):

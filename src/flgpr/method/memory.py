@@ -98,7 +98,7 @@ class LaneMemory:
 
     They do not grow with the number of scans, but for a self-signature by the median, which holds
     all images. What grows with the length of the lane are its run-views and alarms. The factors
-    were measured, see docs/evidence/robustness.md.
+    were measured, see docs/evidence/guarantees.md.
     """
 
     thread: float  #: a scan at work and the sums of its block, once for every thread

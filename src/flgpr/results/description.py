@@ -34,11 +34,17 @@ def _is_finding(value: Any) -> bool:
     return isinstance(value, dict) and _is_text(value.get("sentence"))
 
 
+def _are_counts(value: Any) -> bool:
+    """Return whether a value is a list of counts."""
+    return isinstance(value, list) and all(map(_is_count, value))
+
+
 _RULES: dict[str, Callable[[Any], bool]] = {
     "text": _is_text,
     "a count": _is_count,
     "a table": lambda value: isinstance(value, dict),
-    "a list of scan numbers": lambda value: isinstance(value, list) and all(map(_is_count, value)),
+    "a list of scan numbers": _are_counts,
+    "a list of numbers from 0": _are_counts,
     "a list of texts": lambda value: isinstance(value, list) and all(map(_is_text, value)),
     "a list of findings": lambda value: isinstance(value, list) and all(map(_is_finding, value)),
 }
@@ -126,6 +132,7 @@ def check_description(description: Any) -> None:
         _check(f"run.{name}", "a table", entries)
         _check(f"run.{name}.notes", "a list of texts", entries.get("notes", []))
     _check("run.health", "a list of findings", description.get("health", []))
+    _check_left_out("run", description)
     _check("run.polarizations", "a list of texts", description.get("polarizations", []))
     for name, length in _ROWS.items():
         rows = description.get(name, [])
@@ -135,8 +142,17 @@ def check_description(description: Any) -> None:
             raise _other_type(f"run.{name}", f"rows of {length} numbers", rows) from None
     others = description.get("others", {})
     _check("run.others", "a table", others)
-    for other in others.values():
+    for name, other in others.items():
         described_store(other)
+        _check_left_out(f"run.others.{name}", other)
+
+
+def _check_left_out(entry: str, description: Mapping[str, Any]) -> None:
+    """Check what a description says was left out of a run."""
+    left_out = description.get("left_out", {})
+    _check(f"{entry}.left_out", "a table", left_out)
+    for name in ("pairs", "tones"):
+        _check(f"{entry}.left_out.{name}", "a list of numbers from 0", left_out.get(name, []))
 
 
 def _check(entry: str, rule: str, value: Any) -> None:

@@ -238,21 +238,7 @@ def cells_of(line: str) -> list[str]:
 def check_widths(text: str, mark: str, width: int | None = None, first: int = 1) -> None:
     """Refuse a table with a row of more or fewer cells than its header; empty lines are no rows.
 
-    Parameters
-    ----------
-    text : str
-        The table.
-    mark : str
-        What separates its cells.
-    width : int, optional
-        Cells of every row; by default as many as the first row has.
-    first : int
-        Number of its first line in the file, for errors.
-
-    Raises
-    ------
-    ValueError
-        If there is such a row; the error names its line.
+    The arguments and the error are those of :func:`flgpr.store.tables.parse_csv`.
     """
     for number, count in _cell_counts(text, mark, first):
         if width is None:

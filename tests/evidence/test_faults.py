@@ -1,0 +1,32 @@
+"""The page of faults shows the table that its file holds, and the script knows every fault in it."""
+
+from pathlib import Path
+
+import numpy as np
+
+import faults
+
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "robustness.md"
+
+
+def test_the_page_shows_the_table_of_its_file():
+    assert faults.table(faults.read_rows(faults.CSV)) in PAGE.read_text()
+
+
+def test_every_row_is_of_a_fault_that_the_script_makes():
+    rows = faults.read_rows(faults.CSV)
+    assert set(rows["fault"]) <= {*faults.FAULTS, *faults.LIVE_FAULTS}
+    assert not rows.duplicated(["fault", "recipe", "road"]).any()
+    assert rows["found"].between(0, faults.MINES).all()
+
+
+def test_every_fault_changes_data_or_poses_and_keeps_their_shape():
+    rng = np.random.default_rng(1)
+    shape = (50, 2, 36, 600)
+    clean = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+    poses = np.cumsum(rng.uniform(0.5, 1.5, (50, 6)), axis=0)
+    for name, fault in faults.FAULTS.items():
+        signal, pose = fault(clean.copy(), poses.copy(), np.random.default_rng(2))
+        assert (signal.shape, pose.shape) == (clean.shape, poses.shape), name
+        same = np.array_equal(signal, clean) and np.array_equal(pose, poses)
+        assert same == (name == "clean"), name
