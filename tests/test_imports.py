@@ -28,6 +28,7 @@ BELOW = NUMBERS | FILES
 ALLOWED = {
     "lazy": set(),
     "system": set(),
+    "types": set(),
     "door": set(),
     "budget": set(),
     "json_text": set(),
@@ -138,6 +139,7 @@ def test_module_imports_only_what_its_folder_may(path):
     below_all = {
         "lazy",
         "system",
+        "types",
         "door",
         "budget",
         "json_text",

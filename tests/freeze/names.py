@@ -6,6 +6,7 @@ from enum import Enum
 from importlib import import_module
 from types import ModuleType
 
+from flgpr import types
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene
@@ -16,6 +17,9 @@ SETTINGS = DATA / "settings.json"
 RECIPES = DATA / "recipes.json"
 _LONGEST = 200
 _MODULE = re.compile(r"\b(?:[A-Za-z_]\w*\.)+(?=[A-Za-z_])")
+_ALIASES = dict(re.findall(r"^(\w+) = (NDArray\[.*\])$", inspect.getsource(types), re.MULTILINE))
+"""Types of arrays, which are frozen as what they are, whatever a module calls them."""
+_ALIAS = re.compile(rf"\b({'|'.join(_ALIASES)})\b")
 
 
 def public_modules() -> dict[str, list[str]]:
@@ -86,7 +90,7 @@ def signature(function) -> str:
 def annotation(kind) -> str:
     """Write a type without the modules of its classes, which may lie elsewhere tomorrow."""
     text = kind.__name__ if isinstance(kind, type) else str(kind)
-    return _MODULE.sub("", text)
+    return _MODULE.sub("", _ALIAS.sub(lambda alias: _ALIASES[alias[0]], text))
 
 
 def _default(value) -> str:

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model.aperture import synthetic_aperture
-from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.model.track import poses_at
+from flgpr.types import FloatArray
 
 Operator = Callable[..., Any]
 """Makes an imaging operator of frequency, tx_position, rx_position and pixels.
@@ -214,9 +214,7 @@ def _outside(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> str:
     )
 
 
-def brightest_points(
-    image: ArrayLike, pixels: ArrayLike, count: int, apart: float
-) -> NDArray[np.float64]:
+def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: float) -> FloatArray:
     """Return the brightest pixels that keep a distance from each other.
 
     Parameters

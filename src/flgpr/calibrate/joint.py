@@ -15,9 +15,9 @@ from flgpr.calibrate.clock import Operator, track_trials, with_track
 from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, check_run
 from flgpr.model.aperture import synthetic_aperture
-from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
+from flgpr.types import FloatArray
 
 STANDS_OUT = 4.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""

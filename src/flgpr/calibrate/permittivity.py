@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.calibrate.clock import sharpness
+from flgpr.types import ComplexArray
 
 _LEAST_CONTRAST = 1.3  # times the median of all trials; assumed
 
@@ -25,7 +25,7 @@ class GroundFit:
 
 
 def estimate_permittivity(
-    image: Callable[[float], NDArray[np.complex64]],
+    image: Callable[[float], ComplexArray],
     trials: Sequence[float],
     track: Callable[[Any, str, int], Iterable[float]],
 ) -> GroundFit:

@@ -7,21 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model import check_run
-from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import pose_matrix
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.model.track import check_track, poses_at
+from flgpr.types import FloatArray
 
 
 @dataclass(frozen=True)
 class LeverFit:
     """Lever arm and latency."""
 
-    lever_arm: NDArray[np.float64]  #: positioning antenna in the vehicle frame, m
+    lever_arm: FloatArray  #: positioning antenna in the vehicle frame, m
     latency: float  #: how late its time stamps are, s
     rms: float  #: root mean square of the residual, m
 

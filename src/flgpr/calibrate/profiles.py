@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, way_weights
-from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
 from flgpr.model.run import complete_scan_numbers
+from flgpr.types import AnyArray, ComplexArray, FloatArray, IntArray
 
 _SAMPLES_AT_ONCE = 1 << 23  # of the profiles, 64 MiB
 
@@ -25,7 +24,7 @@ def resolution(frequency: ArrayLike) -> float:
 
 def fields_over_bias(
     run: xr.Dataset, poses: Sequence[ArrayLike], points: ArrayLike, biases: tuple[float, float]
-) -> tuple[NDArray[np.complex64], FloatArray]:
+) -> tuple[ComplexArray, FloatArray]:
     """Sum a run coherently at points, for trial poses and range biases.
 
     Tones have a Hann window, scans the weights of :func:`flgpr.model.way_weights`. The sum is
@@ -88,7 +87,7 @@ def fields_over_bias(
     return field.swapaxes(1, 2), np.asarray(bias, dtype=np.float64)
 
 
-def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
+def lattice(frequency: ArrayLike) -> tuple[float, IntArray]:
     """Return the even spectrum of tones, gaps included.
 
     Uneven tones have one at their mean spacing, and lie near its slots.
@@ -123,8 +122,8 @@ def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
 
 
 def _profiles(
-    signal: NDArray[Any], tones: FloatArray, spacing: float, slot: NDArray[np.int64], size: int
-) -> NDArray[np.complex64]:
+    signal: AnyArray, tones: FloatArray, spacing: float, slot: IntArray, size: int
+) -> ComplexArray:
     """Return range profiles (polarization, scan·pair, size) of a signal.
 
     The signal is (scan, polarization, pair, frequency).

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter
 from scipy.optimize import brentq
 
 from flgpr.clutter.iteration import Amplitude, Iterated, OperatorOn, averaged, iterate_suppression
 from flgpr.clutter.suppression import Operator
 from flgpr.model import SPEED_OF_LIGHT
-
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
+from flgpr.types import ComplexArray, FloatArray, IntArray
 
 
 class FrameStack:
@@ -185,7 +183,7 @@ class Coherence:
     #: (pixel,): magnitude of the sum under the sum of each frame's peaks, dB; strongest first
     loss_db: FloatArray
     #: (pixel, 2): row and column of each
-    at: NDArray[np.int64]
+    at: IntArray
 
 
 def measured_coherence(

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray
+
 Intersection = Literal["pixel", "region"]
 
 ROADSIDE = (4.0, 10.0)
@@ -397,7 +396,7 @@ class ThresholdCalibration:
                 self._second[number] = max(self._second[number], largest)
         self._roadside.append(roadside_level(vh_level, region, roadside, self.regions))
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> dict[str, AnyArray]:
         """Return the statistics of all frames so far, as arrays for :meth:`merge`."""
         levels = np.asarray(self._roadside).reshape(-1, self.regions)
         return {
@@ -409,7 +408,7 @@ class ThresholdCalibration:
             "has_second": np.array(self._has_second),
         }
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the statistics (:meth:`state`) of other frames or lanes."""
         self.targets = self.targets + state["targets"]
         self._vv = np.minimum(self._vv, state["vv"])

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.kernels.widths import half_power
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Sensor
+from flgpr.types import Complex128Array, FloatArray
 
-FloatArray = NDArray[np.float64]
 Beam = Callable[[FloatArray], FloatArray]
 _OVERSAMPLING = 32
 _CELL_STEP = 0.25  # steps of the integral over a resolution cell, in expected widths
@@ -132,7 +132,7 @@ class PointSpread:
             total += value if gain is None else gain[pair] * value
         return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
 
-    def _sum_over_tones(self, longer: FloatArray) -> NDArray[np.complex128]:
+    def _sum_over_tones(self, longer: FloatArray) -> Complex128Array:
         """Return ``Σ_f w(f)·exp(+j2πfd/c)`` for differences d of paths, m, from the table."""
         index = longer / self._period % 1.0 * (self._table.size - 1)
         cell = np.minimum(index.astype(np.intp), self._table.size - 2)

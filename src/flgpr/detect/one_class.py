@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import expit
 from sklearn.base import OutlierMixin
 from sklearn.utils import check_random_state
@@ -13,8 +13,8 @@ from sklearn.utils.validation import validate_data
 
 from flgpr.detect.rvm import Prior, RelevanceMachine
 from flgpr.detect.rvm_fit import Algorithm, Kernel
+from flgpr.types import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
 Formulation = Literal["offset", "no-bias", "reference"]
 FORMULATIONS: tuple[Formulation, ...] = ("offset", "no-bias", "reference")
 
@@ -186,6 +186,6 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         """Return the probability of a mine less ``offset_``: positive for mines."""
         return expit(self._log_odds(X)) - self.offset_
 
-    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+    def predict(self, X: ArrayLike) -> IntArray:
         """Return 1 for mines and -1 for others."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

@@ -6,7 +6,7 @@ import warnings
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.exceptions import ConvergenceWarning
@@ -23,8 +23,8 @@ from flgpr.detect.rvm_fit import (
     fit_sparse,
     resolve_gamma,
 )
+from flgpr.types import AnyArray, FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
 Prior = Literal["ard", "laplacian", "laplacian-map"]
 PRIORS: tuple[Prior, ...] = ("ard", "laplacian", "laplacian-map")
 
@@ -115,7 +115,7 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
                 stacklevel=3,
             )
         vectors = fit.active < len(X)
-        self.relevance_: NDArray[np.int64] = fit.active[vectors]
+        self.relevance_: IntArray = fit.active[vectors]
         self.relevance_vectors_ = X[self.relevance_]
         self.dual_coef_ = fit.mean[vectors]
         self.intercept_ = float(fit.mean[~vectors].sum()) + offset
@@ -269,7 +269,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         p = expit(self._log_odds(X))
         return np.column_stack([1 - p, p])
 
-    def predict(self, X: ArrayLike) -> NDArray[Any]:
+    def predict(self, X: ArrayLike) -> AnyArray:
         """Return the more likely class."""
         positive = self.decision_function(X) > 0
         return self.classes_[positive.astype(int)]

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.metrics.pairwise import pairwise_kernels
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels import relevance
 from flgpr.kernels.laplacian_mode import laplacian_mode
+from flgpr.types import BoolArray, FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
 Kernel = str | Callable[[FloatArray, FloatArray], Any]
 KERNELS = ("rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed")
 _PARAMETERS = {
@@ -41,7 +41,7 @@ SETTLED = 1e-3
 class SparseFit:
     """A sparse Bayesian logistic model, in Laplace's approximation."""
 
-    active: NDArray[np.int64]  #: columns of the design, rising
+    active: IntArray  #: columns of the design, rising
     alpha: FloatArray  #: precisions of the weights' priors
     mean: FloatArray  #: mode of the weights
     covariance: FloatArray  #: of the weights about their mode
@@ -286,7 +286,7 @@ def _complete(
     return fit
 
 
-def _first_functions(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
+def _first_functions(count: int, n_starts: int) -> list[BoolArray]:
     """Return which functions may enter first in every start.
 
     They are all, then every n-th from the last (the bias) back, from the one before it, and so on.

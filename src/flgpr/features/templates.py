@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import fft2, ifft2, next_fast_len
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, Lane
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import AnyArray, FloatArray
 
 
 def cut_regions(
     image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[float, float]
-) -> NDArray[Any]:
+) -> AnyArray:
     """Cut regions out of images by interpolation.
 
     Parameters
@@ -49,7 +46,7 @@ def cut_regions(
     return np.moveaxis(np.nan_to_num(bilinear(values, row, column)), -3, 0)
 
 
-def unit_energy(image: ArrayLike) -> NDArray[Any]:
+def unit_energy(image: ArrayLike) -> AnyArray:
     """Scale images (..., y, x) to an energy of 1 (flsar2004, par. 19 and 21).
 
     Images without energy stay zero.
@@ -59,7 +56,7 @@ def unit_energy(image: ArrayLike) -> NDArray[Any]:
     return values / np.where(norm > 0, norm, 1)
 
 
-def mean_template(chips: ArrayLike, normalize_each: bool = False) -> NDArray[Any]:
+def mean_template(chips: ArrayLike, normalize_each: bool = False) -> AnyArray:
     """Average mine signatures into a template of unit energy (flsar2004, par. 19).
 
     Parameters
@@ -87,7 +84,7 @@ def mean_template(chips: ArrayLike, normalize_each: bool = False) -> NDArray[Any
     return unit_energy(values.mean(axis=0))
 
 
-def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any], FloatArray]:
+def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[AnyArray, FloatArray]:
     """Compute orthonormal templates, the principal components of images (flsar2004, par. 24).
 
     The images are not centred: a template is a signature, not a deviation from one.
@@ -125,7 +122,7 @@ def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any],
     return templates * _opposite_phase(total), share
 
 
-def align_phases(chips: ArrayLike) -> NDArray[Any]:
+def align_phases(chips: ArrayLike) -> AnyArray:
     """Rotate complex images (n, y, x) to the phase of their first principal component."""
     values = np.asarray(chips)
     component = principal_templates(values, 1)[0][0]
@@ -133,7 +130,7 @@ def align_phases(chips: ArrayLike) -> NDArray[Any]:
     return values * _opposite_phase(likeness)
 
 
-def _opposite_phase(values: NDArray[Any]) -> NDArray[Any]:
+def _opposite_phase(values: AnyArray) -> AnyArray:
     """Return the unit factors that make values real and positive; 1 for zero."""
     size = np.abs(values)
     return np.where(size > 0, np.conj(values) / np.where(size > 0, size, 1), 1)

@@ -23,11 +23,11 @@ from flgpr.geo.geodesy import (
     to_wgs84,
     transformer_of,
 )
-from flgpr.model.arrays import FloatArray
 from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
+from flgpr.types import FloatArray
 
 _TURN = 360.0
 _HALF_TURN = 180.0

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import FloatArray
 from flgpr.store.notes import log_note
+from flgpr.types import FloatArray
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import axes_of, reference_system, transform_lonlat
 from flgpr.geo.points import STATEMENT
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
+from flgpr.types import Float32Array
 
 RUN_VIEW_QUANTITY = "magnitude over the gain background, no unit; no-data where no scan looked"
 """What the values of a run-view are."""
@@ -104,7 +104,7 @@ def write_geotiff(
 
 
 def _cloud_optimized(
-    bands: NDArray[np.float32],
+    bands: Float32Array,
     names: Sequence[str],
     crs: str,
     transform: Any,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.geo.anchor import Anchor, anchor_at
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
+from flgpr.types import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 _LEAST_JUDGED = 5  # fixes, to tell one that lies astray
 _ASIDE = 3  # times the usual step, and
 _LEAST_ASIDE = 0.5  # m, by which a fix between others lies astray
@@ -95,7 +95,7 @@ def anchor_from_fixes(
     return anchor_at(start.origin, azimuth), notes
 
 
-def is_astray(position: FloatArray) -> NDArray[np.bool_]:
+def is_astray(position: FloatArray) -> BoolArray:
     """Return which positions lie aside of a way that goes on behind them.
 
     One digit that a disk or a line changed is within what a vehicle reaches; it is told by steps

@@ -26,7 +26,7 @@ from flgpr.health.findings import (
 )
 from flgpr.health.geometry import GeometryFigures, Paired
 from flgpr.health.sums import HealthSums
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest

@@ -22,7 +22,7 @@ from flgpr.health.findings import (
 from flgpr.health.geometry import GeometryCheck, GeometryFigures, Paired
 from flgpr.health.judging import Radar, judge_geometry, judge_sums, over_alike, tone_names
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complexfloating]

@@ -51,7 +51,7 @@ from flgpr.method.unlike import (
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, parse_recipe
 from flgpr.recipe.tables import DetectorTable
-from flgpr.stages import FloatArray, TrainingView
+from flgpr.stages import TrainingView
 from flgpr.stages.too_few import (
     TooFewExamplesError,
     cannot_be_trained,
@@ -68,6 +68,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
+from flgpr.types import FloatArray
 
 PathLike = str | Path
 FOLDS = 10

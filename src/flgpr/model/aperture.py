@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
 from flgpr.model.run import check_run, complete_scan_numbers, complete_scans, make_run
+from flgpr.types import AnyArray, FloatArray
 
 LINE_STARTS = "line_starts"
 """Attribute of a run of several lines: the number of the first scan of each."""
@@ -32,7 +30,7 @@ def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[FloatArray, Flo
     return tx, rx
 
 
-def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[NDArray[Any], FloatArray, FloatArray]:
+def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[AnyArray, FloatArray, FloatArray]:
     """Return all scans as one array: the field, weighted by scan, and its antennas.
 
     The field is (polarization, scan·pair, frequency), the antennas' positions are (scan·pair, 3).
@@ -146,7 +144,7 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
     return np.array([*np.average(pose[:, :3], axis=0, weights=weights), heading, 0.0, 0.0])
 
 
-def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, FloatArray]:
+def synthetic_aperture(run: xr.Dataset) -> tuple[AnyArray, FloatArray, FloatArray]:
     """Return all complete scans of a run as one aperture.
 
     Each scan is weighted by its share of the track (:func:`flgpr.model.way_weights`), so that a

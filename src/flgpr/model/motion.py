@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import FloatArray
 from flgpr.model.plausible import (
     FLOOR,
     REMEMBERED,
@@ -23,6 +22,7 @@ from flgpr.model.plausible import (
     Sighting,
     moved,
 )
+from flgpr.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +35,7 @@ _AIRBORNE = 100.0  # m above the ground, from where on a run is no ground vehicl
 class Motion:
     """Plausibility of a track."""
 
-    plausible: NDArray[np.bool_]  #: (scan,): poses that are plausible
+    plausible: BoolArray  #: (scan,): poses that are plausible
     steps: list[MotionStep] = field(default_factory=list)  #: of poses that are not plausible
     restarts: list[MotionStep] = field(
         default_factory=list
@@ -196,8 +196,8 @@ class _JudgedTrack:
 
 
 def _doubtful(
-    limits: MotionLimits, times: FloatArray, poses: FloatArray, numbers: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+    limits: MotionLimits, times: FloatArray, poses: FloatArray, numbers: IntArray
+) -> BoolArray:
     """Mark poses that may not be plausible after the two before, for the gate to judge."""
     if not np.isfinite(poses).all():
         return np.ones(len(poses), bool)

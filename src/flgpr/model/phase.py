@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model.constants import SPEED_OF_LIGHT
+from flgpr.types import AnyArray, Complex128Array
 
 
-def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
+def path_phase(frequency: ArrayLike, path: ArrayLike) -> Complex128Array:
     """Compute the field of a unit scatterer at a total path, ``exp(-j2πf·path/c)``.
 
     Parameters
@@ -32,7 +31,7 @@ def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
     return np.asarray(np.exp(-2j * np.pi * fraction), dtype=np.complex128)
 
 
-def lengthen(signal: ArrayLike, frequency: ArrayLike, path: ArrayLike) -> NDArray[Any]:
+def lengthen(signal: ArrayLike, frequency: ArrayLike, path: ArrayLike) -> AnyArray:
     """Lengthen the paths of a signal.
 
     Parameters

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from flgpr.model.arrays import FloatArray
 from flgpr.model.bounds import Entries, Largest
+from flgpr.types import FloatArray
 
 REMEMBERED = 8
 """Number of trusted poses that a gate remembers, for scans that come late."""

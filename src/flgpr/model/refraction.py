@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.types import Complex128Array, FloatArray
 
 _NEWTON_STEPS = 6
 
@@ -120,7 +120,7 @@ def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> Fl
 
 def reflection(
     sine: ArrayLike, above: ArrayLike, below: ArrayLike
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return the Fresnel reflection of a plane interface for H and V.
 
     H is that of the electric, V that of the magnetic field. A perfect conductor below gives -1
@@ -145,13 +145,13 @@ def reflection(
 
 def two_way_transmission(
     sine: ArrayLike, permittivity: ArrayLike
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return t12·t21 = 1 - R² of plane waves into the ground and out of it, H and V."""
     r_h, r_v = reflection(sine, 1.0, permittivity)
     return 1 - r_h**2, 1 - r_v**2
 
 
-def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> ComplexArray:
+def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> Complex128Array:
     """Return the amplitude of a spherical wave that leaves the ground over a plane wave's.
 
     It is ``cosθ/sqrt(ε - sin²θ)`` for H and V: seen from air the solid angle grows by

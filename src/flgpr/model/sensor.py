@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from flgpr.model.bounds import LARGEST, Angle, Decibels, Entries, Hertz, Largest
 from flgpr.model.constants import POLARIZATIONS
 from flgpr.model.faults import load_preset, preset_names
+from flgpr.types import FloatArray, IndexArray
 
 _PRESETS = resources.files("flgpr.model") / "presets"
 Position = tuple[float, float, float]
@@ -39,7 +39,7 @@ class Tones(Entries):
     step: Hertz  #: spacing, Hz
     count: Annotated[int, Field(ge=1, le=100_000)]
 
-    def axis(self) -> NDArray[np.float64]:
+    def axis(self) -> FloatArray:
         """Tones, Hz, shape (count,)."""
         return np.asarray(self.start + self.step * np.arange(self.count), dtype=np.float64)
 
@@ -63,7 +63,7 @@ class Antenna(Entries):
     #: assumed, and used for the direct wave and the specular echo alone
     side_db: Decibels = -20.0
 
-    def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+    def exponents(self, frequency: FloatArray) -> FloatArray:
         """Return n of a horn's power pattern cos^n at every frequency.
 
         Its directivity is ``2(n + 1)``: a constant aperture has ``n + 1`` grow as f². Where that
@@ -244,7 +244,7 @@ class Sensor(Entries):
         ahead = float(places[:, 1].max()) + _GROUND_AHEAD * height
         return (-aside, aside, float(places[:, 1].min()) - behind * height, ahead)
 
-    def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pairs(self) -> tuple[FloatArray, FloatArray]:
         """Return the positions (pair, 3), m, of every pair's transmitter and receiver.
 
         They are in the vehicle frame; the pairs of a transmitter follow one another.
@@ -254,7 +254,7 @@ class Sensor(Entries):
         first, second = self.pair_indices()
         return tx[first], rx[second]
 
-    def pair_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def pair_indices(self) -> tuple[IndexArray, IndexArray]:
         """Return the indices (pair,) of transmitters in ``tx`` and receivers in ``rx``."""
         transmitters = np.arange(len(self.tx))
         receivers = np.arange(len(self.rx))

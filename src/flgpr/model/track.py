@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model.constants import POSE_COMPONENTS
 from flgpr.model.frames import pose_matrix
 from flgpr.model.tables import full_column
+from flgpr.types import BoolArray, FloatArray, IndexArray
 
 TRACK_COLUMNS = (
     full_column("time", "s", "time on the clock of the positions"),
@@ -90,8 +91,8 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
 
 
 def bridged(
-    time: NDArray[np.float64], pose: NDArray[np.float64], max_gap: float = np.inf
-) -> tuple[NDArray[np.bool_], list[str]]:
+    time: FloatArray, pose: FloatArray, max_gap: float = np.inf
+) -> tuple[BoolArray, list[str]]:
     """Mark the finite fixes of times (fix,) and poses (fix, 6), and count the others in a note.
 
     Missing fixes between others more than ``max_gap`` s apart, or fewer than two finite ones, are a
@@ -122,7 +123,7 @@ def poses_at(
     clock_offset: float = 0.0,
     clock_rate: float = 1.0,
     max_gap: float = np.inf,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Interpolate the poses of a track linearly.
 
     Parameters
@@ -160,9 +161,7 @@ def poses_at(
     return pose
 
 
-def _check_times(
-    track_time: NDArray[np.float64], stamp: NDArray[np.float64], max_gap: float
-) -> None:
+def _check_times(track_time: FloatArray, stamp: FloatArray, max_gap: float) -> None:
     """Refuse times of scans that are missing, outside a track's fixes or in too long a gap."""
     if not np.isfinite(track_time).all():
         raise ValueError(
@@ -222,12 +221,12 @@ def reference_track(
     return reference
 
 
-def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
+def attitudes(track: pd.DataFrame) -> FloatArray:
     """Return the rotations (fix, 3, 3) from the vehicle frame to lane axes at every fix."""
     return pose_matrix(track[list(POSE_COMPONENTS)])
 
 
-def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
+def course(position: ArrayLike, least: float = 0.05) -> FloatArray:
     """Return the heading, clockwise from +y, from the motion of positions (fix, 2 or 3).
 
     A fix nearer than ``least`` (m) to its neighbours has the heading of the nearest that is not. A
@@ -247,7 +246,7 @@ def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
     return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)
 
 
-def _first_distant(points: NDArray[np.float64], least: float) -> NDArray[np.intp]:
+def _first_distant(points: FloatArray, least: float) -> IndexArray:
     """Return, for every point, the index of the first later one at least so far away.
 
     Where there is none it is the point's own index.

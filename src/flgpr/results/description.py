@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model import POSE_COMPONENTS, complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.store import read_manifest
+from flgpr.types import FloatArray
 
 _COPIED_ATTRIBUTES = ("soil", "georeference")
 _TEXTS = ("title", "source", "path", "store_sha256")
@@ -179,7 +179,7 @@ def left_out_scans(description: Mapping[str, Any]) -> list[int]:
     return sorted({*incomplete, *implausible})
 
 
-def plausible_poses(description: Mapping[str, Any]) -> NDArray[np.float64]:
+def plausible_poses(description: Mapping[str, Any]) -> FloatArray:
     """Return the poses (scan, 6) of a described run that are plausible."""
     poses = np.asarray(description.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
     implausible = description.get("motion", {}).get("scans", [])

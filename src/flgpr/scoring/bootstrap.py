@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.area import union_area
 from flgpr.scoring.lane_roc import AreaRule, far_area
 from flgpr.scoring.matching import Match, Subset, select_targets
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from flgpr.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

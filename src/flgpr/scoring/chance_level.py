@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
 from flgpr.scoring.curve import count_at
 from flgpr.scoring.matching import Match, Subset, pairs_within, select_targets
+from flgpr.types import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
 SHIFTS = 200
 
 
@@ -209,9 +209,7 @@ def _best_moved(
     return best.reshape(y.shape)
 
 
-def _close_ring(
-    points: FloatArray, lane: Lane, reach: float
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def _close_ring(points: FloatArray, lane: Lane, reach: float) -> tuple[FloatArray, IntArray]:
     """Repeat points near either end of a lane beyond the other, and return the row of each."""
     length = lane.y_max - lane.y_min
     middle = (lane.y_min + lane.y_max) / 2

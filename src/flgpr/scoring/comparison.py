@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy  # its subpackages are imported when they are used
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.scoring.bootstrap import (
     ResamplingDesign,
@@ -27,6 +27,7 @@ from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean_by_chanc
 from flgpr.scoring.lane_roc import AreaRule, assign, roc_of
 from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
+from flgpr.types import BoolArray
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
@@ -187,7 +188,7 @@ def compare(
 
 
 def _found_by_one(
-    found_a: NDArray[np.bool_], found_b: NDArray[np.bool_], design: ResamplingDesign
+    found_a: BoolArray, found_b: BoolArray, design: ResamplingDesign
 ) -> tuple[int, int]:
     """Return how many mines detector A alone finds, and how many detector B alone.
 
@@ -199,7 +200,7 @@ def _found_by_one(
     return int((lead > 0).sum()), int((lead < 0).sum())
 
 
-def _is_found(scores: Scores, far: float, area: float) -> NDArray[np.bool_]:
+def _is_found(scores: Scores, far: float, area: float) -> BoolArray:
     """Return whether each target is found at an allowed false alarm rate, per m²."""
     return ~np.isneginf(scores.target) & (scores.above / area <= far)
 

@@ -9,13 +9,14 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 from scipy.interpolate import CubicSpline
 
+from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray
+
 _NODES = 400
 _SMOOTH = 500.0
-FloatArray = NDArray[np.float64]
 
 
 def clopper_pearson(
@@ -187,7 +188,7 @@ CURVE_COLUMNS = (
 )
 
 
-def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
+def count_at(thresholds: FloatArray, scores: FloatArray) -> IntArray:
     """Count the scores at or above each threshold; a score of -inf never counts."""
     ordered = np.sort(scores)
     return len(ordered) - np.searchsorted(ordered, thresholds, side="left")
@@ -195,8 +196,8 @@ def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
 
 def make_curve(
     thresholds: FloatArray,
-    n_detected: NDArray[Any],
-    n_false: NDArray[Any],
+    n_detected: AnyArray,
+    n_false: AnyArray,
     n_targets: int,
     area: float,
     attrs: Mapping[Any, Any],
@@ -317,9 +318,7 @@ def example_roc(
     return make_curve(thresholds, n_detected, counted, total, area, attrs, level)
 
 
-def _checked_examples(
-    score: ArrayLike, is_target: ArrayLike
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _checked_examples(score: ArrayLike, is_target: ArrayLike) -> tuple[FloatArray, BoolArray]:
     """Return scores and labels of examples as arrays (example,), which must fit together."""
     scores = np.asarray(score, dtype=np.float64)
     labels = np.asarray(is_target)

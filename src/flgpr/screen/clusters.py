@@ -13,12 +13,12 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from flgpr.screen.views import grid_of
+from flgpr.types import FloatArray, IndexArray
 
-FloatArray = NDArray[np.float64]
 Rule = Literal["and", "or", "and-or"]
 RULES = ("and", "or", "and-or")
 CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
@@ -104,7 +104,7 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
     return pd.DataFrame(clusters, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
-def _groups_about_leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
+def _groups_about_leaders(points: FloatArray, radius: float) -> list[IndexArray]:
     """Group points (n, 2), the strongest first, about leaders, each the first of its group."""
     if not len(points):
         return []

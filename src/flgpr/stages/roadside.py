@@ -10,7 +10,6 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.clutter import roadside_mask, suppress_by_model
@@ -28,7 +27,8 @@ from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, lane_to_scan
 from flgpr.model.bounds import Spacing
 from flgpr.screen import RunViewSums, sample_scan
-from flgpr.stages import ClutterStage, ComplexArray, FeatureStage, FloatArray, Setup, Table
+from flgpr.stages import ClutterStage, FeatureStage, Setup, Table
+from flgpr.types import AnyArray, ComplexArray, FloatArray
 
 MASK = "roadside"
 """Name of the pass that finds the mask."""
@@ -206,11 +206,11 @@ class RoadsideModel:
         values = sample_scan(image.sel(subband=self.settings.subband), points)
         return float(np.nanmax(values, initial=0.0))
 
-    def _block_of(self, index: int) -> Mapping[str, NDArray[Any]]:
+    def _block_of(self, index: int) -> Mapping[str, AnyArray]:
         """Return what the fit has gathered of the block that holds an index."""
         for number, block in enumerate(blocks_of(len(self.setup.imager))):
             if index in block:
-                stored: Mapping[str, NDArray[Any]] = self.setup.results[block_name(FIT, number)]
+                stored: Mapping[str, AnyArray] = self.setup.results[block_name(FIT, number)]
                 return stored
         raise ValueError(f"index must be one of {len(self.setup.imager)} scans, got {index}")
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
@@ -46,6 +46,7 @@ from flgpr.store.run_store import (
     manifest_bytes,
 )
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
+from flgpr.types import BoolArray, ComplexArray, FloatArray
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -59,10 +60,10 @@ _SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
 class _Scan(NamedTuple):
     """A scan that waits to be written with others."""
 
-    signal: NDArray[np.complex64]
-    pose: NDArray[np.float64]
+    signal: ComplexArray
+    pose: FloatArray
     time: float
-    valid: NDArray[np.bool_]
+    valid: BoolArray
 
 
 class RunExistsError(FileExistsError):

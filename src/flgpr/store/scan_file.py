@@ -23,13 +23,14 @@ from typing import Any, TypeGuard
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
 from flgpr.model.run import check_polarization
 from flgpr.store.files import write_whole
+from flgpr.types import ComplexArray, FloatArray
 
 MAGIC = b"FLGPRSC1"
 RUN_FORMAT = "flgpr-live-run"
@@ -72,11 +73,11 @@ class Frame:
 class RunDescription:
     """What all scans of a run have in common."""
 
-    frequency: NDArray[np.float64]  #: tones, Hz
+    frequency: FloatArray  #: tones, Hz
     polarization: list[str]
     #: tx_position, rx_position: (pair, 3): antenna positions of each pair in the vehicle frame, m
-    tx_position: NDArray[np.float64]
-    rx_position: NDArray[np.float64]
+    tx_position: FloatArray
+    rx_position: FloatArray
     title: str = "run"  #: what to call the run
     #: further attributes of the run, such as ``georeference``
     attrs: dict[str, Any] = field(default_factory=dict)
@@ -113,9 +114,9 @@ class Scan:
     time: float  #: time of the scan, s; NaN where unknown
     #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown or
     #: cannot be a pose
-    pose: NDArray[np.float64] | None
+    pose: FloatArray | None
     #: (polarization, pair, frequency): received field over transmitted field
-    signal: NDArray[np.complex64]
+    signal: ComplexArray
 
 
 def describe_for_live(run: xr.Dataset) -> RunDescription:
@@ -222,7 +223,7 @@ def _description_of(value: dict[str, Any]) -> RunDescription:
     return RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
 
 
-def _check_bound(name: str, numbers: NDArray[np.float64], most: float) -> None:
+def _check_bound(name: str, numbers: FloatArray, most: float) -> None:
     """Refuse numbers of which one is NaN or larger than ``most``."""
     if not numbers.size:
         return
@@ -479,7 +480,7 @@ def pose_fault(frame: Frame) -> str:
     return f"pose must {rule}, got {_shortened(value)}" if rule else ""
 
 
-def _pose(value: Any) -> NDArray[np.float64] | None:
+def _pose(value: Any) -> FloatArray | None:
     """Return the pose in a header, or None if it is not finite or out of bounds."""
     if _broken_pose_rule(value):
         return None

@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
+from flgpr.types import FloatArray
 from flgpr_exchange.gpr.channels import channels_run, common_band
 from flgpr_exchange.gpr.line_run import ReasonedBand
 
-FloatArray = NDArray[np.float64]
 _CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
 
 

@@ -7,11 +7,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.soil import VACUUM_PERMITTIVITY
+from flgpr.types import BoolArray, Complex128Array, FloatArray
 
 
 class GridPoint(NamedTuple):
@@ -103,7 +103,7 @@ def _cubic(position: float) -> list[tuple[int, float]]:
     return [(first + k - 1, weight) for k, weight in enumerate(weights)]
 
 
-def rectangles(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+def rectangles(mask: BoolArray) -> list[tuple[int, int, int, int]]:
     """Return rectangles that cover the true cells of a mask, each cell once.
 
     Parameters
@@ -151,7 +151,7 @@ class RelaxingMedium(NamedTuple):
     error_real: float
     error_loss: float
 
-    def __call__(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+    def __call__(self, frequency: ArrayLike) -> Complex128Array:
         """Return the complex permittivity at frequencies (Hz), in their shape."""
         omega = 2 * np.pi * np.asarray(frequency, dtype=np.float64)
         total = self.permittivity - 1j * self.conductivity / (omega * VACUUM_PERMITTIVITY)
@@ -212,9 +212,7 @@ def _relative_error(medium: RelaxingMedium) -> float:
     return max(medium.error_real / _TOLERANCE_REAL, medium.error_loss / _TOLERANCE_LOSS)
 
 
-def _fit_terms(
-    f: NDArray[np.float64], eps: NDArray[np.complex128], times: tuple[float, ...]
-) -> RelaxingMedium:
+def _fit_terms(f: FloatArray, eps: Complex128Array, times: tuple[float, ...]) -> RelaxingMedium:
     """Fit a medium with poles at given relaxation times, s."""
     omega = 2 * np.pi * f
     # ε∞ is 1 plus a term, so that no term may be negative.

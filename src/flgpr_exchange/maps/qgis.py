@@ -12,9 +12,10 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyproj import CRS
 
+from flgpr.types import FloatArray
 from flgpr_exchange.documents import document
 
 #: colours of viridis, evenly spaced
@@ -163,7 +164,7 @@ def graduated(column: str, values: ArrayLike) -> Graduated:
     return Graduated(column, classes)
 
 
-def _class_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _class_edges(values: FloatArray) -> FloatArray:
     """Return the edges of classes of as many finite values each, at least two edges."""
     finite = values[np.isfinite(values)]
     if not finite.size:

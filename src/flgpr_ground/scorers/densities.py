@@ -8,7 +8,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
+from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
+from flgpr.types import FloatArray
 
 METRICS = ("minkowski", "euclidean", "manhattan", "chebyshev")
 METHODS = ("largest", "mean", "median")

@@ -9,22 +9,22 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.detect.scorers.checks import Checked
 from flgpr.engine import Arrays
 from flgpr.features import cut_regions
 from flgpr.screen.views import grid_of
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
+from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr.types import AnyArray, Float32Array, FloatArray
 from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
 _BATCH = 256  # chips that are scored at once
 _FLOOR = 1e-3  # of magnitudes in units of the background
 Count = Annotated[int, Field(ge=1)]
-Chips = NDArray[np.float32]
+Chips = Float32Array
 
 
 class NetworkSettings(Table):
@@ -128,7 +128,7 @@ class ChipNetwork(FeatureStage):
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
-def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
+def weights_of(learnt: Mapping[str, AnyArray]) -> list[Arrays]:
     """Return the weights of every network that was learnt, by name."""
     by_number: dict[int, Arrays] = {}
     for key in learnt:
@@ -138,7 +138,7 @@ def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
     return [by_number[number] for number in sorted(by_number)]
 
 
-def run_network(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
+def run_network(x: Chips, weights: Mapping[str, AnyArray]) -> FloatArray:
     """Run a network.
 
     Parameters

@@ -21,8 +21,9 @@ from flgpr.features import cut_regions
 from flgpr.model import Grid
 from flgpr.screen import select
 from flgpr.screen.views import grid_of
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
+from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
+from flgpr.types import FloatArray
 from flgpr_ground.features.dictionaries import (
     Mixture,
     Whitening,

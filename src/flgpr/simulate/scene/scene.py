@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
 from flgpr.door import read_named
@@ -31,6 +31,7 @@ from flgpr.simulate.scene.scene_tables import (
     Terrain,
 )
 from flgpr.toml_text import parse_toml
+from flgpr.types import AnyArray, Complex128Array, FloatArray
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Percent = Annotated[float, Field(ge=0, le=100)]
@@ -61,7 +62,7 @@ class Soil(SceneTable):
     #: overrides the model's loss when given
     loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = None
 
-    def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
+    def media(self, frequency: ArrayLike) -> list[Complex128Array]:
         """Return the complex permittivity of every layer, the half-space last.
 
         Parameters
@@ -96,10 +97,10 @@ class Soil(SceneTable):
         above.append(remaining)
         return above
 
-    def _permittivity(self, f: NDArray[np.float64], moisture: float) -> NDArray[np.complex128]:
+    def _permittivity(self, f: FloatArray, moisture: float) -> Complex128Array:
         """Return the complex permittivity of a layer of the given moisture at frequencies ``f``."""
         if self.model == "mironov":
-            eps: NDArray[Any] = soils.mironov(f, self.clay, moisture)
+            eps: AnyArray = soils.mironov(f, self.clay, moisture)
         elif self.model == "peplinski":
             eps = soils.peplinski(f, self.sand, self.clay, moisture)
         elif self.model == "topp":

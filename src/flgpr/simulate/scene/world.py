@@ -18,10 +18,10 @@ from flgpr.model import (
     check_truth,
     empty_table,
 )
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Departure, Patch, Scene, SceneObject, Target, TargetDraw
+from flgpr.types import FloatArray
 
 EVEN: dict[str, dict[str, bool]] = {
     table: {"on": False} for table in ("stones", "roots", "lenses", "heterogeneity")

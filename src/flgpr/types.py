@@ -1,0 +1,21 @@
+"""Types of arrays, for annotations: the one place where they are named.
+
+A name says what an array holds; shapes stand in docstrings.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+AnyArray = NDArray[Any]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+IndexArray = NDArray[np.intp]
+Float32Array = NDArray[np.float32]
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex64]
+"""Signals and images, which are single precision throughout."""
+Complex128Array = NDArray[np.complex128]
