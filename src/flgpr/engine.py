@@ -33,14 +33,13 @@ import numpy as np
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.progress import Track, silent
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 BLOCK = 16
 """Most scans in a block."""
 # Each thread holds a scan and the sums of a block, and detection in memory has no limit to count
 # them against.
 _MOST_THREADS = 16
-Arrays = dict[str, AnyArray]
 T = TypeVar("T")
 
 

@@ -19,3 +19,5 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex64]
 """Signals and images, which are single precision throughout."""
 Complex128Array = NDArray[np.complex128]
+Arrays = dict[str, AnyArray]
+"""Arrays by their names."""

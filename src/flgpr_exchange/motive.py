@@ -18,14 +18,14 @@ from flgpr.formats.explain import array_lines
 from flgpr.formats.mapping import factor
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import Arrays, FloatArray
 
 _UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in", "feet": "ft"}
 _KINDS = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone")
 _HEAD = 20  # lines among which the columns must be named
 
 
-def read_motive(path: Path) -> tuple[dict[str, AnyArray], dict[str, str], list[str]]:
+def read_motive(path: Path) -> tuple[Arrays, dict[str, str], list[str]]:
     """Read a take as named arrays.
 
     There are ``frame`` and ``time``, and for every rigid body, marker or bone ``NAME/position``
@@ -77,7 +77,7 @@ def read_motive(path: Path) -> tuple[dict[str, AnyArray], dict[str, str], list[s
     )
 
     values = _read_values(text, start + 1, len(head[start]))
-    arrays: dict[str, AnyArray] = {"frame": values[:, 0], "time": values[:, 1]}
+    arrays: Arrays = {"frame": values[:, 0], "time": values[:, 1]}
     units = {"time": "s"}
     for name, order in columns.items():
         arrays[name] = values[:, order]

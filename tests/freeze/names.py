@@ -7,7 +7,7 @@ from importlib import import_module
 from types import ModuleType
 
 from flgpr import types
-from flgpr.model import Sensor
+from flgpr.model import Sensor, bounds
 from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene
 from freeze.frozen import DATA, read_json
@@ -17,8 +17,14 @@ SETTINGS = DATA / "settings.json"
 RECIPES = DATA / "recipes.json"
 _LONGEST = 200
 _MODULE = re.compile(r"\b(?:[A-Za-z_]\w*\.)+(?=[A-Za-z_])")
-_ALIASES = dict(re.findall(r"^(\w+) = (NDArray\[.*\])$", inspect.getsource(types), re.MULTILINE))
-"""Types of arrays, which are frozen as what they are, whatever a module calls them."""
+_ALIASES = dict(
+    re.findall(
+        r"^(\w+) = ((?:NDArray|Annotated|dict)\[.*\])$",
+        inspect.getsource(types) + inspect.getsource(bounds),
+        re.MULTILINE,
+    )
+)
+"""Types of arrays and bounded numbers, which are frozen as what they are, whatever their names."""
 _ALIAS = re.compile(rf"\b({'|'.join(_ALIASES)})\b")
 
 
@@ -90,7 +96,9 @@ def signature(function) -> str:
 def annotation(kind) -> str:
     """Write a type without the modules of its classes, which may lie elsewhere tomorrow."""
     text = kind.__name__ if isinstance(kind, type) else str(kind)
-    return _MODULE.sub("", _ALIAS.sub(lambda alias: _ALIASES[alias[0]], text))
+    while _ALIAS.search(text):
+        text = _ALIAS.sub(lambda alias: _ALIASES[alias[0]], text)
+    return _MODULE.sub("", text)
 
 
 def _default(value) -> str:

@@ -19,7 +19,7 @@ from flgpr.clutter.streaming import (
     smoothed_residual,
 )
 from flgpr.kernels.background import blend_clipped
-from flgpr.types import AnyArray, ComplexArray, FloatArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray
 
 LEAST_WARM_UP = 3
 LEAST_SPAN = 2
@@ -180,7 +180,7 @@ class CausalBackground:
         common_level = shared_level(level, self._means[2][None])
         self._background = Background(own_signature, level, shared, common_level)
 
-    def state(self) -> dict[str, AnyArray]:
+    def state(self) -> Arrays:
         """Return the estimate for a later :meth:`restore`; later scans do not change it."""
         self.learn()
         self._means_given_out = True

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray
 
 Intersection = Literal["pixel", "region"]
 
@@ -396,7 +396,7 @@ class ThresholdCalibration:
                 self._second[number] = max(self._second[number], largest)
         self._roadside.append(roadside_level(vh_level, region, roadside, self.regions))
 
-    def state(self) -> dict[str, AnyArray]:
+    def state(self) -> Arrays:
         """Return the statistics of all frames so far, as arrays for :meth:`merge`."""
         levels = np.asarray(self._roadside).reshape(-1, self.regions)
         return {

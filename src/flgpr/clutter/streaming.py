@@ -26,7 +26,7 @@ from flgpr.kernels.background import (
     subtract_and_divide,
 )
 from flgpr.kernels.filters import median_stack
-from flgpr.types import AnyArray, ComplexArray, Float32Array, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, IntArray
 
 SelfSignature = Literal["none", "mean", "median"]
 MagnitudeArray = Float32Array
@@ -271,7 +271,7 @@ class BackgroundEstimator:
         B2_shared = shared_level(B2, np.stack(self.gains))
         return Background(signature, B2, self._shared_signature, B2_shared)
 
-    def first_sums(self, exact: bool = False) -> dict[str, AnyArray]:
+    def first_sums(self, exact: bool = False) -> Arrays:
         """Return the sums of the first pass, which :meth:`take_first` adds to another estimator.
 
         Parameters
@@ -297,7 +297,7 @@ class BackgroundEstimator:
             sums["shared"] = self._B1_shared_total.astype(precision).reshape(self._shape)
         return sums
 
-    def take_first(self, sums: dict[str, AnyArray]) -> None:
+    def take_first(self, sums: Arrays) -> None:
         """Add the first pass of another (:meth:`first_sums`) over the scans that follow."""
         shape = tuple(int(n) for n in sums["shape"])
         if self._shape is None:
@@ -314,7 +314,7 @@ class BackgroundEstimator:
         self.gains += list(sums["gains"])
         self._signature = None
 
-    def first_result(self) -> dict[str, AnyArray]:
+    def first_result(self) -> Arrays:
         """Return what the second pass needs: ``gains``, ``signature`` and ``shared``.
 
         It needs at least two scans.
@@ -325,20 +325,20 @@ class BackgroundEstimator:
             shared = np.zeros_like(signature)
         return {"gains": np.stack(self.gains), "signature": signature, "shared": shared}
 
-    def continue_from(self, first: dict[str, AnyArray], scans: slice = slice(None)) -> None:
+    def continue_from(self, first: Arrays, scans: slice = slice(None)) -> None:
         """Begin the second pass over ``scans`` with another's first one (:meth:`first_result`)."""
         self._shape = first["signature"].shape
         self._signature = first["signature"]
         self._shared_signature = first["shared"]
         self.gains = list(first["gains"][scans])
 
-    def second_sums(self) -> dict[str, AnyArray]:
+    def second_sums(self) -> Arrays:
         """Return the sum of the medians at every ``step``-th pixel, and the count of scans."""
         if self._median_total is None:
             raise ValueError("images must hold at least one scan, got none")
         return {"median": self._median_total, "count": np.array(self._smoothed)}
 
-    def take_second(self, sums: dict[str, AnyArray]) -> None:
+    def take_second(self, sums: Arrays) -> None:
         """Add the second pass of another (:meth:`second_sums`) over the scans that follow."""
         if self._median_total is None:
             self._median_total = sums["median"]

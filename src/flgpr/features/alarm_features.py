@@ -16,6 +16,7 @@ from flgpr.kernels.patches import MEAN, OUTER_MEAN, OUTER_STD, PEAK
 from flgpr.model import Grid, ground_points, lane_to_scan
 from flgpr.types import (
     AnyArray,
+    Arrays,
     BoolArray,
     Complex128Array,
     ComplexArray,
@@ -169,10 +170,10 @@ class FeatureSums:
         self._add_coherent(alarm[has_patch], weight, patch)
         np.add.at(self._scans, alarm, 1)
 
-    def state(self) -> dict[str, AnyArray]:
+    def state(self) -> Arrays:
         """Return the sums for :meth:`merge`: ``row``, the alarms with a scan, and their sums."""
         row = np.flatnonzero(self._scans)
-        state: dict[str, AnyArray] = {"row": row}
+        state: Arrays = {"row": row}
         for group, sums in (("peak", self._peak), ("sum", self._sum), ("angle", self._angle)):
             for name, total in sums.items():
                 state[f"{group}.{name}"] = total[row]
@@ -180,7 +181,7 @@ class FeatureSums:
         state["scans"] = self._scans[row]
         return state
 
-    def merge(self, state: dict[str, AnyArray]) -> None:
+    def merge(self, state: Arrays) -> None:
         """Add the sums (:meth:`state`) of other scans for the same alarms."""
         row = state["row"]
         for name, total in self._peak.items():

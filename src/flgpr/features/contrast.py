@@ -12,7 +12,7 @@ from flgpr.features.patch import PatchShape
 from flgpr.features.regions import patch_statistics
 from flgpr.kernels.patches import OUTER_MEAN, OUTER_STD, PEAK
 from flgpr.model import Grid, ground_points, lane_to_scan
-from flgpr.types import AnyArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 
 
 class ContrastSums:
@@ -61,7 +61,7 @@ class ContrastSums:
         self._weight[alarm] += peak
         self._scans[alarm] += 1
 
-    def state(self) -> dict[str, AnyArray]:
+    def state(self) -> Arrays:
         """Return the sums for :meth:`merge`: ``row``, the alarms with a scan, and their sums."""
         row = np.flatnonzero(self._scans)
         return {

@@ -12,7 +12,7 @@ import numpy as np
 
 from flgpr.store.extras import MissingExtraError
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless another limit is given."""
@@ -103,7 +103,7 @@ Opened = tuple[dict[str, ArrayInfo], Callable[[str], Any]]
 """The arrays of a file, and what reads one of them."""
 
 
-def from_memory(arrays: dict[str, AnyArray], units: dict[str, str] | None = None) -> Opened:
+def from_memory(arrays: Arrays, units: dict[str, str] | None = None) -> Opened:
     """Return arrays that are read already, with their units."""
     infos = {}
     for name, values in arrays.items():

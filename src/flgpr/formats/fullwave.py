@@ -29,7 +29,7 @@ from flgpr.model import (
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
 _LARGEST_MOTION = 1e-6  # m, of antennas in an array that keeps its form
@@ -104,7 +104,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     return FullwaveLane(run, _truth_table(truth), _object_table(truth))
 
 
-def _load(path: Path, max_memory: int) -> dict[str, AnyArray]:
+def _load(path: Path, max_memory: int) -> Arrays:
     """Read the arrays of an archive."""
     opened = open_arrays(path, max_memory)
     missing = [name for name in _ARRAYS if name not in opened.arrays]

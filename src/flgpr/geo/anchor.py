@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from flgpr.door import read_named
 from flgpr.geo.geodesy import (
@@ -23,6 +23,7 @@ from flgpr.geo.geodesy import (
     to_wgs84,
     transformer_of,
 )
+from flgpr.model.bounds import NotNegative, Positive
 from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
@@ -234,9 +235,9 @@ class _AnchorFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     crs: str
-    accuracy: Annotated[float, Field(gt=0)]
+    accuracy: Positive
     azimuth_deg: float | None = None
-    azimuth_accuracy_deg: Annotated[float, Field(ge=0)] | None = None
+    azimuth_accuracy_deg: NotNegative | None = None
     point: list[_Point]
 
     @model_validator(mode="after")

@@ -20,13 +20,13 @@ import numpy as np
 
 from flgpr import system
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own, refuse_links
-from flgpr.engine import Accumulator, Arrays, Engine, block_name
+from flgpr.engine import Accumulator, Engine, block_name
 from flgpr.jobs.job import WORK_SUFFIX, LaneJob
 from flgpr.method.sections import Section
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE
 from flgpr.store.files import PARTIAL, naming_output, own_partial
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 SUFFIX = ".arrays"
 _JOB = "job.json"

@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import refuse_links
-from flgpr.engine import Arrays
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.jobs.driver import passes_of_lane
 from flgpr.jobs.job import LaneJob, absolute, code_versions, model_digest
@@ -68,7 +67,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
-from flgpr.types import FloatArray
+from flgpr.types import Arrays, FloatArray
 
 PathLike = str | Path
 FOLDS = 10

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.engine import Arrays, bundle_groups, group_of
+from flgpr.engine import bundle_groups, group_of
 from flgpr.features import FEATURES, POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.method.memory import column_count
 from flgpr.method.steps import CleanedImages, Steps
@@ -18,7 +18,7 @@ from flgpr.recipe.schema import Recipe
 from flgpr.recipe.tables import FeaturesTable
 from flgpr.stages import FeatureStage
 from flgpr.store.tables import MOST_COLUMNS
-from flgpr.types import AnyArray, ComplexArray, IndexArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, IndexArray
 
 SWAPPED = "swapped."
 """Prefix of the columns of a variant: the regions of patches are exchanged."""

@@ -20,7 +20,7 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
 from flgpr.screen import label_training_alarms
 from flgpr.stages.too_few import check_classes
-from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -81,7 +81,7 @@ class Classifier:
             "threshold": self.discriminant.threshold_,
         }
 
-    def arrays(self) -> dict[str, AnyArray]:
+    def arrays(self) -> Arrays:
         """Return the arrays that a model holds of it."""
         arrays = {"direction": self.discriminant.direction_}
         for number, knots in enumerate(self.normalizer.knots_):

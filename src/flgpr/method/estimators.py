@@ -19,7 +19,7 @@ from flgpr.detect.scorers.checks import StoredScorer
 from flgpr.method.classifier import TrainingSet, check_entries, checked_names, feature_values
 from flgpr.recipe.tables import DetectorTable
 from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 LAYOUT = 2
 """Version of the layout of a trained estimator in a model.
@@ -100,7 +100,7 @@ class TrainedEstimator:
             "settings": self.scorer.settings(),
         }
 
-    def arrays(self) -> dict[str, AnyArray]:
+    def arrays(self) -> Arrays:
         """Return the arrays that a model holds of it."""
         return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
 
@@ -141,7 +141,7 @@ class TrainedEstimator:
         return cls(name, features, centre, scale, scorer, notes, unlike)
 
 
-def _take_vector(name: str, arrays: dict[str, AnyArray], length: int) -> FloatArray:
+def _take_vector(name: str, arrays: Arrays, length: int) -> FloatArray:
     """Remove an array of a finite number per feature from the arrays and return it."""
     value = arrays.pop(name, None)
     if (

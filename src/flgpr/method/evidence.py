@@ -31,6 +31,7 @@ from flgpr.model import ground_points, lane_to_scan, vehicle_to_scan
 from flgpr.screen.views import grid_of, look_weight
 from flgpr.types import (
     AnyArray,
+    Arrays,
     Complex128Array,
     ComplexArray,
     Float32Array,
@@ -316,7 +317,7 @@ class EvidenceSums:
             nearest.append({scan for _, scan in scans[:MOST_SCANS]})
         return nearest
 
-    def state(self) -> dict[str, AnyArray]:
+    def state(self) -> Arrays:
         """Return all looks, and the coherency of the alarms in sight, for :meth:`merge`."""
         alarms = []
         looks = []
@@ -350,7 +351,7 @@ class EvidenceSums:
         rows = np.concatenate([rows for _, rows in self._causes])
         return alarms, rows
 
-    def merge(self, state: dict[str, AnyArray]) -> None:
+    def merge(self, state: Arrays) -> None:
         """Add what was gathered of other scans for the same alarms."""
         if state["polarization"].size:
             self._channels = (_texts(state["polarization"]), _texts(state["subband"]))

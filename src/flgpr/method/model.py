@@ -9,7 +9,6 @@ from typing import Any
 
 import flgpr
 from flgpr.door import Folder
-from flgpr.engine import Arrays
 from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
@@ -17,7 +16,7 @@ from flgpr.method.unlike import TrainingGround
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.outputs import atomic_output
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 FORMAT = "flgpr-model"
 VERSION = 1

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 from scipy.special import stdtrit
 
-from flgpr.model.bounds import Entries
+from flgpr.model.bounds import Entries, NotNegative, Positive
 from flgpr.stages.textured_clutter import SHAPES
 from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray
 
@@ -69,7 +69,7 @@ class OfSize(Entries):
 class FreeGround(Entries):
     """Alarms of a training lane that are of no target."""
 
-    area: Annotated[float, Field(gt=0)]  #: that was searched, m²
+    area: Positive  #: that was searched, m²
     confidence: list[Annotated[float, Field(ge=-1e30, le=1e30)]]  #: descending
 
 
@@ -82,10 +82,10 @@ class TrainingGround(Entries):
     #: mean level of the images (channel, metre), dB over the mean of all
     profile: list[list[Annotated[float, Field(ge=-300, le=300)]]] = Field(default_factory=list)
     sizes: list[OfSize] = Field(default_factory=list)
-    tail: list[Annotated[float, Field(gt=0)]] = Field(
+    tail: list[Positive] = Field(
         default_factory=list
     )  #: by metre, what 99.9 % of the chips lie below
-    apart: Annotated[float, Field(ge=0)] = 0.0  #: distance of the scans that were looked at, m
+    apart: NotNegative = 0.0  #: distance of the scans that were looked at, m
     free: list[FreeGround] = Field(default_factory=list)  #: by lane
 
     @property

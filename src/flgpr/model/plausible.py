@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from flgpr.model.bounds import Entries, Largest
+from flgpr.model.bounds import AtLeastOne, Entries, Largest
 from flgpr.types import FloatArray
 
 REMEMBERED = 8
@@ -64,7 +64,7 @@ class MotionLimits(Entries):
     interval: Annotated[float, Field(ge=1e-3, le=3600)] = 0.5
     #: longest time between two scans, s
     pause: Annotated[float, Field(ge=1), Largest(1e9)] = 86_400.0
-    scans: Annotated[int, Field(ge=1)] = 1000  #: most scans that may be lost in a row
+    scans: AtLeastOne = 1000  #: most scans that may be lost in a row
     #: number of poses that agree with one another, from which on they are trusted
     agree: Annotated[int, Field(ge=2, le=100)] = 3
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, lane_to_scan, scan_to_lane
-from flgpr.types import AnyArray, BoolArray, Float32Array, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, BoolArray, Float32Array, FloatArray, IntArray
 
 
 def sample_scan(image: xr.DataArray, points: FloatArray) -> Float32Array:
@@ -91,7 +91,7 @@ class LaneSums:
         self._points[..., 0] = grid.x[None, :]
         self._points[..., 1] = grid.y[self._window.start : self._window.stop, None]
         self._looks = np.zeros(self._points.shape[:2], np.int64)
-        self._sums: dict[str, AnyArray] = {}
+        self._sums: Arrays = {}
 
     def add(self, magnitude: Float32Array, grid: Grid, pose: FloatArray) -> None:
         """Add one scan.
@@ -133,7 +133,7 @@ class LaneSums:
         view = self._view(self._begun_sums())
         return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
 
-    def state(self) -> dict[str, AnyArray]:
+    def state(self) -> Arrays:
         """Return the sums for :meth:`merge`, with ``looks`` (y, x) and ``row``, the first row."""
         return {**self._begun_sums(), "looks": self._looks, "row": np.array(self._window.start)}
 
@@ -156,7 +156,7 @@ class LaneSums:
         """Return the rows of the grid that a scan can reach, see :func:`reached_rows`."""
         return reached_rows(self.grid, self.y_max, grid, pose)
 
-    def _begun_sums(self) -> dict[str, AnyArray]:
+    def _begun_sums(self) -> Arrays:
         """Return the sums of at least one scan."""
         if not self._sums:
             raise ValueError("images must hold at least one scan, got none")
@@ -166,7 +166,7 @@ class LaneSums:
         """Return the leading shape of the magnitudes from sums of them."""
         return next(iter(sums.values())).shape[:-2]
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, AnyArray]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         """Return the sums (..., y, x) before the first scan."""
         raise NotImplementedError
 
@@ -183,7 +183,7 @@ class LaneSums:
         raise NotImplementedError
 
 
-def _rows_of(sums: Mapping[str, AnyArray], rows: slice) -> dict[str, AnyArray]:
+def _rows_of(sums: Mapping[str, AnyArray], rows: slice) -> Arrays:
     """Return views of some rows of arrays (..., y, x)."""
     return {name: array[..., rows, :] for name, array in sums.items()}
 
@@ -208,7 +208,7 @@ class RunViewSums(LaneSums):
     and the cache follow.
     """
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, AnyArray]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         shape = (*channels, *self._looks.shape)
         return {name: np.full(shape, -np.inf, np.float32) for name in ("first", "second")}
 
@@ -248,7 +248,7 @@ class MeanViewSums(LaneSums):
         super().__init__(grid, y_max, rows)
         self.falloff = falloff
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, AnyArray]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         return {
             "sum": np.zeros((*channels, *self._looks.shape)),
             "weight": np.zeros(self._looks.shape),
@@ -313,7 +313,7 @@ class RangeViewSums(LaneSums):
         self.ranges = tuple(ranges)
         self.within = within
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, AnyArray]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         shape = (*channels, len(self.ranges), *self._looks.shape)
         return {"value": np.full(shape, np.nan, np.float32), "off": np.full(shape[-3:], np.inf)}
 

@@ -20,13 +20,13 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
 from flgpr.model.faults import describe_fault, listed_faults
-from flgpr.types import AnyArray, ComplexArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from flgpr.engine import Accumulator, Arrays, PlannedPass
+    from flgpr.engine import Accumulator, PlannedPass
     from flgpr.imaging import ScanImager
     from flgpr.model import Grid, Lane
 

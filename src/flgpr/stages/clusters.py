@@ -11,7 +11,6 @@ import xarray as xr
 from pydantic import Field
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Arrays
 from flgpr.features import cut_regions, mean_template, template_features
 from flgpr.screen import (
     ClusterThresholds,
@@ -25,7 +24,7 @@ from flgpr.screen.clusters import Rule
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, ScreenStage, Setup, Table, TrainingView
 from flgpr.stages.too_few import HALF
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 _ELLIPSE = ("half_x", "half_y", "offset_x", "offset_y")
 _THRESHOLDS = ("amplitude", "size", "std", "energy_ratio")

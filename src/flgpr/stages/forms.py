@@ -19,13 +19,14 @@ from flgpr.detect import (
     magnitude_form,
 )
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Accumulator, Arrays, append_accumulator
+from flgpr.engine import Accumulator, append_accumulator
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
 from flgpr.kernels.moments import moments_estimator
 from flgpr.model import ground_points, lane_to_scan
+from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.stages import MapStage, Positive, Setup, Table
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 
 MOST_FORMS = 64
 _FORM = ("strength", "vectors", "linear", "offset")
@@ -43,11 +44,11 @@ class SampleSettings(Table):
     """
 
     polarizations: tuple[str, ...] = ("HH", "VV")
-    length: Annotated[int, Field(ge=1)] = 28  #: of a cut, pixels
-    search: Annotated[float, Field(ge=0)] = 0.5  #: farthest cut from the surveyed mine, m
+    length: AtLeastOne = 28  #: of a cut, pixels
+    search: NotNegative = 0.5  #: farthest cut from the surveyed mine, m
     clear: Positive = 1.0  #: least distance of clutter from all mines, m
     #: distance of clutter's cuts down-track and cross-track, pixels
-    clutter_step: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (7, 8)
+    clutter_step: tuple[AtLeastOne, AtLeastOne] = (7, 8)
     moments: str = "ledoit-wolf"  #: estimator of the clutter's mean and covariance
     rank: Annotated[int, Field(ge=0)] = 3  #: number of vectors of the detector
 

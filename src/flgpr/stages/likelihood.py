@@ -16,9 +16,9 @@ from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Accumulator, Arrays, sum_accumulator
+from flgpr.engine import Accumulator, sum_accumulator
 from flgpr.model import Grid, Sensor, scan_to_lane
-from flgpr.model.bounds import Spacing
+from flgpr.model.bounds import AtLeastOne, NotNegative, Spacing
 from flgpr.stages import MapStage, Positive, Setup, Table
 from flgpr.stages.body_signatures import (
     OWN_ARRAY,
@@ -38,7 +38,15 @@ from flgpr.stages.textured_clutter import (
     shape_counts,
 )
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, BoolArray, ComplexArray, Float32Array, FloatArray, IntArray
+from flgpr.types import (
+    AnyArray,
+    Arrays,
+    BoolArray,
+    ComplexArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
 
 _OWN = 0.6  # share of the lane's own clutter where it stands in for what was learnt, as in fused3
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
@@ -70,18 +78,18 @@ class LikelihoodSettings(Table):
     sensor: str
     antennas: str = ""
     kinds: tuple[str, ...] = Field(("metal",), min_length=1)
-    depths: tuple[Annotated[float, Field(ge=0)], ...] = Field((0.0, 0.05, 0.1, 0.15), min_length=1)
-    soils: tuple[tuple[Annotated[float, Field(ge=1)], Annotated[float, Field(ge=0)]], ...] = Field(
+    depths: tuple[NotNegative, ...] = Field((0.0, 0.05, 0.1, 0.15), min_length=1)
+    soils: tuple[tuple[Annotated[float, Field(ge=1)], NotNegative], ...] = Field(
         ((2.7, 0.01), (4.0, 0.02), (6.0, 0.05), (9.0, 0.1), (14.0, 0.15)), min_length=1
     )
     copies: Annotated[int, Field(ge=1, le=10_000)] = 24
     step: Spacing = 0.2
     clear: Positive = 1.2
-    rank: Annotated[int, Field(ge=1)] = 12
+    rank: AtLeastOne = 12
     load: Positive = 1e-3
     own: Annotated[float, Field(ge=0, lt=1)] = 0.0
     ratios: tuple[Positive, ...] = Field((3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), min_length=1)
-    level: Annotated[float, Field(ge=0)] = 2.0
+    level: NotNegative = 2.0
     polarizations: tuple[str, ...] = Field(("HH", "VV"), min_length=1)
     inner: Positive = 0.15
     guard: Positive = 0.65

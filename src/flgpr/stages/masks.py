@@ -31,15 +31,7 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import (
-    BLOCK,
-    Accumulator,
-    Arrays,
-    PlannedPass,
-    append_accumulator,
-    block_name,
-    blocks_of,
-)
+from flgpr.engine import BLOCK, Accumulator, PlannedPass, append_accumulator, block_name, blocks_of
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.model import (
     Grid,
@@ -53,7 +45,7 @@ from flgpr.model.bounds import Spacing
 from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.standing import StandingSettings, standing_pass
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
-from flgpr.types import BoolArray, ComplexArray, Float32Array, FloatArray, IntArray
+from flgpr.types import Arrays, BoolArray, ComplexArray, Float32Array, FloatArray, IntArray
 
 OperatorOn = Callable[[FloatArray], ImagingOperator]
 """Returns the imaging operator of a scan on points."""

@@ -13,22 +13,14 @@ import xarray as xr
 from pydantic import Field
 
 from flgpr.clutter import roadside_mask, suppress_by_model
-from flgpr.engine import (
-    BLOCK,
-    Accumulator,
-    Arrays,
-    PlannedPass,
-    append_accumulator,
-    block_name,
-    blocks_of,
-)
+from flgpr.engine import BLOCK, Accumulator, PlannedPass, append_accumulator, block_name, blocks_of
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, lane_to_scan
-from flgpr.model.bounds import Spacing
+from flgpr.model.bounds import Moderate, Spacing
 from flgpr.screen import RunViewSums, sample_scan
 from flgpr.stages import ClutterStage, FeatureStage, Setup, Table
-from flgpr.types import AnyArray, ComplexArray, FloatArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray
 
 MASK = "roadside"
 """Name of the pass that finds the mask."""
@@ -46,7 +38,7 @@ class RoadsideSettings(Table):
 
     subband: str  #: sub-band in which pixels are compared
     spacing: Spacing  #: of the model's pixels, m
-    grow: Annotated[float, Field(ge=0, le=100)]  #: by which the mask is grown, m
+    grow: Moderate  #: by which the mask is grown, m
     iterations: Annotated[int, Field(ge=1, le=10_000)]  #: number of conjugate gradients
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from flgpr.clutter import standing_field, subtract_standing
-from flgpr.engine import Accumulator, Arrays, PlannedPass, append_accumulator
+from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.model import Grid
 from flgpr.stages import ClutterStage, Table
-from flgpr.types import ComplexArray
+from flgpr.types import Arrays, ComplexArray
 
 
 class StandingSettings(Table):

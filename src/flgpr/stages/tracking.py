@@ -14,9 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from flgpr.engine import Arrays
 from flgpr.stages import FeatureStage, Positive, Setup, Table
-from flgpr.types import Float32Array, FloatArray
+from flgpr.types import Arrays, Float32Array, FloatArray
 
 
 class TrackingSettings(Table):

@@ -14,7 +14,7 @@ from flgpr.door import read_named
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.tables import plain_text
 from flgpr.store.text import decode_text
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 _MISSING = {"", "nan", "na", "null"}
 _COMMENT = "#%!"
@@ -40,7 +40,7 @@ class _Row(NamedTuple):
     cells: list[str]
 
 
-def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, AnyArray]:
+def read_text_table(path: Path, notes: list[str] | None = None) -> Arrays:
     """Read a text table of real or complex numbers.
 
     Columns are separated by semicolons, commas, tabs or blanks; complex numbers are ``a+bi``. A
@@ -74,7 +74,7 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, Any
     blocks = _blocks(path, notes)
     if len(blocks) == 1:
         return _parse_lines(blocks[0][1], notes)
-    arrays: dict[str, AnyArray] = {}
+    arrays: Arrays = {}
     for label, lines in blocks:
         for name, values in _parse_lines(lines, notes).items():
             arrays[f"{label}/{name}"] = values
@@ -139,7 +139,7 @@ def _without_last_mark(rows: list[_Row]) -> list[_Row]:
     return [row._replace(cells=row.cells[:-1]) for row in rows]
 
 
-def _parse_lines(lines: list[_Line], notes: list[str]) -> dict[str, AnyArray]:
+def _parse_lines(lines: list[_Line], notes: list[str]) -> Arrays:
     """Return the arrays of one table, which a header may name."""
     rows = _rows(lines, notes)
     if not rows:
@@ -196,11 +196,11 @@ def _unnamed_table(rows: list[_Row], columns: list[AnyArray | None]) -> AnyArray
 
 def _named_columns(
     names: list[str], rows: list[_Row], columns: list[AnyArray | None], notes: list[str]
-) -> dict[str, AnyArray]:
+) -> Arrays:
     """Return the columns that hold numbers, by name, and ``table`` if all do."""
     if all(column is None for column in columns):
         raise ValueError(f"no column holds numbers; {_HINT}")
-    arrays: dict[str, AnyArray] = {}
+    arrays: Arrays = {}
     for k, (name, column) in enumerate(zip(names, columns, strict=True)):
         if column is not None:
             arrays[name] = column

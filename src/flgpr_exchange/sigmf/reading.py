@@ -23,7 +23,7 @@ from flgpr.door import MOST_JSON, Folder, read_named
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, FloatArray, IntArray
 
 VERSION = "1.2.5"
 """Version of the specification that is written."""
@@ -143,8 +143,8 @@ class SigmfRecording:
         self._note_extensions()
         self._samples = self._find_samples(meta, path)
         self._starts = self._find_captures()
-        self._arrays: dict[str, AnyArray] = {}
-        self._of_sweeps: dict[str, AnyArray] = {}
+        self._arrays: Arrays = {}
+        self._of_sweeps: Arrays = {}
         self._units: dict[str, str] = {}
         self._unread: list[str] = []
         self._take_entries("global", [self._global])

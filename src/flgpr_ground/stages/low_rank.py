@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from flgpr.engine import PlannedPass
+from flgpr.model.bounds import AtLeastOne
 from flgpr.stages import Table
 from flgpr.stages.standing import StandingField, StandingSettings, standing_pass
 from flgpr.types import AnyArray, Complex128Array, ComplexArray
@@ -23,7 +23,7 @@ class LowRankSettings(StandingSettings):
     It is learnt from at most ``most`` scans, spread evenly over the run.
     """
 
-    rank: Annotated[int, Field(ge=1)] = 2
+    rank: AtLeastOne = 2
 
 
 class LowRank(StandingField):

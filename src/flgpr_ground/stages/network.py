@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
-from pydantic import Field
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Arrays
 from flgpr.features import cut_regions
+from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
 _BATCH = 256  # chips that are scored at once
 _FLOOR = 1e-3  # of magnitudes in units of the background
-Count = Annotated[int, Field(ge=1)]
 Chips = Float32Array
 
 
@@ -40,12 +38,12 @@ class NetworkSettings(Table):
     reach: Positive = 0.5  #: farthest maximum from a mine that still shows it
     clear: Positive = 1.0  #: least distance of clutter's maxima from all targets
     radius: Positive = 0.5  #: distance between maxima
-    jitter: Annotated[float, Field(ge=0)] = 0.1  #: by up to which mines are moved
-    channels: tuple[Count, Count, Count] = (16, 24, 32)  #: of the three convolutions
-    networks: Count = 3  #: whose scores are averaged; they begin with different weights
-    epochs: Count = 20
+    jitter: NotNegative = 0.1  #: by up to which mines are moved
+    channels: tuple[AtLeastOne, AtLeastOne, AtLeastOne] = (16, 24, 32)  #: of the three convolutions
+    networks: AtLeastOne = 3  #: whose scores are averaged; they begin with different weights
+    epochs: AtLeastOne = 20
     rate: Positive = 1e-3  #: step of the optimizer
-    decay: Annotated[float, Field(ge=0)] = 1e-2  #: of the weights
+    decay: NotNegative = 1e-2  #: of the weights
     seed: int = 0
 
 

@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import LinearQuadraticForm, PrincipalComponentDetector
-from flgpr.engine import Accumulator, Arrays, append_accumulator
+from flgpr.engine import Accumulator, append_accumulator
 from flgpr.features import clean_pixels, clutter_cuts, stack_channels
 from flgpr.model import ground_points, lane_to_scan
 from flgpr.stages import Positive, Table
@@ -28,7 +28,7 @@ from flgpr.stages.forms import (
     target_cuts,
 )
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 
 
 class ComponentSettings(SampleSettings):
@@ -113,9 +113,7 @@ class ComponentMap(FormMap):
         return learnt, {"looks_at_mines": looks, "clutter_samples": len(value)}
 
 
-def interval_samples(
-    band: xr.DataArray, mines: FloatArray, settings: ComponentSettings
-) -> dict[str, AnyArray]:
+def interval_samples(band: xr.DataArray, mines: FloatArray, settings: ComponentSettings) -> Arrays:
     """Take range cuts at mines, and of the clutter away from them, in each interval of range.
 
     A mine's cut may reach beyond the interval in which the mine lies, a cut of clutter may not: its

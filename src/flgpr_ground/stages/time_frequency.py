@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, model_validator
 
-from flgpr.engine import Arrays
 from flgpr.features import range_wavenumbers, reflection_features, spectrograms
 from flgpr.model import SPEED_OF_LIGHT, vehicle_to_scan
+from flgpr.model.bounds import NotNegative
 from flgpr.stages import FeatureStage, Positive, Setup, Table
-from flgpr.types import Complex128Array, ComplexArray, FloatArray, IntArray
+from flgpr.types import Arrays, Complex128Array, ComplexArray, FloatArray, IntArray
 
 _NAMES = ("level", "second", "distance", "shift", "bandwidth", "entropy")
 _GIGAHERTZ = ("shift", "bandwidth")
@@ -31,7 +31,7 @@ class TimeFrequencySettings(Table):
 
     polarizations: tuple[str, ...] = ("HH", "VV")
     subband: str | None = None
-    across: Annotated[float, Field(ge=0)] = 0.15
+    across: NotNegative = 0.15
     search: Positive = 0.25
     gate: tuple[Positive, Positive] = (0.1, 0.35)
     width: Positive = 0.06

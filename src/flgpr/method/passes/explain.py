@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flgpr.engine import Arrays
 from flgpr.method.cache_key import features_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 
 class Explain(Pass):

@@ -12,13 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from flgpr.engine import Arrays
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.cache_key import features_key
 from flgpr.method.imaged_run import ImagedRun, table_arrays
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
-from flgpr.types import AnyArray, IndexArray
+from flgpr.types import AnyArray, Arrays, IndexArray
 
 
 class Features(Pass):

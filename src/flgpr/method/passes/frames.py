@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from flgpr.engine import Arrays, concatenate
+from flgpr.engine import concatenate
 from flgpr.method.imaged_run import ImagedRun, table_arrays
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import frame_alarms
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 
 class FrameAlarms(Pass):

@@ -7,13 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from flgpr.clutter import Background, shared_level
-from flgpr.engine import Arrays
 from flgpr.method.cache_key import background_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.signature import background_estimator
 from flgpr.method.passes.traversal import Pass
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 
 class _GainBackground(Pass):

@@ -11,13 +11,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flgpr.engine import Arrays, bundle_groups, group_of
+from flgpr.engine import bundle_groups, group_of
 from flgpr.method.cache_key import view_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import RunViewSums
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 _AS_LEARNT = "as_learnt"
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from flgpr.clutter import BackgroundEstimator
-from flgpr.engine import Arrays
 from flgpr.method.cache_key import background_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 
 class SelfSignaturePass(Pass):

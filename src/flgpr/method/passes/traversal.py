@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
-from flgpr.engine import Accumulator, Arrays, PlannedPass, bundle_groups, group_of
+from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 
 class Pass:

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flgpr.engine import Arrays
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.method.unlike import MEASURED, SIZES, chosen_scans, size_number
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Arrays
 
 
 class LaneClutter(Pass):
