@@ -1,4 +1,4 @@
-"""Types of arrays, for annotations: the one place where they are named.
+"""Types of arrays: the one place where they are named.
 
 A name says what an array holds; shapes stand in docstrings.
 """
@@ -21,3 +21,8 @@ ComplexArray = NDArray[np.complex64]
 Complex128Array = NDArray[np.complex128]
 Arrays = dict[str, AnyArray]
 """Arrays by their names."""
+
+
+def floats(values: Any) -> FloatArray:
+    """Return values as an array of float64; one that is such an array is not copied."""
+    return np.asarray(values, dtype=np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.calibrate.clock import sharpness
-from flgpr.types import ComplexArray
+from flgpr.types import ComplexArray, floats
 
 _LEAST_CONTRAST = 1.3  # times the median of all trials; assumed
 
@@ -52,7 +52,7 @@ def estimate_permittivity(
         If the sharpest image lies at the edge of the trials or does not stand out (1.3 times the
         median of the trials).
     """
-    values = np.asarray(trials, dtype=np.float64)
+    values = floats(trials)
     if values.size < 3 or (np.diff(values) <= 0).any():
         raise ValueError(f"trials must be three or more that increase, got {values.size}")
     sharp = np.empty(values.size)

@@ -12,7 +12,7 @@ from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, way_weights
 from flgpr.model.phase import path_phase
 from flgpr.model.run import complete_scan_numbers
-from flgpr.types import AnyArray, ComplexArray, FloatArray, IntArray
+from flgpr.types import AnyArray, ComplexArray, FloatArray, IntArray, floats
 
 _SAMPLES_AT_ONCE = 1 << 23  # of the profiles, 64 MiB
 
@@ -54,7 +54,7 @@ def fields_over_bias(
     """
     tones = run["frequency"].values
     signal = run["signal"].values
-    positions = np.asarray(points, dtype=np.float64)
+    positions = floats(points)
     scans = complete_scan_numbers(run)
 
     # Profiles of four times as many bins as the spectrum has slots, or more; a bias of half a bin
@@ -67,7 +67,7 @@ def fields_over_bias(
     middle_tone = float(tones[0]) + spacing * (int(slot[-1]) // 2)
     carrier = middle_tone / SPEED_OF_LIGHT
 
-    trials = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
+    trials = [floats(pose)[scans] for pose in poses]
     weights = [way_weights(pose[:, :3]) for pose in trials]
     shape = (len(trials), len(positions), signal.shape[1], last - first + 1)
     field = np.zeros(shape, np.complex64)
@@ -84,7 +84,7 @@ def fields_over_bias(
             sum_over_biases(table, tx, rx, share, positions, step, carrier, first, out)
 
     bias = np.arange(first, last + 1) * (0.5 * step)
-    return field.swapaxes(1, 2), np.asarray(bias, dtype=np.float64)
+    return field.swapaxes(1, 2), floats(bias)
 
 
 def lattice(frequency: ArrayLike) -> tuple[float, IntArray]:
@@ -109,7 +109,7 @@ def lattice(frequency: ArrayLike) -> tuple[float, IntArray]:
     ValueError
         If there are fewer than two tones.
     """
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     if tones.size < 2:
         raise ValueError(f"run must have two tones or more to tell ranges, got {tones.size}")
     least = float(np.diff(tones).min())

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from flgpr.model import SPEED_OF_LIGHT, check_run, complete_scans, vehicle_to_lane
 from flgpr.model.phase import lengthen, path_phase
 from flgpr.model.run import with_signal
-from flgpr.types import AnyArray, Complex128Array, FloatArray, IndexArray
+from flgpr.types import AnyArray, Complex128Array, FloatArray, IndexArray, floats
 
 SLOPES = {"sphere": 0.0, "corner": 1.0}
 """Power of frequency in the echo's amplitude: a wide sphere, a trihedral corner."""
@@ -65,7 +65,7 @@ def estimate_pairs(
         If a parameter breaks its rule, or the run has no complete scan or neither HH nor VV.
     """
     check_run(run)
-    position = np.asarray(point, dtype=np.float64)
+    position = floats(point)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise ValueError(f"point must be x, y, z, got {position}")
     if kind not in SLOPES:

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from flgpr.clutter.iteration import Amplitude, Iterated, OperatorOn, averaged, iterate_suppression
 from flgpr.clutter.suppression import Operator
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.types import ComplexArray, FloatArray, IntArray
+from flgpr.types import ComplexArray, FloatArray, IntArray, floats
 
 
 class FrameStack:
@@ -165,7 +165,7 @@ def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
     """
     if not loss_db > 0:
         raise ValueError(f"loss_db must be positive, got {loss_db}")
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     turn = 4 * np.pi * tones.min() / SPEED_OF_LIGHT
     # All tones together allow less than the lowest one alone.
     upper_bound = np.sqrt(loss_db * np.log(10) / 10) / turn

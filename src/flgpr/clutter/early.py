@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.types import Complex128Array, ComplexArray
+from flgpr.types import Complex128Array, ComplexArray, floats
 
 LEAST_EIGENVALUE = 1e-6
 """Of the greatest: what is weaker in the tones is left, 60 dB below an early echo."""
@@ -45,7 +45,7 @@ def early_basis(frequency: ArrayLike, path: float) -> Complex128Array:
     ValueError
         If the path is not positive, or so long that the echoes fill all tones.
     """
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     if not path > 0:
         raise ValueError(f"path must be positive, got {path:g} m")
     wavenumber = 2 * np.pi * tones / SPEED_OF_LIGHT

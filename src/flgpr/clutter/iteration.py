@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.clutter.suppression import Operator
-from flgpr.types import BoolArray, ComplexArray, FloatArray, IntArray
+from flgpr.types import BoolArray, ComplexArray, FloatArray, IntArray, floats
 
 OperatorOn = Callable[[FloatArray], Operator]
 Amplitude = Literal["region", "whole"]
@@ -153,7 +153,7 @@ def iterate_suppression(
         If there is no iteration, the amplitude is unknown, the shapes differ, or the mask reaches
         beyond the sub-regions.
     """
-    points = np.asarray(pixels, dtype=np.float64)
+    points = floats(pixels)
     masked = np.asarray(mask, dtype=bool)
     region_of = np.asarray(region)
     _check_masked_regions(points, masked, region_of, iterations, amplitude)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray, floats
 
 Intersection = Literal["pixel", "region"]
 
@@ -93,8 +93,8 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     >>> subregions([4.0, 5.0, 9.9, 10.0, 15.0, 16.0], (5, 7.5, 10, 12.5, 15))
     array([-1,  0,  1,  2,  3, -1])
     """
-    borders = np.asarray(edges, dtype=np.float64)
-    ranges = np.asarray(distance, dtype=np.float64)
+    borders = floats(edges)
+    ranges = floats(distance)
     if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():
         raise ValueError(f"edges must be at least two rising ranges, got {edges!r}")
     number = np.searchsorted(borders, ranges, side="right") - 1
@@ -128,7 +128,7 @@ def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray
         If the shapes differ, or a sub-region has no threshold of at least 0.
     """
     magnitude = np.abs(np.asarray(image))
-    limit = np.asarray(threshold, dtype=np.float64)
+    limit = floats(threshold)
     if magnitude.shape != region.shape:
         raise ValueError(
             f"image must have the shape of region, {region.shape}, got {magnitude.shape}"
@@ -256,7 +256,7 @@ def extended_mask(
     least, greatest = roadside
     if not 0 <= least < greatest:
         raise ValueError(f"roadside must have 0 <= least < greatest, got {roadside}")
-    distance = np.abs(np.asarray(across, dtype=np.float64))
+    distance = np.abs(floats(across))
     at_roadside = (distance >= least) & (distance <= greatest)
     return above(vh, thresholds.low_vh, region) & at_roadside
 

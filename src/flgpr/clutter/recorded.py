@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, FloatArray, floats
 
 HIGHEST_GAIN = 1e3
 """Largest ratio of two gains of :func:`level_traces`: 60 dB."""
@@ -91,4 +91,4 @@ def _running_mean(traces: FloatArray, window: int) -> FloatArray:
     np.cumsum(traces, axis=1, out=total[:, 1:])
     first = np.maximum(np.arange(samples) - half, 0)
     end = np.minimum(np.arange(samples) + half + 1, samples)
-    return np.asarray((total[:, end] - total[:, first]) / (end - first), dtype=np.float64)
+    return floats((total[:, end] - total[:, first]) / (end - first))

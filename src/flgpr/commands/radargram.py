@@ -24,7 +24,7 @@ from flgpr.formats.reader import recording_reader
 from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,7 +93,7 @@ class Radargram:
         if self.permittivity is None:
             return None
         speed = SPEED_OF_LIGHT / math.sqrt(self.permittivity)
-        return np.asarray(0.5 * speed * self.delay, dtype=np.float64)
+        return floats(0.5 * speed * self.delay)
 
 
 def make_radargram(

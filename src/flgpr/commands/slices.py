@@ -15,7 +15,7 @@ from flgpr.imaging.focus import focus
 from flgpr.imaging.view_axes import View
 from flgpr.progress import Track, silent
 from flgpr.store import open_run
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +122,7 @@ def make_slices(
 
 def _checked_depths(depths: Sequence[float]) -> FloatArray:
     """Return depths, m; they must be finite, not negative, and increase."""
-    axis = np.asarray(depths, dtype=np.float64)
+    axis = floats(depths)
     is_increasing = axis.size > 0 and bool((np.diff(axis) > 0).all())
     if not is_increasing or axis.size > _MOST_SLICES or not np.isfinite(axis).all() or axis[0] < 0:
         raise ValueError(

@@ -14,7 +14,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin, OneToOneFeatureMixin, T
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 
 class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -194,12 +194,12 @@ def hit_weights(
     array([ 1,  6,  4, 10])
     """
     hit_of = np.asarray(target, dtype=np.int64)
-    d = np.asarray(distance, dtype=np.float64)
+    d = floats(distance)
     if hit_of.ndim != 1 or d.shape != hit_of.shape:
         raise ValueError(
             f"target and distance must have one entry per alarm, got {hit_of.shape} and {d.shape}"
         )
-    factor = np.broadcast_to(np.asarray(beta, dtype=np.float64), hit_of.shape)
+    factor = np.broadcast_to(floats(beta), hit_of.shape)
     if not (np.isfinite(w0) and w0 >= 0 and label_radius > 0 and (factor >= 0).all()):
         raise ValueError(
             "w0, beta must not be negative, label_radius positive, "

@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from flgpr.kernels.correlate import chip_sums, correlate_bank
 from flgpr.kernels.moments import check_samples
-from flgpr.types import AnyArray, BoolArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, BoolArray, Float32Array, FloatArray, floats
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class LinearQuadraticForm:
         projection = samples @ self.vectors.conj().T - self.offset
         quadratic = np.abs(projection) ** 2 @ self.strength
         linear = 2 * (samples @ self.linear.conj()).real
-        return np.asarray(quadratic + linear + self.constant, dtype=np.float64)
+        return floats(quadratic + linear + self.constant)
 
     def after(self, mean: AnyArray, matrix: AnyArray) -> LinearQuadraticForm:
         """Return the form of raw samples y that equals this one at ``x = matrix (y - mean)``.

@@ -23,7 +23,7 @@ from flgpr.detect.rvm_fit import (
     fit_sparse,
     resolve_gamma,
 )
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 Prior = Literal["ard", "laplacian", "laplacian-map"]
 PRIORS: tuple[Prior, ...] = ("ard", "laplacian", "laplacian-map")
@@ -303,7 +303,7 @@ def leave_one_out(
     machines : list of RelevanceVectorClassifier
         The machine of every fold.
     """
-    X = np.asarray(X, dtype=np.float64)
+    X = floats(X)
     y = np.asarray(y)
     full = clone(machine).fit(X, y)._fit_result if warm else None
     machines = []

@@ -14,7 +14,7 @@ from sklearn.metrics.pairwise import pairwise_kernels
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels import relevance
 from flgpr.kernels.laplacian_mode import laplacian_mode
-from flgpr.types import BoolArray, FloatArray, IntArray
+from flgpr.types import BoolArray, FloatArray, IntArray, floats
 
 Kernel = str | Callable[[FloatArray, FloatArray], Any]
 KERNELS = ("rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed")
@@ -101,7 +101,7 @@ def fit_sparse(
         The model.
     """
     # Rows of basis functions, contiguous, because every sum over samples runs along them.
-    rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
+    rows = np.ascontiguousarray(floats(design).T)
     t = np.ascontiguousarray(target, dtype=np.float64)
     if rate == "auto":
         ard_fit = fit_sparse(
@@ -163,7 +163,7 @@ def fit_laplacian_map(
         normal prior with the precision λ/|w_i|; ``alpha``, ``covariance`` and ``log_evidence`` are
         of these precisions.
     """
-    rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
+    rows = np.ascontiguousarray(floats(design).T)
     t = np.ascontiguousarray(target, dtype=np.float64)
     scale = math.sqrt(rate)
     with blas_on_one_thread():
@@ -397,7 +397,7 @@ def evaluate_kernel(
         If the kernel is unknown, or a function returns another shape.
     """
     if callable(kernel):
-        values = np.asarray(kernel(X, centres), dtype=np.float64)
+        values = floats(kernel(X, centres))
         if values.shape != (len(X), len(centres)):
             raise ValueError(
                 f"kernel must return the shape {(len(X), len(centres))}, got {values.shape}"
@@ -416,4 +416,4 @@ def evaluate_kernel(
         raise ValueError(
             f"kernel must have finite values, got {int((~np.isfinite(values)).sum())} that are not"
         )
-    return np.asarray(values, dtype=np.float64)
+    return floats(values)

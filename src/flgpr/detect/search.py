@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.detect.fisher import HistogramNormalizer, class_moments
-from flgpr.types import FloatArray, IndexArray
+from flgpr.types import FloatArray, IndexArray, floats
 
 Scorer = Callable[[FloatArray], float]
 # A candidate with less than this share of its scatter outside the span of the chosen ones adds
@@ -69,10 +69,10 @@ def make_fold(
     ValueError
         If a class has no training sample.
     """
-    features: FloatArray = np.asarray(X, np.float64)
+    features: FloatArray = floats(X)
     use = np.asarray(train, bool)
     labels = np.asarray(label)[use]
-    counts = np.asarray(weight, np.float64)[use]
+    counts = floats(weight)[use]
     tried = np.arange(len(features))
     if test is not None:
         tried = np.flatnonzero(np.asarray(test, bool))

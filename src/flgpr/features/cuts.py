@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter
 
 from flgpr.kernels.correlate import chip_sums, chips
-from flgpr.types import BoolArray, ComplexArray, FloatArray, IntArray
+from flgpr.types import BoolArray, ComplexArray, FloatArray, IntArray, floats
 
 PAPER_CUT = (28, 1)
 """Pixels down-track and cross-track of the paper's range cut, at 2 cm."""
@@ -138,7 +138,7 @@ def range_cuts(
     if not search >= 0:
         raise ValueError(f"search must be at least 0, got {search}")
     stack, _ = stack_channels(image, channels)
-    position = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    position = floats(points).reshape(-1, 2)
     x = image["x"].values
     y = image["y"].values
     rows = _nearest(y, position[:, 1])
@@ -215,9 +215,9 @@ def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -
     """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0, got {radius}")
-    across, along = np.meshgrid(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    across, along = np.meshgrid(floats(x), floats(y))
     clean = np.ones(across.shape, dtype=bool)
-    for px, py in np.asarray(points, dtype=np.float64).reshape(-1, 2):
+    for px, py in floats(points).reshape(-1, 2):
         clean &= np.hypot(across - px, along - py) > radius
     return clean
 

@@ -9,7 +9,7 @@ from scipy.fft import fft2, ifft2, next_fast_len
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, Lane
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 
 def cut_regions(
@@ -34,7 +34,7 @@ def cut_regions(
         Regions, zero beyond the image.
     """
     values = np.asarray(image)
-    positions = np.reshape(np.asarray(centres, dtype=np.float64), (-1, 2))
+    positions = np.reshape(floats(centres), (-1, 2))
     half_u = round(size[0] / grid.dx) // 2
     half_v = round(size[1] / grid.dy) // 2
     # Rounded, so that a centre on the last row lies on it wherever along the lane the image begins.
@@ -262,7 +262,7 @@ def clutter_tiles(
     x = lane.x_min + width / 2 + (np.arange(across) - (across - 1) / 2) * size[0]
     y = lane.y_min + (np.arange(along) + 0.5) * size[1]
     centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    positions = np.reshape(np.asarray(mines, dtype=np.float64), (-1, 2))
+    positions = np.reshape(floats(mines), (-1, 2))
     beyond = np.maximum(np.abs(centres[:, None] - positions[None]) - np.asarray(size) / 2, 0)
     clear = (np.hypot(beyond[..., 0], beyond[..., 1]) >= keep_off).all(axis=1)
     return pd.DataFrame(centres[clear], columns=["x", "y"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import Complex128Array, FloatArray, floats
 
 _UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 
@@ -50,7 +50,7 @@ def impulse_to_frequency(
         If the delays are uneven or do not fit the samples, or the band does not fit them.
     """
     values = np.asarray(samples)
-    axis = np.asarray(delay, dtype=np.float64)
+    axis = floats(delay)
     step = _step_of(axis, values.shape)
     if carrier and not np.iscomplexobj(values):
         raise ValueError("carrier is for complex samples, got real ones")

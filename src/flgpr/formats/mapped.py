@@ -32,7 +32,7 @@ from flgpr.model.faults import faults_of
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 from flgpr.store.files import natural_order
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -121,7 +121,7 @@ def import_mapped(
     files = _files(table, folders, data_files)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
-    poses = None if pose is None else np.asarray(pose, dtype=np.float64)
+    poses = None if pose is None else floats(pose)
     try:
         importer = _Importer(table, files, limit, poses, track, clock_offset, anchor)
         importer.sources.anchor_from_track = anchor_from_track

@@ -14,7 +14,7 @@ import numpy as np
 from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapping import EntryValue, Index, Positions, Quantity, Variable, factor
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -134,7 +134,7 @@ class Sources:
                     )
                 values = np.linspace(*spec.span, count)
             elif spec.values is not None:
-                values = np.asarray(spec.values, dtype=np.float64)
+                values = floats(spec.values)
             else:
                 values = self._column(spec.file, str(spec.variable), spec.column, along, where)
                 if len(self.grid) > 1 and along == "scan":
@@ -275,7 +275,7 @@ class Sources:
     def _triples(self, spec: Positions, where: str, along: str, count: int | None) -> FloatArray:
         """Return positions of any form that a mapping has, with x, y, z along the last axis."""
         if spec.values is not None:
-            return np.asarray(spec.values, dtype=np.float64)
+            return floats(spec.values)
         if spec.variable is None:
             sides = []
             for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True):
@@ -359,7 +359,7 @@ def real(values: AnyArray, where: str) -> FloatArray:
     """
     if np.iscomplexobj(values):
         raise ValueError(f"{where} must be real numbers, got {values.dtype}")
-    return np.asarray(values, dtype=np.float64)
+    return floats(values)
 
 
 def plausible(values: AnyArray, where: str) -> None:

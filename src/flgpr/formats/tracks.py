@@ -28,7 +28,7 @@ from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 _DAY = 86400.0
 _ANGLES = ("heading", "pitch", "roll")
@@ -378,7 +378,7 @@ def _headings(
         return course(position)
     stamp, angle = np.array(headings).T
     in_lane = np.interp(time, stamp, np.unwrap(angle)) - azimuth
-    return np.asarray(np.angle(np.exp(1j * in_lane)), dtype=np.float64)
+    return floats(np.angle(np.exp(1j * in_lane)))
 
 
 def _continued_time(clock: float, last: float) -> float:
@@ -395,7 +395,7 @@ def _needed(columns: Mapping[str, AnyArray], name: str) -> FloatArray:
     if name not in columns or np.iscomplexobj(columns[name]):
         known = ", ".join(key for key in columns if key != "table") or "no header line"
         raise ValueError(f"the column {name} is missing; got {known}")
-    return np.asarray(columns[name], dtype=np.float64)
+    return floats(columns[name])
 
 
 def _angle(
@@ -405,7 +405,7 @@ def _angle(
     if f"{name}_rad" in columns:
         return _needed(columns, f"{name}_rad")
     if f"{name}_deg" in columns:
-        return np.asarray(np.radians(_needed(columns, f"{name}_deg")), dtype=np.float64)
+        return floats(np.radians(_needed(columns, f"{name}_deg")))
     if default is None:
         raise ValueError(f"the column {name}_deg or {name}_rad is missing")
     return default

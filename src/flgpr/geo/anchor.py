@@ -28,7 +28,7 @@ from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 
 _TURN = 360.0
 _HALF_TURN = 180.0
@@ -91,7 +91,7 @@ class Anchor:
         (..., 3) ndarray
             The vectors, m, from the contact point for points.
         """
-        enu = np.asarray(vector, dtype=np.float64) @ heading_matrix(self.azimuth).T
+        enu = floats(vector) @ heading_matrix(self.azimuth).T
         shift = self.shift if shifted else 0.0
         return (enu + shift) @ east_north_up(self.origin)
 
@@ -108,7 +108,7 @@ class Anchor:
         (..., 3) ndarray
             Points in the lane frame, m.
         """
-        step = np.asarray(position, dtype=np.float64) - geocentric(self.origin)
+        step = floats(position) - geocentric(self.origin)
         enu = step @ east_north_up(self.origin).T
         return (enu - self.shift) @ heading_matrix(self.azimuth)
 
@@ -162,7 +162,7 @@ class Anchor:
         (..., 3) ndarray
             Points in the lane frame, m.
         """
-        components = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
+        components = np.moveaxis(floats(position), -1, 0)
         xyz = transformer_of(GEODETIC, GEOCENTRIC).transform(*components)
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
@@ -183,7 +183,7 @@ class Anchor:
         ndarray
             Standard deviation of each, m.
         """
-        dx = np.asarray(x, dtype=np.float64) - self.center[0]
+        dx = floats(x) - self.center[0]
         dy = np.asarray(y) - self.center[1]
         r2 = dx**2 + dy**2
         by_points = self.sigma**2 * (1 / self.count + r2 / self.spread)
@@ -423,8 +423,8 @@ def fit_anchor(
         accuracy and 5 cm.
     """
     system = system_of_kind(crs, geographic)
-    local = np.asarray(lane, dtype=np.float64)
-    surveyed = np.asarray(position, dtype=np.float64)
+    local = floats(lane)
+    surveyed = floats(position)
     _check_points(local, surveyed, accuracy)
     heights_known = _all_known(height)
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))

@@ -11,7 +11,7 @@ from flgpr.geo.anchor import Anchor, anchor_at
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, FloatArray, floats
 
 _LEAST_JUDGED = 5  # fixes, to tell one that lies astray
 _ASIDE = 3  # times the usual step, and
@@ -47,7 +47,7 @@ def anchor_from_fixes(
     ValueError
         If fewer than two fixes are plausible, or none lies half a metre from the first.
     """
-    points = np.asarray(fixes, dtype=np.float64).reshape(-1, 3)
+    points = floats(fixes).reshape(-1, 3)
     is_finite = np.isfinite(points).all(axis=1) & (np.abs(points[:, 1]) < 89.9)
     finite = points[is_finite]
     if len(finite) < 2:
@@ -57,7 +57,7 @@ def anchor_from_fixes(
         )
     numbers: FloatArray = np.arange(len(points), dtype=np.float64)
     if number is not None:
-        numbers = np.asarray(number, dtype=np.float64).round()
+        numbers = floats(number).round()
     # The median, unlike the first fix, is not moved by a fix that is far off.
     plane = anchor_at(_median_position(finite), 0.0)
     local = plane.from_geodetic(finite)

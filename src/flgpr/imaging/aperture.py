@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, as_aperture, check_run
-from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 _PAIRS_AT_ONCE = 256  # in one operator
 _EVEN = 1e-6  # share of a step by which the steps of even tones differ, at most
@@ -97,7 +97,7 @@ def aperture_image(
         If the run is not valid, or :class:`ImagingOperator` refuses a parameter.
     """
     check_run(run)
-    pixels = np.asarray(points, dtype=np.float64)
+    pixels = floats(points)
     flat = pixels.reshape(-1, 3)
     record = record_of(run)
     index = math.sqrt(operator.get("permittivity") or 1.0)
@@ -107,7 +107,7 @@ def aperture_image(
         recorded = SPEED_OF_LIGHT * record.end / (2 * index)
     weight = np.ones(run.sizes["scan"])
     if weights is not None:
-        weight = np.asarray(weights, dtype=np.float64)
+        weight = floats(weights)
     total = np.zeros((run.sizes["polarization"], len(flat)), np.complex64)
     for block in blocks:
         tx, rx = antennas_in_lane(run, run["pose"].values[block])

@@ -18,7 +18,7 @@ from flgpr.imaging.plan import ImagingLayout, Pattern, Plan, lay_out, make_plan
 from flgpr.kernels.layout import CHANNELS
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 Subbands = Sequence[tuple[float, float]]
 
@@ -266,7 +266,7 @@ class ImagingOperator:
         """Return the checked path offset (pair,), by default zero."""
         if value is None:
             return np.zeros(self.pairs)
-        offset = np.asarray(value, dtype=np.float64)
+        offset = floats(value)
         if offset.shape != (self.pairs,) or not np.isfinite(offset).all():
             raise ValueError(
                 f"path_offset must hold one finite length per pair ({self.pairs}), "
@@ -319,7 +319,7 @@ class ImagingOperator:
                     f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
                 )
         if window is not None and not isinstance(window, str):
-            taper = np.asarray(window, dtype=np.float64)
+            taper = floats(window)
             if taper.shape != self.frequency.shape or not np.isfinite(taper).all():
                 raise ValueError(
                     f"window must hold one finite weight per tone ({self.frequency.size}), "
@@ -399,7 +399,7 @@ def _cuda_backend(
 
 def _points(value: ArrayLike, name: str) -> FloatArray:
     """Return checked points (..., 3), at least one."""
-    points = np.asarray(value, dtype=np.float64)
+    points = floats(value)
     if points.ndim < 1 or points.shape[-1] != 3 or points.size == 0:
         raise ValueError(
             f"{name} must have the shape (..., 3) with at least one point, got {points.shape}"

@@ -22,7 +22,7 @@ from flgpr.kernels.precise import PreciseGeometry
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.types import BoolArray, Complex128Array, FloatArray, IntArray
+from flgpr.types import BoolArray, Complex128Array, FloatArray, IntArray, floats
 
 Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 
@@ -128,7 +128,7 @@ def lay_out(
 
 def _amplitude(pattern: Pattern, name: str, position: FloatArray, pixels: FloatArray) -> FloatArray:
     """Evaluate an antenna's amplitude at the pixels (pixel, 3), which must be one number each."""
-    value = np.asarray(pattern(position, pixels), dtype=np.float64)
+    value = floats(pattern(position, pixels))
     if value.shape not in ((), (pixels.shape[0],)) or not np.isfinite(value).all():
         raise ValueError(
             f"{name} must return one finite amplitude per pixel ({pixels.shape[0]}), "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.types import Float32Array, FloatArray
+from flgpr.types import Float32Array, FloatArray, floats
 
 ComplexArray = NDArray[np.complexfloating]
 LEAST_LEVEL = -999.0
@@ -27,10 +27,7 @@ class DelayBins:
     def delays(self) -> FloatArray:
         """Return the delays (count · sums_per_bin,) of all sums, evenly spaced, s."""
         total = self.count * self.sums_per_bin
-        return np.asarray(
-            self.start + (self.stop - self.start) * (np.arange(total) + 0.5) / total,
-            dtype=np.float64,
-        )
+        return floats(self.start + (self.stop - self.start) * (np.arange(total) + 0.5) / total)
 
 
 def range_profiles(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
-from flgpr.types import ComplexArray, FloatArray, IntArray
+from flgpr.types import ComplexArray, FloatArray, IntArray, floats
 
 
 class ScanImager:
@@ -74,7 +74,7 @@ class ScanImager:
             raise ValueError(
                 f"run must have a scan without missing sweeps, got none among {complete.size}"
             )
-        self._poses = np.asarray(run["pose"].values, dtype=np.float64)
+        self._poses = floats(run["pose"].values)
         # The last operator with the height, pitch and roll for which it holds.
         self._last_operator: tuple[tuple[float, ...], ImagingOperator] | None = None
         self._blanks: dict[int, xr.DataArray] = {}  # by number of rows

@@ -18,7 +18,7 @@ from flgpr.recipe.schema import Recipe
 from flgpr.recipe.tables import FeaturesTable
 from flgpr.stages import FeatureStage
 from flgpr.store.tables import MOST_COLUMNS
-from flgpr.types import AnyArray, Arrays, ComplexArray, IndexArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, IndexArray, floats
 
 SWAPPED = "swapped."
 """Prefix of the columns of a variant: the regions of patches are exchanged."""
@@ -110,7 +110,7 @@ class StageSums:
         columns = self.stage.of_image(image, positions)
         arrays = []
         for name in self.stage.columns:
-            arrays.append(np.asarray(columns[name], dtype=np.float64))
+            arrays.append(floats(columns[name]))
         values = np.stack(arrays, axis=1)
         # A scan that cannot measure a feature of an alarm does not count for it.
         self._total += np.nan_to_num(values)

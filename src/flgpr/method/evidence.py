@@ -37,6 +37,7 @@ from flgpr.types import (
     Float32Array,
     FloatArray,
     IndexArray,
+    floats,
 )
 
 MOST_SCANS = 4
@@ -137,7 +138,7 @@ def confidence_contributions(
         explained.
     """
     count = len(evidence.adds)
-    total = np.asarray(confidence, dtype=np.float64)
+    total = floats(confidence)
     shares = np.full((len(total), count), np.nan)
     for row, looks in enumerate(evidence.causes):
         if len(looks):

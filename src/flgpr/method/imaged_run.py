@@ -46,7 +46,7 @@ from flgpr.stages import (
     make_clutter_stages,
     make_stages,
 )
-from flgpr.types import AnyArray, ComplexArray, FloatArray
+from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
 
 
 class ImagedRun:
@@ -504,7 +504,7 @@ class ImagedRun:
         row = np.rint((alarms["y"].to_numpy() - grid.y_min) / grid.dy).astype(int)
         column = np.rint((alarms["x"].to_numpy() - grid.x_min) / grid.dx).astype(int)
         values = arrays["as_learnt"][0, 0, row - self.view_rows.start, column]
-        return np.asarray(values, dtype=np.float64)
+        return floats(values)
 
     def evidence_sums(self, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
         """Return the empty sums of what explains the strongest alarms; needs the pass "alarms".

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import numpy as np
 import xarray as xr
 
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
-from flgpr.types import ComplexArray, Float32Array, FloatArray
+from flgpr.types import ComplexArray, Float32Array, FloatArray, floats
 
 
 class ImagedScan:
@@ -52,7 +51,7 @@ class ImagedScan:
     @property
     def pose(self) -> FloatArray:
         """The scan's pose (6,) in the lane frame."""
-        return np.asarray(self.near_image.attrs["pose"], dtype=np.float64)
+        return floats(self.near_image.attrs["pose"])
 
     def magnitude(self) -> Float32Array:
         """Return the cleaned magnitude (polarization, subband, y, x), or the recipe's map of it.

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
 from flgpr.model.run import check_run, complete_scan_numbers, complete_scans, make_run
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 LINE_STARTS = "line_starts"
 """Attribute of a run of several lines: the number of the first scan of each."""
@@ -66,7 +66,7 @@ def way_shares(position: ArrayLike) -> FloatArray:
     (scan,) ndarray
         Shares, m.
     """
-    places = np.asarray(position, dtype=np.float64)
+    places = floats(position)
     ways = np.diff(places, axis=0)
     step = np.linalg.norm(ways, axis=1)
     moves = step[step > 0]
@@ -93,7 +93,7 @@ def _shares_with_jumps(position: FloatArray, step: FloatArray, goes_on: bool) ->
     if not goes_on and np.median(way) > _ANY_ORDER * np.median(usual):
         share = usual / visits
     share = share / np.bincount(stop)
-    return np.asarray(share[stop], dtype=np.float64)
+    return floats(share[stop])
 
 
 def _usual_steps(places: FloatArray) -> tuple[FloatArray, FloatArray]:

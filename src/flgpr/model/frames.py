@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,7 +69,7 @@ def pose_matrix(pose: ArrayLike) -> FloatArray:
 
     They turn the vehicle frame to lane axes.
     """
-    p = np.asarray(pose, dtype=np.float64)
+    p = floats(pose)
     return heading_matrix(p[..., 3]) @ attitude_matrix(p[..., 4], p[..., 5])
 
 
@@ -78,7 +78,7 @@ def _cos_sin(angle: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
     NumPy's differ between processors in the last bit.
     """
-    angles = np.asarray(angle, dtype=np.float64)
+    angles = floats(angle)
     numbers = angles.ravel().tolist()
     cosine = np.reshape([math.cos(number) for number in numbers], angles.shape)
     sine = np.reshape([math.sin(number) for number in numbers], angles.shape)
@@ -100,7 +100,7 @@ def attitude_angles(rotation: ArrayLike) -> FloatArray:
 
     This is the inverse of ``Rz(-heading)·Rx(pitch)·Ry(roll)``, with the pitch within ±π/2.
     """
-    m = np.asarray(rotation, dtype=np.float64)
+    m = floats(rotation)
     heading = np.arctan2(m[..., 0, 1], m[..., 1, 1])
     sine_of_pitch = np.clip(m[..., 2, 1], -1.0, 1.0)  # rounding may leave it beyond one
     roll = np.arctan2(-m[..., 2, 0], m[..., 2, 2])
@@ -121,24 +121,24 @@ def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     This and the functions below also convert points (..., point, 3) for poses (..., 6), whose
     leading axes broadcast.
     """
-    p = np.asarray(pose, dtype=np.float64)
+    p = floats(pose)
     rotation = attitude_matrix(p[..., 4], p[..., 5])
-    level = np.asarray(position, dtype=np.float64) @ rotation.swapaxes(-1, -2)
+    level = floats(position) @ rotation.swapaxes(-1, -2)
     return level + _shift(p, [2])
 
 
 def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     """Convert points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
-    p = np.asarray(pose, dtype=np.float64)
+    p = floats(pose)
     rotation = heading_matrix(p[..., 3])
-    turned = np.asarray(position, dtype=np.float64) @ rotation.swapaxes(-1, -2)
+    turned = floats(position) @ rotation.swapaxes(-1, -2)
     return turned + _shift(p, [0, 1])
 
 
 def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     """Convert points (..., 3), m, from the lane frame to the scan frame of a pose (6,)."""
-    p = np.asarray(pose, dtype=np.float64)
-    offset = np.asarray(position, dtype=np.float64) - _shift(p, [0, 1])
+    p = floats(pose)
+    offset = floats(position) - _shift(p, [0, 1])
     return offset @ heading_matrix(p[..., 3])  # of rows: the inverse rotation
 
 
@@ -237,4 +237,4 @@ class Grid:
 
 def _centres(first: float, spacing: float, count: int) -> FloatArray:
     """Return pixel centres, rounded to a nanometre so that tables do not end in 0000000000002."""
-    return np.asarray(np.round(first + spacing * np.arange(count), 9), dtype=np.float64)
+    return floats(np.round(first + spacing * np.arange(count), 9))

@@ -22,7 +22,7 @@ from flgpr.model.plausible import (
     Sighting,
     moved,
 )
-from flgpr.types import BoolArray, FloatArray, IntArray
+from flgpr.types import BoolArray, FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -130,8 +130,8 @@ def judge_poses(
         If the shapes do not agree.
     """
     limits = limits or MotionLimits()
-    poses = np.asarray(pose, dtype=np.float64)
-    times = np.full(len(poses), np.nan) if time is None else np.asarray(time, dtype=np.float64)
+    poses = floats(pose)
+    times = np.full(len(poses), np.nan) if time is None else floats(time)
     if poses.ndim != 2 or poses.shape[1] != 6 or times.shape != (len(poses),):
         raise ValueError(
             f"pose must be (scan, 6) and time (scan,), got {poses.shape} and {times.shape}"

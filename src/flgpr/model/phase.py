@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.model.constants import SPEED_OF_LIGHT
-from flgpr.types import AnyArray, Complex128Array
+from flgpr.types import AnyArray, Complex128Array, floats
 
 
 def path_phase(frequency: ArrayLike, path: ArrayLike) -> Complex128Array:
@@ -24,8 +24,8 @@ def path_phase(frequency: ArrayLike, path: ArrayLike) -> Complex128Array:
     (..., frequency) ndarray of complex128
         Field.
     """
-    lengths = np.asarray(path, dtype=np.float64)[..., None]
-    turns = lengths * np.asarray(frequency, dtype=np.float64) / SPEED_OF_LIGHT
+    lengths = floats(path)[..., None]
+    turns = lengths * floats(frequency) / SPEED_OF_LIGHT
     # Whole turns are taken off first: the argument of the exponential stays small.
     fraction = turns - np.floor(turns)
     return np.asarray(np.exp(-2j * np.pi * fraction), dtype=np.complex128)

@@ -19,7 +19,7 @@ from pydantic import Field
 from typing_extensions import TypedDict
 
 from flgpr.model.bounds import AtLeastOne, Entries, Largest
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 
 REMEMBERED = 8
 """Number of trusted poses that a gate remembers, for scans that come late."""
@@ -151,7 +151,7 @@ def moved(before: ArrayLike, after: ArrayLike) -> dict[str, FloatArray]:
 
     They are across the ground and in height, m, in heading and in attitude, rad.
     """
-    step = np.asarray(after, dtype=np.float64) - np.asarray(before, dtype=np.float64)
+    step = floats(after) - floats(before)
     angles = np.abs(np.angle(np.exp(1j * step[..., 3:])))
     return {
         "speed": np.hypot(step[..., 0], step[..., 1]),
@@ -447,4 +447,4 @@ def _from_json(values: list[Any]) -> Sighting:
     """Return the sighting of number, time and pose."""
     number, time, pose = values
     seconds = math.nan if time is None else float(time)
-    return Sighting(int(number), seconds, np.asarray(pose, dtype=np.float64))
+    return Sighting(int(number), seconds, floats(pose))

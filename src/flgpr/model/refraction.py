@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import Complex128Array, FloatArray, floats
 
 _NEWTON_STEPS = 6
 
@@ -61,12 +61,10 @@ def refracted_ray(
     ValueError
         If a height is not positive, a thickness is negative or a permittivity is below 1.
     """
-    x, h = np.broadcast_arrays(
-        np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64)
-    )
+    x, h = np.broadcast_arrays(floats(distance), floats(height))
     layers = []
     for d, eps in zip(thickness, permittivity, strict=True):
-        layers.append((np.asarray(d, dtype=np.float64), float(eps)))
+        layers.append((floats(d), float(eps)))
     _check_layers(h, layers)
     tangent = x / h
     for _ in range(_NEWTON_STEPS):
@@ -114,8 +112,8 @@ def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> Fl
     sine : array_like
         Sine of the angle of incidence in air.
     """
-    s = np.asarray(sine, dtype=np.float64)
-    return np.asarray(np.asarray(depth, dtype=np.float64) * np.sqrt(permittivity - s**2) / s)
+    s = floats(sine)
+    return np.asarray(floats(depth) * np.sqrt(permittivity - s**2) / s)
 
 
 def reflection(
@@ -158,7 +156,7 @@ def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> Complex128Array:
     ``n²·cosθ_t/cosθ``. Together with :func:`two_way_transmission` this is t12², as reciprocity
     demands.
     """
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = floats(sine) ** 2
     return np.asarray(np.sqrt(1 - s2) / np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2))
 
 
@@ -178,13 +176,13 @@ def two_way_attenuation(
     permittivity : array_like of complex
         Permittivity ε of the layer.
     """
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = floats(sine) ** 2
     vertical = np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2)
-    rate = np.asarray(wavenumber, dtype=np.float64) * np.abs(vertical.imag)
-    return np.asarray(np.exp(-2 * np.asarray(depth, dtype=np.float64) * rate))
+    rate = floats(wavenumber) * np.abs(vertical.imag)
+    return np.asarray(np.exp(-2 * floats(depth) * rate))
 
 
 def interface_path(sine: ArrayLike, permittivity: float) -> FloatArray:
     """Return the path gained per metre of surface height, one way: ``sqrt(ε - sin²θ) - cosθ``."""
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = floats(sine) ** 2
     return np.asarray(np.sqrt(permittivity - s2) - np.sqrt(1 - s2))

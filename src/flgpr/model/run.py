@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
-from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 # Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
 _LOWEST_FREQUENCY = 1e6
@@ -127,7 +127,7 @@ def check_frequency(frequency: ArrayLike, count: int | None = None) -> FloatArra
 
     It must be finite, strictly increasing and as long as ``count``; else it is a ValueError.
     """
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     if tones.ndim != 1 or tones.size == 0 or (count is not None and tones.size != count):
         expected = "at least one tone" if count is None else f"{count} tones"
         raise ValueError(
@@ -204,7 +204,7 @@ def with_signal(run: xr.Dataset, signal: AnyArray) -> xr.Dataset:
 
 def _positions(value: ArrayLike, name: str, pairs: int) -> FloatArray:
     """Return checked antenna positions (pair, 3)."""
-    array = np.asarray(value, dtype=np.float64)
+    array = floats(value)
     if array.shape != (pairs, 3):
         raise ValueError(f"{name} must have the shape (pair, 3) = ({pairs}, 3), got {array.shape}")
     if not np.isfinite(array).all():
@@ -219,7 +219,7 @@ def check_poses(value: ArrayLike, scans: int) -> FloatArray:
     """Return checked poses (scan, 6) of so many scans, finite and in radians, as float64."""
     if value is None:
         raise ValueError("pose must give x, y, z, heading, pitch, roll of every scan, got none")
-    array = np.asarray(value, dtype=np.float64)
+    array = floats(value)
     if array.shape != (scans, 6):
         raise ValueError(
             f"pose must have the shape (scan, 6) = ({scans}, 6): "
@@ -279,7 +279,7 @@ def _times(value: ArrayLike | None, scans: int) -> FloatArray:
     """Return checked times (scan,), NaN if there are none."""
     if value is None:
         return np.full(scans, np.nan)
-    array = np.asarray(value, dtype=np.float64)
+    array = floats(value)
     if array.shape != (scans,):
         raise ValueError(f"time must have the shape (scan,) = ({scans},), got {array.shape}")
     if (np.diff(array) < 0).any():

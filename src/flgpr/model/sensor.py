@@ -25,7 +25,7 @@ from flgpr.model.bounds import (
 )
 from flgpr.model.constants import POLARIZATIONS
 from flgpr.model.faults import load_preset, preset_names
-from flgpr.types import FloatArray, IndexArray
+from flgpr.types import FloatArray, IndexArray, floats
 
 _PRESETS = resources.files("flgpr.model") / "presets"
 Position = tuple[float, float, float]
@@ -53,7 +53,7 @@ class Tones(Entries):
 
     def axis(self) -> FloatArray:
         """Tones, Hz, shape (count,)."""
-        return np.asarray(self.start + self.step * np.arange(self.count), dtype=np.float64)
+        return floats(self.start + self.step * np.arange(self.count))
 
 
 class Antenna(Entries):

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from flgpr.model.constants import POSE_COMPONENTS
 from flgpr.model.frames import pose_matrix
 from flgpr.model.tables import full_column
-from flgpr.types import BoolArray, FloatArray, IndexArray
+from flgpr.types import BoolArray, FloatArray, IndexArray, floats
 
 TRACK_COLUMNS = (
     full_column("time", "s", "time on the clock of the positions"),
@@ -50,8 +50,8 @@ def make_track(
     ValueError
         If the shapes differ, there are fewer than two fixes, or :func:`check_track` refuses it.
     """
-    times = np.asarray(time, dtype=np.float64)
-    points = np.asarray(position, dtype=np.float64)
+    times = floats(time)
+    points = floats(position)
     if times.ndim != 1 or times.size < 2 or points.shape != (times.size, 3):
         raise ValueError(
             "a track must have at least two fixes with time (fix,) and position (fix, 3), "
@@ -59,7 +59,7 @@ def make_track(
         )
     columns = {"time": times, "x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
     for name, angle in (("heading", heading), ("pitch", pitch), ("roll", roll)):
-        columns[name] = np.broadcast_to(np.asarray(angle, dtype=np.float64), times.shape)
+        columns[name] = np.broadcast_to(floats(angle), times.shape)
     return check_track(pd.DataFrame(columns))
 
 
@@ -149,7 +149,7 @@ def poses_at(
     """
     check_track(track)
     stamp = track["time"].to_numpy()
-    track_time = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
+    track_time = clock_offset + clock_rate * floats(time)
     _check_times(track_time, stamp, max_gap)
     pose = np.empty((track_time.size, 6))
     for column, name in enumerate(POSE_COMPONENTS):
@@ -209,7 +209,7 @@ def reference_track(
         If the track is not valid, or the lever arm or the latency is not finite.
     """
     check_track(track)
-    lever = np.asarray(lever_arm, dtype=np.float64)
+    lever = floats(lever_arm)
     if lever.shape != (3,) or not np.isfinite(lever).all() or not np.isfinite(latency):
         raise ValueError(
             "lever_arm must be three finite lengths and latency finite, "
@@ -232,7 +232,7 @@ def course(position: ArrayLike, least: float = 0.05) -> FloatArray:
     A fix nearer than ``least`` (m) to its neighbours has the heading of the nearest that is not. A
     track that never moves so far is a ValueError.
     """
-    points = np.asarray(position, dtype=np.float64)[:, :2]
+    points = floats(position)[:, :2]
     rows = np.arange(len(points))
     after = _first_distant(points, least)
     before = len(points) - 1 - _first_distant(points[::-1], least)[::-1]
@@ -243,7 +243,7 @@ def course(position: ArrayLike, least: float = 0.05) -> FloatArray:
             f"the track must move by at least {least:g} m to tell a heading, it does not"
         )
     heading = np.unwrap(np.arctan2(step[known, 0], step[known, 1]))
-    return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)
+    return floats(np.angle(np.exp(1j * np.interp(rows, known, heading))))
 
 
 def _first_distant(points: FloatArray, least: float) -> IndexArray:

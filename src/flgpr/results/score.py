@@ -33,7 +33,7 @@ from flgpr.scoring import (
     score_frames,
 )
 from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, FloatArray, floats
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
@@ -146,7 +146,7 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> FloatArray:
     for pose in plausible_poses(run):
         distance = np.hypot(x - pose[0], y - pose[1])
         shifts.append(refraction_shift(depth, permittivity, pose[2], distance))
-    return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
+    return floats(np.mean(shifts, axis=0))
 
 
 def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import FloatArray, IntArray, floats
 
 Intervals = tuple[IntArray, FloatArray, FloatArray]
 _TURN = 2 * math.pi
@@ -54,7 +54,7 @@ def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
     >>> round(union_area([[2, 30]], 1.0, lane), 3)
     1.571
     """
-    points = np.asarray(centre, dtype=np.float64)
+    points = floats(centre)
     if points.size == 0:
         points = points.reshape(-1, 2)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():

@@ -13,7 +13,7 @@ from flgpr.scoring.chance_level import Chance
 from flgpr.scoring.curve import clopper_pearson, operating_row
 from flgpr.scoring.lane_roc import AreaRule, roc_of
 from flgpr.scoring.matching import Match
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 
 DEPTH_EDGES = (0.0, 0.025, 0.075, 0.125, 0.175)
 
@@ -111,7 +111,7 @@ def depth_classes(depth: pd.Series[Any], edges: Sequence[float] = DEPTH_EDGES) -
     Depths and edges are in m. A depth on an edge belongs to the deeper class, an unknown one to
     none.
     """
-    borders = np.asarray(edges, dtype=np.float64)
+    borders = floats(edges)
     if borders.ndim != 1 or len(borders) < 1 or (np.diff(borders) <= 0).any():
         raise ValueError(f"depth_edges must rise strictly, got {list(edges)}")
     inner = [f"{upper * 100:g} to {lower * 100:g} cm" for upper, lower in pairwise(borders)]

@@ -27,7 +27,7 @@ from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean_by_chanc
 from flgpr.scoring.lane_roc import AreaRule, assign, roc_of
 from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
-from flgpr.types import BoolArray
+from flgpr.types import BoolArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
@@ -229,7 +229,7 @@ def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
     >>> round(p, 4), exact  # all five of one sign: 2 of 2^5
     (0.0625, True)
     """
-    values = np.asarray(differences, dtype=np.float64)
+    values = floats(differences)
     sizes = np.abs(values[values != 0])
     # Sums of equal size may differ in the last digits; they count as ties.
     limit = abs(float(values.sum())) - 1e-12 * float(sizes.sum())

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from flgpr.model import Lane, ground_points, lane_to_scan
 from flgpr.scoring.lane_roc import accumulated_area
 from flgpr.scoring.lane_score import Rules, Score, score
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, FloatArray, floats
 
 GAP = 5.0
 """Ground between frames on the unrolled lane, m: no halo bridges it."""
@@ -89,7 +89,7 @@ def unroll_frames(
 
     looks = []
     for frame in sorted(poses):
-        pose = np.asarray(poses[frame], dtype=np.float64)
+        pose = floats(poses[frame])
         looks.append(_looks_of_frame(truth, frame, pose, start[frame], area, halo))
     all_looks = pd.concat(looks, ignore_index=True)
     unrolled_lane = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))

@@ -16,7 +16,7 @@ from scipy.ndimage import binary_erosion, maximum_filter
 
 from flgpr.model import Grid, Lane
 from flgpr.screen.views import grid_of
-from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray, floats
 
 Count = Literal["lane", "view"]
 _ALL_MAXIMA = 10.0  # alarms per disc of their radius: more than there can be maxima
@@ -220,7 +220,7 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     if view.dims != ("y", "x"):
         raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")
     rows, columns = _maxima(view, radius)
-    values = np.asarray(view.values, dtype=np.float64)
+    values = floats(view.values)
     return pd.DataFrame(
         {
             "x": view["x"].values[columns],
@@ -235,7 +235,7 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[IndexArray, IndexArray]:
 
     Of equal pixels within the radius the first by row and column is taken.
     """
-    values = np.asarray(view.values, dtype=np.float64)
+    values = floats(view.values)
     grid = grid_of(view)
     dy = grid.dy
     dx = grid.dx

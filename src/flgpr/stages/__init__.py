@@ -20,7 +20,7 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
 from flgpr.model.faults import describe_fault, listed_faults
-from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,7 +79,7 @@ class Setup:
 
     def pose(self, index: int) -> FloatArray:
         """Return the pose (6,) of the scan at an index among the complete ones."""
-        return np.asarray(self.run["pose"].values[self.imager.scans[index]], dtype=np.float64)
+        return floats(self.run["pose"].values[self.imager.scans[index]])
 
 
 class Stage:

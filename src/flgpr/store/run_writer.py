@@ -46,7 +46,7 @@ from flgpr.store.run_store import (
     manifest_bytes,
 )
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
-from flgpr.types import BoolArray, ComplexArray, FloatArray
+from flgpr.types import BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -147,10 +147,10 @@ class RunWriter:
         self._together = together
         self._waiting: list[_Scan] = []
         self._limits = limits or {}
-        self._frequency = np.asarray(frequency, dtype=np.float64)
+        self._frequency = floats(frequency)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
-        self._tx = np.asarray(tx_position, dtype=np.float64)
-        self._rx = np.asarray(rx_position, dtype=np.float64)
+        self._tx = floats(tx_position)
+        self._rx = floats(rx_position)
         try:
             self._attrs = parse_json(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:

@@ -30,7 +30,7 @@ from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
 from flgpr.model.run import check_polarization
 from flgpr.store.files import write_whole
-from flgpr.types import ComplexArray, FloatArray
+from flgpr.types import ComplexArray, FloatArray, floats
 
 MAGIC = b"FLGPRSC1"
 RUN_FORMAT = "flgpr-live-run"
@@ -134,10 +134,10 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
     """
     attrs = {name: run.attrs[name] for name in ("georeference", "source") if name in run.attrs}
     return RunDescription(
-        np.asarray(run["frequency"].values, dtype=np.float64),
+        floats(run["frequency"].values),
         [str(label) for label in run["polarization"].values],
-        np.asarray(run["tx_position"].values, dtype=np.float64),
-        np.asarray(run["rx_position"].values, dtype=np.float64),
+        floats(run["tx_position"].values),
+        floats(run["rx_position"].values),
         str(run.attrs.get("title", "run")),
         attrs,
     )
@@ -205,9 +205,9 @@ def parse_description(value: Any) -> RunDescription:
 
 def _description_of(value: dict[str, Any]) -> RunDescription:
     """Return the description in a JSON object, with numbers in their bounds."""
-    tx = np.asarray(value["tx_m"], dtype=np.float64).reshape(-1, 3)
-    rx = np.asarray(value["rx_m"], dtype=np.float64).reshape(-1, 3)
-    tones = np.asarray(value["frequency_hz"], dtype=np.float64)
+    tx = floats(value["tx_m"]).reshape(-1, 3)
+    rx = floats(value["rx_m"]).reshape(-1, 3)
+    tones = floats(value["frequency_hz"])
     _check_bound("tx_m", tx, _FARTHEST)
     _check_bound("rx_m", rx, _FARTHEST)
     _check_bound("frequency_hz", tones, _HIGHEST)
@@ -333,7 +333,7 @@ def encode_scan(
     if math.isfinite(time):
         header["time"] = float(time)
     if pose is not None:
-        header["pose"] = [float(value) for value in np.asarray(pose, dtype=np.float64)]
+        header["pose"] = [float(value) for value in floats(pose)]
     if run_id is not None:
         header["run"] = run_id
     return encode_frame("scan", header, np.asarray(signal).astype("<c8").tobytes())
@@ -484,7 +484,7 @@ def _pose(value: Any) -> FloatArray | None:
     """Return the pose in a header, or None if it is not finite or out of bounds."""
     if _broken_pose_rule(value):
         return None
-    return np.asarray(value, dtype=np.float64)
+    return floats(value)
 
 
 def _broken_pose_rule(value: Any) -> str:
@@ -493,7 +493,7 @@ def _broken_pose_rule(value: Any) -> str:
         return "be six numbers"
     if not all(_is_finite(component) for component in value):
         return "be six finite numbers"
-    pose = np.asarray(value, dtype=np.float64)
+    pose = floats(value)
     position = pose[:3]
     heading = pose[3]
     pitch_and_roll = pose[4:]

@@ -26,7 +26,7 @@ from flgpr.model.phase import lengthen
 from flgpr.store.extras import MissingExtraError, optional
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
-from flgpr.types import AnyArray, ComplexArray, FloatArray
+from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
 from flgpr_exchange.cphd.tree import ADDED, TIME, Vectors, metadata_tree
 
 _ATMOSPHERE = ("TDTropoSRP", "TDIonoSRP")
@@ -217,7 +217,7 @@ def _scene_ahead(run: xr.Dataset) -> Grid:
 
 def _times(run: xr.Dataset) -> FloatArray:
     """Return the time (scan,) since the first scan, s; scan numbers where it does not increase."""
-    time = np.asarray(run["time"].values, dtype=np.float64)
+    time = floats(run["time"].values)
     if np.isfinite(time).all() and (np.diff(time) > 0).all():
         return time - time[0]
     return np.arange(time.size, dtype=np.float64)
@@ -429,7 +429,7 @@ def _native(samples: AnyArray, vectors: AnyArray) -> _Channel:
 def _leg(vectors: AnyArray, name: str) -> FloatArray:
     """Return the distance (scan,) of an antenna from the reference point, m."""
     offset = vectors[name] - vectors["SRPPos"]
-    return np.asarray(np.linalg.norm(offset, axis=1), dtype=np.float64)
+    return floats(np.linalg.norm(offset, axis=1))
 
 
 def _channel_order(
@@ -477,7 +477,7 @@ def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArr
         raise ValueError("all vectors must have the same tones, SC0 and SCSS change")
     if "flgpr_frequency" in added:
         return np.array(parse_json(added["flgpr_frequency"]), dtype=np.float64)
-    return np.asarray(start[0] + step[0] * np.arange(count), dtype=np.float64)
+    return floats(start[0] + step[0] * np.arange(count))
 
 
 def _geometry(

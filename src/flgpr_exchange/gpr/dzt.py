@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 from flgpr_exchange.gpr.antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr_exchange.gpr.dzx import DzxContent, read_dzx
 from flgpr_exchange.gpr.parts import (
@@ -192,7 +192,7 @@ def _delay_of(head: AnyArray, first: AnyArray, channel: int) -> FloatArray | Non
             f"channel {channel} must have {samples} samples of {first['bits']} bits as the first, "
             f"got {head['samples']} of {head['bits']}"
         )
-    return np.asarray(position * NANOSECOND + np.arange(samples) * interval, dtype=np.float64)
+    return floats(position * NANOSECOND + np.arange(samples) * interval)
 
 
 def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -> FloatArray | None:

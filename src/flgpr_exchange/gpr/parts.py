@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flgpr.door import Folder, open_named, refuse_linked_companion
 from flgpr.store.text import decode_text
-from flgpr.types import AnyArray, BoolArray, FloatArray
+from flgpr.types import AnyArray, BoolArray, FloatArray, floats
 
 NANOSECOND = 1e-9
 FOOT = 0.3048
@@ -487,7 +487,7 @@ def measured_distance(
         filled = filled[0] - filled
         steps = -steps
     _note_motion(steps, where, notes)
-    return np.asarray(filled, dtype=np.float64)
+    return floats(filled)
 
 
 def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray | None:
@@ -629,7 +629,7 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
             f"by up to {-np.diff(rising).min():.6g} s: not used"
         )
         return None
-    return np.asarray(rising, dtype=np.float64)
+    return floats(rising)
 
 
 def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: list[str]) -> AnyArray:

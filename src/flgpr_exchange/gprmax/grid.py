@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from flgpr.simulate.ground.soil import VACUUM_PERMITTIVITY
-from flgpr.types import BoolArray, Complex128Array, FloatArray
+from flgpr.types import BoolArray, Complex128Array, FloatArray, floats
 
 
 class GridPoint(NamedTuple):
@@ -36,7 +36,7 @@ class CellGrid(NamedTuple):
     @property
     def size(self) -> FloatArray:
         """Edges of the box, m, shape (3,)."""
-        return np.asarray(self.shape, dtype=np.float64) * self.cell
+        return floats(self.shape) * self.cell
 
     @property
     def time_step(self) -> float:
@@ -45,7 +45,7 @@ class CellGrid(NamedTuple):
 
     def local(self, point: ArrayLike) -> FloatArray:
         """Return points (..., 3) of the lane in the box's own coordinates, m."""
-        return np.asarray(point, dtype=np.float64) - np.asarray(self.origin)
+        return floats(point) - np.asarray(self.origin)
 
     def contains(self, point: ArrayLike, reach: float = 0.0) -> bool:
         """Return whether a point lies inside the absorbing layers, with all around it.
@@ -71,7 +71,7 @@ class CellGrid(NamedTuple):
         sum to the vector's component along it.
         """
         in_cells = self.local(point) / self.cell
-        vector = np.asarray(direction, dtype=np.float64)
+        vector = floats(direction)
         points = []
         for axis, component in enumerate("xyz"):
             size = vector[axis]
@@ -153,7 +153,7 @@ class RelaxingMedium(NamedTuple):
 
     def __call__(self, frequency: ArrayLike) -> Complex128Array:
         """Return the complex permittivity at frequencies (Hz), in their shape."""
-        omega = 2 * np.pi * np.asarray(frequency, dtype=np.float64)
+        omega = 2 * np.pi * floats(frequency)
         total = self.permittivity - 1j * self.conductivity / (omega * VACUUM_PERMITTIVITY)
         relaxing: Any = 0
         for delta, tau in self.poles:

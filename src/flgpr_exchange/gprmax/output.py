@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from flgpr.formats.array_file import LIMIT
 from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.formats.child import parts_elsewhere
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import Complex128Array, FloatArray, floats
 
 _MERGED = (
     "this is a merged B-scan: give the scans' own results, "
@@ -185,7 +185,7 @@ def _read(path: Path, limit: int) -> GprmaxOutput:
             receivers[name] = receiver
         sources = []
         for group in _numbered(file, "srcs"):
-            position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
+            position = floats(_attribute(group, "Position", path))
             sources.append((attribute_text(group.attrs.get("Type", "")), position))
         return GprmaxOutput(
             path,
@@ -193,7 +193,7 @@ def _read(path: Path, limit: int) -> GprmaxOutput:
             attribute_text(file.attrs.get("Title", "")),
             time_step,
             steps,
-            np.asarray(cell, dtype=np.float64),
+            floats(cell),
             receivers,
             sources,
             _excitation(file, limit),
@@ -238,7 +238,7 @@ def _numbers(item: Any, limit: int) -> FloatArray:
             f"got shape {item.shape} of {item.dtype}"
         )
     check_dataset(item.name, item)
-    return np.asarray(item[()], dtype=np.float64)
+    return floats(item[()])
 
 
 def _excitation(file: Any, limit: int) -> Excitation | None:
@@ -265,7 +265,7 @@ def _receiver(group: Any, steps: int, path: Path, limit: int) -> GprmaxReceiver:
                 f"{path}: {group.name}/{name} must hold {steps} values, got the shape {shape}"
             )
         fields[name] = _numbers(group[name], limit)
-    position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
+    position = floats(_attribute(group, "Position", path))
     return GprmaxReceiver(attribute_text(group.attrs.get("Name", group.name)), position, fields)
 
 
@@ -322,7 +322,7 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> FloatArray:
     """
     if not frequency > 0:
         raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
-    t = np.asarray(time, dtype=np.float64)
+    t = floats(time)
     if kind == "ricker":
         width = (np.pi * frequency) ** 2
         late = t - np.sqrt(2) / frequency

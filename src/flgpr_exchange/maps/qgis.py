@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pyproj import CRS
 
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 from flgpr_exchange.documents import document
 
 #: colours of viridis, evenly spaced
@@ -153,7 +153,7 @@ def graduated(column: str, values: ArrayLike) -> Graduated:
     Graduated
         The style.
     """
-    edges = _class_edges(np.asarray(values, dtype=np.float64))
+    edges = _class_edges(floats(values))
     classes = []
     for number, (low, high) in enumerate(pairwise(edges.tolist()), start=1):
         share = number / (edges.size - 1)

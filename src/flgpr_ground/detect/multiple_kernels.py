@@ -20,7 +20,7 @@ from sklearn.svm import SVC
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 _FINER = 0.01
 _REMEMBERED = 2**29
@@ -104,7 +104,7 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             raise ValueError(f"tol must be positive, got {self.tol!r}")
         if not self.max_iter >= 1:
             raise ValueError(f"max_iter must be at least 1, got {self.max_iter!r}")
-        samples = np.asarray(X, dtype=np.float64)
+        samples = floats(X)
         self.groups_ = _checked_groups(self.groups, samples.shape[1])
         self.gamma_ = self._widths(samples)
         self._solve(samples, np.asarray(y))

@@ -15,7 +15,7 @@ from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.jit.threads import blas_on_one_thread
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 from flgpr_ground.features.patch_descriptors import split_grid
 
 _LEAST_VARIANCE = 1e-6  # of a principal direction, as a share of the first one's
@@ -86,7 +86,7 @@ def learn_words(descriptors: FloatArray, count: int, seed: int) -> FloatArray:
         # Fewer different examples than words: some words are then the same.
         warnings.simplefilter("ignore", ConvergenceWarning)
         means.fit(descriptors)
-    return np.asarray(means.cluster_centers_, dtype=np.float64)
+    return floats(means.cluster_centers_)
 
 
 def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture:
@@ -109,9 +109,9 @@ def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture
         warnings.simplefilter("ignore", ConvergenceWarning)
         mixture.fit(descriptors)
     return Mixture(
-        np.asarray(mixture.weights_, dtype=np.float64),
-        np.asarray(mixture.means_, dtype=np.float64),
-        np.sqrt(np.asarray(mixture.covariances_, dtype=np.float64)),
+        floats(mixture.weights_),
+        floats(mixture.means_),
+        np.sqrt(floats(mixture.covariances_)),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 _LEAF = -1
 _LARGEST_DEPTH = 4096  # nodes on the way to a leaf, more than any forest of alarms has
@@ -75,7 +75,7 @@ class Trees:
             columns["right"].append(np.where(leaf, _LEAF, right + count))
             columns["feature"].append(np.where(leaf, 0, tree["feature"]))
             columns["split"].append(np.where(leaf, 0.0, tree["split"]))
-            columns["value"].append(np.asarray(tree["value"], dtype=np.float64))
+            columns["value"].append(floats(tree["value"]))
             count += len(leaf)
         return cls(
             np.array(first, dtype=np.int64),
@@ -288,7 +288,7 @@ def _mean_path_length(count: AnyArray) -> FloatArray:
     This is c(n) = 2H(n - 1) - 2(n - 1)/n, Eq. 1 of Liu, Ting & Zhou 2008, with the harmonic number
     H(i) ≈ ln i + γ; of two examples it is 1, as in scikit-learn.
     """
-    n = np.asarray(count, dtype=np.float64)
+    n = floats(count)
     several = np.maximum(n, 3.0)
     harmonic = np.log(several - 1) + np.euler_gamma
     length = 2 * harmonic - 2 * (several - 1) / several

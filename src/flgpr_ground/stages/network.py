@@ -16,7 +16,7 @@ from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray, floats
 from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
@@ -158,7 +158,7 @@ def run_network(x: Chips, weights: Mapping[str, AnyArray]) -> FloatArray:
         x = np.einsum("ncyxvu,ocvu->noyx", windows, kernel, optimize=True)
         x = np.maximum(x + bias, 0)
     mean = x.mean(axis=(2, 3))
-    return np.asarray(mean @ weights["last"] + weights["bias"], dtype=np.float64)
+    return floats(mean @ weights["last"] + weights["bias"])
 
 
 def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed: int) -> Arrays:

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import Complex128Array, FloatArray, floats
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """Permittivity of vacuum, F/m."""
@@ -49,7 +49,7 @@ def mironov(frequency: ArrayLike, clay: float, moisture: float) -> Complex128Arr
     """
     _in_range("clay", clay, 0.0, 76.0)
     _in_range("moisture", moisture, 0.0, 0.5)
-    f = np.asarray(frequency, dtype=np.float64)
+    f = floats(frequency)
     dry_n = 1.634 - 0.539e-2 * clay + 0.2748e-4 * clay**2
     dry_k = 0.03952 - 0.04038e-2 * clay
     # Up to this moisture the clay binds all water.
@@ -128,7 +128,7 @@ def peplinski(
     _in_range("sand", sand, 0.0, 100.0)
     _in_range("clay", clay, 0.0, 100.0 - sand)
     _in_range("moisture", moisture, 0.0, 0.55)
-    f = np.asarray(frequency, dtype=np.float64)
+    f = floats(frequency)
     grain = 2.66  # density of the solids, g/cm³
     alpha = 0.65
     s = sand / 100
@@ -179,7 +179,7 @@ def fixed(
     conductivity : float
         Ohmic conductivity, S/m.
     """
-    f = np.asarray(frequency, dtype=np.float64)
+    f = floats(frequency)
     loss = permittivity * loss_tangent + conductivity / (2 * np.pi * f * VACUUM_PERMITTIVITY)
     return np.asarray(permittivity - 1j * loss)
 

@@ -31,7 +31,7 @@ from flgpr.simulate.scene.scene_tables import (
     Terrain,
 )
 from flgpr.toml_text import parse_toml
-from flgpr.types import AnyArray, Complex128Array, FloatArray
+from flgpr.types import AnyArray, Complex128Array, FloatArray, floats
 
 Percent = Annotated[float, Field(ge=0, le=100)]
 Size = Annotated[float, Field(gt=0, le=100)]
@@ -74,7 +74,7 @@ class Soil(SceneTable):
         list of ndarray of complex
             From the top down, each in the shape of ``frequency``.
         """
-        f = np.asarray(frequency, dtype=np.float64)
+        f = floats(frequency)
         moistures = [layer.moisture for layer in self.layers]
         moistures.append(self.moisture)
         return [self._permittivity(f, moisture) for moisture in moistures]
