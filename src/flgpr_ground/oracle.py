@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
@@ -22,7 +21,7 @@ from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
-from flgpr.types import AnyArray, Complex128Array, ComplexArray, FloatArray, IntArray
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, FloatArray, IntArray
 from flgpr_ground.ground import Ground, GroundLane, load_ground
 from flgpr_ground.running import SEALED, passphrase, read_ground
 from flgpr_trials.blind import open_truth

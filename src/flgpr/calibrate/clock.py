@@ -11,13 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model.aperture import synthetic_aperture
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.model.track import poses_at
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 
 Operator = Callable[..., Any]
 """Makes an imaging operator of frequency, tx_position, rx_position and pixels.

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
 
 from flgpr.calibrate.clock import Operator, track_trials, with_track
 from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution
@@ -17,7 +16,7 @@ from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, check_run
 from flgpr.model.aperture import synthetic_aperture
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 
 STANDS_OUT = 4.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model import check_run
 from flgpr.model.frames import pose_matrix
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.model.track import check_track, poses_at
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, way_weights
 from flgpr.model.phase import path_phase
 from flgpr.model.run import complete_scan_numbers
-from flgpr.types import AnyArray, ComplexArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 _SAMPLES_AT_ONCE = 1 << 23  # of the profiles, 64 MiB
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT, check_run, complete_scans, vehicle_to_lane
 from flgpr.model.phase import lengthen, path_phase
 from flgpr.model.run import with_signal
-from flgpr.types import AnyArray, Complex128Array, FloatArray, IndexArray, floats
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray, IndexArray, floats
 
 SLOPES = {"sphere": 0.0, "corner": 1.0}
 """Power of frequency in the echo's amplitude: a wide sphere, a trihedral corner."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT, check_run
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
-from flgpr.types import floats
+from flgpr.types import ArrayLike, floats
 
 
 def subtract_standard(run: xr.Dataset, standard: xr.Dataset) -> xr.Dataset:

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter
 from scipy.optimize import brentq
 
 from flgpr.clutter.iteration import Amplitude, Iterated, OperatorOn, averaged, iterate_suppression
 from flgpr.clutter.suppression import Operator
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.types import ComplexArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 
 class FrameStack:

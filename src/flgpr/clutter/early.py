@@ -9,11 +9,10 @@ of the whole band, before it is divided.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.types import Complex128Array, ComplexArray, floats
+from flgpr.types import ArrayLike, Complex128Array, ComplexArray, floats
 
 LEAST_EIGENVALUE = 1e-6
 """Of the greatest: what is weaker in the tones is left, 60 dB below an early echo."""

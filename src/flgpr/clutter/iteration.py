@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.clutter.suppression import Operator
-from flgpr.types import BoolArray, ComplexArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, IntArray, floats
 
 OperatorOn = Callable[[FloatArray], Operator]
 Amplitude = Literal["region", "whole"]

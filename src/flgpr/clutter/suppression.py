@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.types import ComplexArray, FloatArray
+from flgpr.types import ArrayLike, ComplexArray, FloatArray
 
 
 class Operator(Protocol):

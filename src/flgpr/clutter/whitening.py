@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels.moments import check_samples, moments_estimator
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, ArrayLike
 
 BASES = ("eigen", "cholesky", "symmetric")
 

@@ -6,12 +6,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.kernels.widths import half_power
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Sensor
-from flgpr.types import Complex128Array, FloatArray, floats
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 Beam = Callable[[FloatArray], FloatArray]
 _OVERSAMPLING = 32

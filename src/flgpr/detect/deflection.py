@@ -6,7 +6,6 @@ import warnings
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.detect.linear_quadratic import (
     LinearQuadraticForm,
@@ -15,7 +14,7 @@ from flgpr.detect.linear_quadratic import (
     hermitian_form,
 )
 from flgpr.kernels.moments import check_samples, moments_estimator, sample_moments
-from flgpr.types import AnyArray, FloatArray, IntArray
+from flgpr.types import AnyArray, ArrayLike, FloatArray, IntArray
 
 
 def deflection_form(

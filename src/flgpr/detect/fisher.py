@@ -8,13 +8,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 from sklearn.base import BaseEstimator, ClassifierMixin, OneToOneFeatureMixin, TransformerMixin
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, ArrayLike, FloatArray, IntArray, floats
 
 
 class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]

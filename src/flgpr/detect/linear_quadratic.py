@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.kernels.correlate import chip_sums, correlate_bank
 from flgpr.kernels.moments import check_samples
-from flgpr.types import AnyArray, BoolArray, Float32Array, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Float32Array, FloatArray, floats
 
 
 @dataclass(frozen=True)

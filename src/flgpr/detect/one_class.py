@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import expit
 from sklearn.base import OutlierMixin
 from sklearn.utils import check_random_state
@@ -13,7 +12,7 @@ from sklearn.utils.validation import validate_data
 
 from flgpr.detect.rvm import Prior, RelevanceMachine
 from flgpr.detect.rvm_fit import Algorithm, Kernel
-from flgpr.types import FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 Formulation = Literal["offset", "no-bias", "reference"]
 FORMULATIONS: tuple[Formulation, ...] = ("offset", "no-bias", "reference")

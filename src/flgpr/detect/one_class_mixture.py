@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.mixture import GaussianMixture
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import ArrayLike, FloatArray, IntArray
 
 
 class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types

@@ -6,7 +6,6 @@ import warnings
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.exceptions import ConvergenceWarning
@@ -23,7 +22,7 @@ from flgpr.detect.rvm_fit import (
     fit_sparse,
     resolve_gamma,
 )
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, ArrayLike, FloatArray, IntArray, floats
 
 Prior = Literal["ard", "laplacian", "laplacian-map"]
 PRIORS: tuple[Prior, ...] = ("ard", "laplacian", "laplacian-map")

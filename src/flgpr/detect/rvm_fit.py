@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from sklearn.metrics.pairwise import pairwise_kernels
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels import relevance
 from flgpr.kernels.laplacian_mode import laplacian_mode
-from flgpr.types import BoolArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, BoolArray, FloatArray, IntArray, floats
 
 Kernel = str | Callable[[FloatArray, FloatArray], Any]
 KERNELS = ("rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed")

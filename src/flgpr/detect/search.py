@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.detect.fisher import HistogramNormalizer, class_moments
-from flgpr.types import FloatArray, IndexArray, floats
+from flgpr.types import ArrayLike, FloatArray, IndexArray, floats
 
 Scorer = Callable[[FloatArray], float]
 # A candidate with less than this share of its scatter outside the span of the chosen ones adds

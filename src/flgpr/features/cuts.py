@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter
 
 from flgpr.kernels.correlate import chip_sums, chips
-from flgpr.types import BoolArray, ComplexArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, IntArray, floats
 
 PAPER_CUT = (28, 1)
 """Pixels down-track and cross-track of the paper's range cut, at 2 cm."""

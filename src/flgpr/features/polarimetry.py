@@ -8,10 +8,9 @@ Reciprocity is assumed: VH equals HV.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.kernels.hermitian import eigen_3x3
-from flgpr.types import AnyArray, Complex128Array, FloatArray
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray
 
 
 def entropy_alpha(

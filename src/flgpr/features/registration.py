@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model import Grid
-from flgpr.types import floats
+from flgpr.types import ArrayLike, floats
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.fft import fft2, ifft2, next_fast_len
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, Lane
-from flgpr.types import AnyArray, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
 
 
 def cut_regions(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray, floats
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.formats.array_file import LIMIT
 from flgpr.formats.impulse import impulse_to_frequency, negative_share
@@ -32,7 +31,7 @@ from flgpr.model.faults import faults_of
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 from flgpr.store.files import natural_order
-from flgpr.types import AnyArray, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor

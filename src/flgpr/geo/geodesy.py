@@ -7,10 +7,9 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.store.notes import log_note
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.geo.anchor import Anchor, anchor_at
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
-from flgpr.types import BoolArray, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
 
 _LEAST_JUDGED = 5  # fixes, to tell one that lies astray
 _ASIDE = 3  # times the usual step, and

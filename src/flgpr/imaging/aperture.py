@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, as_aperture, check_run
-from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 _PAIRS_AT_ONCE = 256  # in one operator
 _EVEN = 1e-6  # share of a step by which the steps of even tones differ, at most

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model import Grid, lane_to_scan
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import ArrayLike, FloatArray, IntArray
 
 
 def count_looks(poses: FloatArray, grid: Grid, points: ArrayLike) -> IntArray:

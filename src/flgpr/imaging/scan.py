@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
-from flgpr.types import ComplexArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 
 class ScanImager:

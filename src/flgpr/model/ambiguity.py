@@ -13,12 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model.constants import SPEED_OF_LIGHT
 from flgpr.model.run import check_frequency
 from flgpr.model.sensor import Sensor
-from flgpr.types import FloatArray
+from flgpr.types import ArrayLike, FloatArray
 
 Span = tuple[float, float]
 

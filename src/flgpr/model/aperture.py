@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
 from flgpr.model.run import check_run, complete_scan_numbers, complete_scans, make_run
-from flgpr.types import AnyArray, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
 
 LINE_STARTS = "line_starts"
 """Attribute of a run of several lines: the number of the first scan of each."""

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model.plausible import (
     FLOOR,
@@ -22,7 +21,7 @@ from flgpr.model.plausible import (
     Sighting,
     moved,
 )
-from flgpr.types import BoolArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, BoolArray, FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     import xarray as xr

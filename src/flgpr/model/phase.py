@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model.constants import SPEED_OF_LIGHT
-from flgpr.types import AnyArray, Complex128Array, floats
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, floats
 
 
 def path_phase(frequency: ArrayLike, path: ArrayLike) -> Complex128Array:

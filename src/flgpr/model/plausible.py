@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field
 from typing_extensions import TypedDict
 
 from flgpr.model.bounds import AtLeastOne, Entries, Largest
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 
 REMEMBERED = 8
 """Number of trusted poses that a gate remembers, for scans that come late."""

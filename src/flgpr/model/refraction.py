@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray, floats
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _NEWTON_STEPS = 6
 

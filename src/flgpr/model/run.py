@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
-from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 # Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
 _LOWEST_FREQUENCY = 1e6

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from flgpr.model.constants import POSE_COMPONENTS
 from flgpr.model.frames import pose_matrix
 from flgpr.model.tables import full_column
-from flgpr.types import BoolArray, FloatArray, IndexArray, floats
+from flgpr.types import ArrayLike, BoolArray, FloatArray, IndexArray, floats
 
 TRACK_COLUMNS = (
     full_column("time", "s", "time on the clock of the positions"),

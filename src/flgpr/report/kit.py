@@ -15,12 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 
 import flgpr
 from flgpr.model import Lane
 from flgpr.model.figure_text import show_dollar_signs
-from flgpr.types import FloatArray
+from flgpr.types import ArrayLike, FloatArray
 
 _PACKAGE = "flgpr.report"
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
-from flgpr.types import FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 Intervals = tuple[IntArray, FloatArray, FloatArray]
 _TURN = 2 * math.pi

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.area import union_area
 from flgpr.scoring.lane_roc import AreaRule, far_area
 from flgpr.scoring.matching import Match, Subset, select_targets
-from flgpr.types import FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 
 @dataclass(frozen=True)

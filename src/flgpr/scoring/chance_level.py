@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
 from flgpr.scoring.curve import count_at
 from flgpr.scoring.matching import Match, Subset, pairs_within, select_targets
-from flgpr.types import FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 SHIFTS = 200
 

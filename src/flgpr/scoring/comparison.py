@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy  # its subpackages are imported when they are used
-from numpy.typing import ArrayLike
 
 from flgpr.scoring.bootstrap import (
     ResamplingDesign,
@@ -27,7 +26,7 @@ from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean_by_chanc
 from flgpr.scoring.lane_roc import AreaRule, assign, roc_of
 from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
-from flgpr.types import BoolArray, floats
+from flgpr.types import ArrayLike, BoolArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000

@@ -9,11 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy import special
 from scipy.interpolate import CubicSpline
 
-from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray, floats
 
 _NODES = 400
 _SMOOTH = 500.0

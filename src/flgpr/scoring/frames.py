@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from flgpr.model import Lane, ground_points, lane_to_scan
 from flgpr.scoring.lane_roc import accumulated_area
 from flgpr.scoring.lane_score import Rules, Score, score
-from flgpr.types import BoolArray, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
 
 GAP = 5.0
 """Ground between frames on the unrolled lane, m: no halo bridges it."""

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from flgpr.model.refraction import apparent_shift
-from flgpr.types import floats
+from flgpr.types import ArrayLike, floats
 
 
 def refraction_shift(

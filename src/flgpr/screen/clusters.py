@@ -13,11 +13,10 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from flgpr.screen.views import grid_of
-from flgpr.types import FloatArray, IndexArray, floats
+from flgpr.types import ArrayLike, FloatArray, IndexArray, floats
 
 Rule = Literal["and", "or", "and-or"]
 RULES = ("and", "or", "and-or")

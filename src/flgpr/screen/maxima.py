@@ -11,12 +11,11 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike
 from scipy.ndimage import binary_erosion, maximum_filter
 
 from flgpr.model import Grid, Lane
 from flgpr.screen.views import grid_of
-from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, IndexArray, floats
 
 Count = Literal["lane", "view"]
 _ALL_MAXIMA = 10.0  # alarms per disc of their radius: more than there can be maxima

@@ -17,11 +17,10 @@ from typing import Protocol
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from flgpr.model.tables import to_numbers
 from flgpr.model.units import UNITS
-from flgpr.types import FloatArray
+from flgpr.types import ArrayLike, FloatArray
 
 PLACES = ("longitude", "latitude", "easting", "northing")
 """Columns of a position on the Earth instead of x and y; degrees or metres."""

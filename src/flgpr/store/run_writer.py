@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
@@ -46,7 +45,7 @@ from flgpr.store.run_store import (
     manifest_bytes,
 )
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
-from flgpr.types import BoolArray, ComplexArray, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""

@@ -23,14 +23,13 @@ from typing import Any, TypeGuard
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
 from flgpr.model.run import check_polarization
 from flgpr.store.files import write_whole
-from flgpr.types import ComplexArray, FloatArray, floats
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, floats
 
 MAGIC = b"FLGPRSC1"
 RUN_FORMAT = "flgpr-live-run"

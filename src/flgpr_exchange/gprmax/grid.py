@@ -7,11 +7,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from flgpr.simulate.ground.soil import VACUUM_PERMITTIVITY
-from flgpr.types import BoolArray, Complex128Array, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, Complex128Array, FloatArray, floats
 
 
 class GridPoint(NamedTuple):

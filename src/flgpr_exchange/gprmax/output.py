@@ -16,12 +16,11 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.formats.array_file import LIMIT
 from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.formats.child import parts_elsewhere
-from flgpr.types import Complex128Array, FloatArray, floats
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _MERGED = (
     "this is a merged B-scan: give the scans' own results, "

@@ -12,10 +12,9 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pyproj import CRS
 
-from flgpr.types import FloatArray, floats
+from flgpr.types import ArrayLike, FloatArray, floats
 from flgpr_exchange.documents import document
 
 #: colours of viridis, evenly spaced

@@ -12,14 +12,13 @@ from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.detect.deflection import NeymanPearsonDetector
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
 from flgpr.kernels.moments import check_samples
-from flgpr.types import FloatArray
+from flgpr.types import ArrayLike, FloatArray
 
 
 class PrincipalComponentDetector(BaseEstimator):  # type: ignore[misc]

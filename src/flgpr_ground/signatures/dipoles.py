@@ -24,13 +24,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import sici
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.types import AnyArray, Complex128Array, ComplexArray, Float32Array, FloatArray
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, Float32Array, FloatArray
 
 # Directions of all waves together that are weaker than this, relative to a single wave, are not
 # solved for.

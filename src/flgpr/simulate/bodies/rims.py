@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model.refraction import reflection
-from flgpr.types import Complex128Array
+from flgpr.types import ArrayLike, Complex128Array
 
 Profile = Sequence[tuple[float, float]]
 

@@ -6,14 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.inclusions import disc_flash
 from flgpr.simulate.ground.roughness import bragg_factors
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Patch, Scene, Target
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray
 
 
 class Hole(NamedTuple):

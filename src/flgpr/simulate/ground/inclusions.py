@@ -8,9 +8,8 @@ those in air, rad/m.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray
 
 _FULL = np.sqrt(4 * np.pi)
 

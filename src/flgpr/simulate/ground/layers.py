@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.linalg import lstsq, qr
 
 from flgpr.model import heading_matrix
@@ -22,7 +21,7 @@ from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Surface
-from flgpr.types import AnyArray, BoolArray, ComplexArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from flgpr.simulate.ground.shadow import Shadows

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Surface
-from flgpr.types import Complex128Array, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray
 
 UNEVEN_LENGTH = 0.5
 """Outer scale of the uneven ground, m.

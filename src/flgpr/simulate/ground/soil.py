@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.types import Complex128Array, FloatArray, floats
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """Permittivity of vacuum, F/m."""

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
 from flgpr.door import read_named
@@ -31,7 +30,7 @@ from flgpr.simulate.scene.scene_tables import (
     Terrain,
 )
 from flgpr.toml_text import parse_toml
-from flgpr.types import AnyArray, Complex128Array, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray, floats
 
 Percent = Annotated[float, Field(ge=0, le=100)]
 Size = Annotated[float, Field(gt=0, le=100)]

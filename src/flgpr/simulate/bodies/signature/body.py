@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from flgpr.model.bounds import Entries
 from flgpr.model.faults import load_preset, preset_names
-from flgpr.types import BoolArray, Complex128Array
+from flgpr.types import ArrayLike, BoolArray, Complex128Array
 
 _PRESETS = resources.files("flgpr.simulate.bodies.signature") / "bodies"
 Length = Annotated[float, Field(gt=0.001, le=1.0)]
