@@ -87,7 +87,7 @@ def lanes_of(world: str, soil: str) -> Iterator[OneLane]:
         lane = of_row(rows[number % len(rows)])[0]
         sensor = lane.sensor
         if world == "echo":
-            from full_wave_causes.lanes import with_echo
+            from full_wave_twins import with_echo
 
             sensor = with_echo(sensor)
         seed = first + number

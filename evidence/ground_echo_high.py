@@ -18,13 +18,13 @@ import pandas as pd
 sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from common import markdown, with_share
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.method import detection_of, engine_of
 from flgpr.proving_ground import load_ground
 from flgpr.recipe.schema import load_recipe
 from flgpr.scoring import match, operating_row, roc_of
 from flgpr.simulate import Simulator
 from flgpr_ground.ground import Ground, GroundLane
-from full_wave_causes.detection import alarms_of
-from full_wave_causes.lanes import LaneData
 
 WORLDS = {
     "as packaged": {},
@@ -49,9 +49,10 @@ def detect(lane: GroundLane, changes: dict[str, bool]) -> pd.DataFrame:
     """Return the alarms of C_HH on a lane, seen by its sensor with changes."""
     recipe = load_recipe("wang2007").model_copy(update={"features": None})
     sensor = lane.sensor.model_copy(update=changes)
-    truth = lane.truth()
     run = Simulator(lane.scene, sensor, lane.seed).run()
-    return alarms_of(recipe, LaneData(run, lane.lane, truth, truth[["x", "y"]]))
+    setup = ImagedRun(run, recipe, lane.lane, explains=False)
+    engine_of(setup).run()
+    return detection_of(setup).alarms[["x", "y", "confidence"]]
 
 
 def report(lanes: list[GroundLane], out: Path) -> None:

@@ -40,21 +40,24 @@ from flgpr.simulate.ground.specular import SpecularEcho
 from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.radar.coupling import direct_wave
 from flgpr.simulate.simulator import array_state, system_response
-from full_wave_causes.lanes import (
+from full_wave_twins import (
+    BANDS,
+    CHIP_BANDS,
     ECHO,
     OWN,
     PLAIN,
     SOLVED,
     SURFACES,
     LaneData,
+    chips_at,
     full_wave,
+    scale_of,
     solved_lane,
     solved_scene,
     solved_twin,
     twin,
     twin_scene,
 )
-from full_wave_causes.signatures import BANDS, CHIP_BANDS, chips_at, scale_of
 from validate_fullwave import per_current
 
 LANE_A = "lane a"

@@ -14,7 +14,7 @@ import numpy as np
 from flgpr.door import check_expansion
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from flgpr.types import AnyArray
 
 MOST_DECODED = 2 * 10**9
 """Bytes that all arrays of an archive may take together."""
@@ -33,7 +33,7 @@ class Member(NamedTuple):
     room: int  #: bytes in the file
 
 
-class Archive(Mapping[str, "NDArray[Any]"]):
+class Archive(Mapping[str, "AnyArray"]):
     """The arrays of an ``.npz`` file, by name.
 
     They are checked when the file is opened, and decoded one by one when they are asked for. Each
@@ -85,7 +85,7 @@ class Archive(Mapping[str, "NDArray[Any]"]):
     def __iter__(self) -> Iterator[str]:
         return iter(self.members)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> AnyArray:
         if name not in self.members:
             raise ValueError(f"{name} is not among its arrays")
         try:

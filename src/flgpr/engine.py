@@ -30,17 +30,16 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.progress import Track, silent
+from flgpr.types import AnyArray, Arrays
 
 BLOCK = 16
 """Most scans in a block."""
 # Each thread holds a scan and the sums of a block, and detection in memory has no limit to count
 # them against.
 _MOST_THREADS = 16
-Arrays = dict[str, NDArray[Any]]
 T = TypeVar("T")
 
 
@@ -336,12 +335,12 @@ def bundle_groups(groups: Mapping[str, Arrays]) -> Arrays:
     return bundled
 
 
-def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
+def group_of(arrays: Mapping[str, AnyArray], group: str) -> Arrays:
     """Return one group of what :func:`bundle_groups` made."""
     return arrays_under(arrays, f"{group}|")
 
 
-def arrays_under(arrays: Mapping[str, NDArray[Any]], prefix: str) -> Arrays:
+def arrays_under(arrays: Mapping[str, AnyArray], prefix: str) -> Arrays:
     """Return the arrays whose names begin with a prefix, without it."""
     members = {}
     for key in arrays:
@@ -370,7 +369,7 @@ def sum_accumulator(
         What the engine runs.
     """
 
-    def merge(state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(state: Mapping[str, AnyArray]) -> None:
         for name, value in sums.items():
             value += state[name]
 
@@ -393,7 +392,7 @@ def append_accumulator(pieces: list[Arrays], add: Callable[[int], Any]) -> Accum
         What the engine runs.
     """
 
-    def merge(state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(state: Mapping[str, AnyArray]) -> None:
         if state:
             pieces.append(dict(state))
 

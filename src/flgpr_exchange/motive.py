@@ -7,10 +7,8 @@ import io
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.door import read_named
 from flgpr.formats.array_file import ArrayFile, from_memory
@@ -20,14 +18,14 @@ from flgpr.formats.explain import array_lines
 from flgpr.formats.mapping import factor
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import Arrays, FloatArray
 
-FloatArray = NDArray[np.float64]
 _UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in", "feet": "ft"}
 _KINDS = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone")
 _HEAD = 20  # lines among which the columns must be named
 
 
-def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], list[str]]:
+def read_motive(path: Path) -> tuple[Arrays, dict[str, str], list[str]]:
     """Read a take as named arrays.
 
     There are ``frame`` and ``time``, and for every rigid body, marker or bone ``NAME/position``
@@ -79,7 +77,7 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     )
 
     values = _read_values(text, start + 1, len(head[start]))
-    arrays: dict[str, NDArray[Any]] = {"frame": values[:, 0], "time": values[:, 1]}
+    arrays: Arrays = {"frame": values[:, 0], "time": values[:, 1]}
     units = {"time": "s"}
     for name, order in columns.items():
         arrays[name] = values[:, order]
@@ -109,7 +107,7 @@ def _head_of(text: str) -> list[list[str]]:
         raise ValueError(f"a take must begin with lines of cells: {error}") from None
 
 
-def _read_values(text: str, head_lines: int, columns: int) -> NDArray[np.float64]:
+def _read_values(text: str, head_lines: int, columns: int) -> FloatArray:
     """Read the numbers (frame, column) below the head of a take."""
     from flgpr.store.tables import parse_csv
 
@@ -194,7 +192,7 @@ class MotiveReader(Reader):
 
     def read_poses(
         self, path: Path, body: str | None, axes: Sequence[str] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[FloatArray, FloatArray]:
         """Return times and poses of a rigid body."""
         opened = open_arrays(path)
         bodies = []

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.door import Folder
 from flgpr.scoring import clopper_pearson
 from flgpr.store.tables import parse_columns
+from flgpr.types import BoolArray
 from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import is_packaged
 from flgpr_ground.entries import ORACLES
@@ -245,7 +245,7 @@ def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
     return chosen
 
 
-def _is_of_ground(scores: pd.DataFrame, ground: Ground) -> NDArray[np.bool_]:
+def _is_of_ground(scores: pd.DataFrame, ground: Ground) -> BoolArray:
     """Return which rows are of a split and a tier of the ground, and name entry and group."""
     tiers = list(ground.table.tiers) or [""]
     is_known = scores["split"].isin(list(ground.table.splits))
@@ -254,7 +254,7 @@ def _is_of_ground(scores: pd.DataFrame, ground: Ground) -> NDArray[np.bool_]:
     return np.asarray(is_known, dtype=np.bool_)
 
 
-def _has_counts(scores: pd.DataFrame) -> NDArray[np.bool_]:
+def _has_counts(scores: pd.DataFrame) -> BoolArray:
     """Return which rows hold possible counts: none negative, and no more found than there are."""
     has_counts = np.ones(len(scores), dtype=np.bool_)
     for column in _COUNTS:

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from flgpr.types import FloatArray
 from flgpr_ground.entries import ORACLES
 from flgpr_ground.ground import BODY, MINES, Ground
 
@@ -168,7 +168,7 @@ def _draw_kind(
     panel.tick_params(axis="x", labelbottom=True)
 
 
-def _set_rows(panel: Axes, row_heights: NDArray[np.float64], names: Sequence[str]) -> None:
+def _set_rows(panel: Axes, row_heights: FloatArray, names: Sequence[str]) -> None:
     """Set the axes of a panel with a row per entry; every second is shaded for the eye to follow."""
     left, right = PD_AXIS
     panel.barh(row_heights[::2], right - left, left=left, height=1.0, color="0.95", zorder=0)

@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import pandas as pd
 from pydantic import Field, ValidationError, model_validator
@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 from flgpr.door import read_named
 from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
+from flgpr.model.bounds import AtLeastOne
 from flgpr.model.faults import describe_fault, faults_of, listed_faults
 from flgpr.simulate import Scene, draw_world
 from flgpr.stages import Positive, Table
@@ -57,7 +58,7 @@ class LaneRow(Table):
 
     part: Literal["train", "validate", "test"]
     sites: tuple[str, ...] = ()
-    copies: Annotated[int, Field(ge=1)] = 1
+    copies: AtLeastOne = 1
     length: Positive = 1.0
     targets: tuple[tuple[str, float, int], ...] = ()
     run: str = ""

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
@@ -22,6 +21,7 @@ from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, FloatArray, IntArray
 from flgpr_ground.ground import Ground, GroundLane, load_ground
 from flgpr_ground.running import SEALED, passphrase, read_ground
 from flgpr_trials.blind import open_truth
@@ -33,15 +33,13 @@ RADIUS = 0.75  # m; of false alarms nearer than this the largest counts
 _LOAD = 1e-3  # of the mean power, on the diagonal: the inverse exists with few looks, too
 _OFFSETS = np.arange(-1, 2)
 """Numbers of the pixels of a chip along an axis, from its middle."""
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex64]
 
 
 @dataclass(frozen=True)
 class Looks:
     """Looks at places."""
 
-    place: NDArray[np.int64]  #: (look,) number of the place
+    place: IntArray  #: (look,) number of the place
     ahead: FloatArray  #: (look,) distance ahead, m
     chip: ComplexArray  #: (look, value)
 
@@ -262,7 +260,7 @@ class BareGround:
             self._inverse[number] = inverse
             self.looks.chip[is_at_metre] = divided_by_rms(chips, inverse)
 
-    def inverse(self, ahead: float) -> NDArray[np.complex128]:
+    def inverse(self, ahead: float) -> Complex128Array:
         """Return the inverse covariance (value, value) at a distance (m).
 
         At a distance that was not seen it is that of the nearest one.
@@ -334,7 +332,7 @@ class BareGround:
         return chips
 
 
-def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
+def inverse_covariance(chip: ComplexArray) -> Complex128Array:
     """Invert the covariance of chips.
 
     A thousandth of its mean power is added to its diagonal.
@@ -355,7 +353,7 @@ def inverse_covariance(chip: ComplexArray) -> NDArray[np.complex128]:
     return np.asarray(np.linalg.inv(covariance + load * np.eye(size)))
 
 
-def divided_by_rms(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
+def divided_by_rms(chip: ComplexArray, inverse: Complex128Array) -> ComplexArray:
     """Divide chips by their own rms in whitened clutter.
 
     Parameters
@@ -472,7 +470,7 @@ def join_looks(looks: Sequence[Looks]) -> Looks:
 
 def places_in_sight(
     setup: ImagedRun, points: FloatArray, pose: ArrayLike
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Return the numbers of the places whose chips the image of a pose shows, and their x and y.
 
     They count as far ahead as the run-view takes looks; x and y are in the scan frame, m.
@@ -532,7 +530,7 @@ def chips_at(image: ComplexArray, grid: Grid, places: FloatArray) -> ComplexArra
     return np.ascontiguousarray(cut.reshape(len(places), values))
 
 
-def log_likelihoods(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
+def log_likelihoods(values: AnyArray) -> tuple[FloatArray, FloatArray]:
     """Sum log-likelihood ratios of filtered looks (Van Trees 1968, Sec. 4.2 and 4.4).
 
     Parameters

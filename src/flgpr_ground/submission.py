@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.door import DoorError, Folder
 from flgpr.model import Lane
 from flgpr.model.printable import printable
 from flgpr.store.tables import parse_columns
+from flgpr.types import BoolArray, FloatArray
 from flgpr_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.fingerprints import likeness_of
@@ -352,9 +352,7 @@ def _table_faults(table: pd.DataFrame, lane: GroundLane, margin: float) -> Itera
     yield from _label_faults(table, lane)
 
 
-def _position_faults(
-    x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane, margin: float
-) -> Iterator[str]:
+def _position_faults(x: FloatArray, y: FloatArray, lane: Lane, margin: float) -> Iterator[str]:
     """Yield faults of positions: far outside the lane, or twice at one place."""
     finite = np.isfinite(x) & np.isfinite(y)
     distance = np.zeros(x.size)
@@ -392,7 +390,7 @@ def _label_faults(table: pd.DataFrame, lane: GroundLane) -> Iterator[str]:
             yield f"lane must be {lane.name} or empty, got {value[:60]!r} {_where(strange)}"
 
 
-def _where(marked: NDArray[np.bool_]) -> str:
+def _where(marked: BoolArray) -> str:
     """Return the line of the file that the first marked row stands in, and the number of rows."""
     count = int(marked.sum())
     noun = "row" if count == 1 else "rows"

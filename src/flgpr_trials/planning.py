@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.matching import LaneLike, as_lanes
+from flgpr.types import FloatArray, IntArray
 
 _MOST = 100_000
 _MOST_MINES = 10**12
@@ -251,7 +251,7 @@ def emplacement_plan(
     return plan
 
 
-def _check_targets(targets: pd.DataFrame) -> NDArray[np.int64]:
+def _check_targets(targets: pd.DataFrame) -> IntArray:
     """Check the table of sorts of targets, and return their counts."""
     missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
     if missing:
@@ -288,7 +288,7 @@ def _at_most(count: int, trials: int, chance: float) -> float:
 
 def _draw_points(
     lanes: dict[str, Lane], count: int, spacing: float, edge: float, rng: np.random.Generator
-) -> tuple[list[str], NDArray[np.float64]]:
+) -> tuple[list[str], FloatArray]:
     """Draw points one after the other, and draw again those too close to an earlier one.
 
     Returned are the lane of each point, and the points (target, 2), m.

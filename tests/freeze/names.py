@@ -6,7 +6,8 @@ from enum import Enum
 from importlib import import_module
 from types import ModuleType
 
-from flgpr.model import Sensor
+from flgpr import types
+from flgpr.model import Sensor, bounds
 from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene
 from freeze.frozen import DATA, read_json
@@ -16,6 +17,15 @@ SETTINGS = DATA / "settings.json"
 RECIPES = DATA / "recipes.json"
 _LONGEST = 200
 _MODULE = re.compile(r"\b(?:[A-Za-z_]\w*\.)+(?=[A-Za-z_])")
+_ALIASES = dict(
+    re.findall(
+        r"^(\w+) = ((?:NDArray|Annotated|dict)\[.*\])$",
+        inspect.getsource(types) + inspect.getsource(bounds),
+        re.MULTILINE,
+    )
+)
+"""Types of arrays and bounded numbers, which are frozen as what they are, whatever their names."""
+_ALIAS = re.compile(rf"\b({'|'.join(_ALIASES)})\b")
 
 
 def public_modules() -> dict[str, list[str]]:
@@ -86,6 +96,8 @@ def signature(function) -> str:
 def annotation(kind) -> str:
     """Write a type without the modules of its classes, which may lie elsewhere tomorrow."""
     text = kind.__name__ if isinstance(kind, type) else str(kind)
+    while _ALIAS.search(text):
+        text = _ALIAS.sub(lambda alias: _ALIASES[alias[0]], text)
     return _MODULE.sub("", text)
 
 

@@ -4,10 +4,10 @@ from typing import get_args
 
 import numpy as np
 
-from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.types import Complex128Array, FloatArray
 
 
 def test_the_names_are_double_precision():
-    for name, kind in ((FloatArray, np.float64), (ComplexArray, np.complex128)):
+    for name, kind in ((FloatArray, np.float64), (Complex128Array, np.complex128)):
         _, dtype = get_args(name)
         assert get_args(dtype) == (kind,)

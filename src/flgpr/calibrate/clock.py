@@ -11,13 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.aperture import synthetic_aperture
-from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.model.track import poses_at
+from flgpr.types import ArrayLike, FloatArray, floats
 
 Operator = Callable[..., Any]
 """Makes an imaging operator of frequency, tx_position, rx_position and pixels.
@@ -122,7 +121,7 @@ def estimate_clock(
         If all offsets leave the track.
     """
     trials: list[_Trial] = []
-    area = np.asarray(pixels, dtype=np.float64)
+    area = floats(pixels)
     run = run.compute()
 
     def attempt(offset: float, rate: float) -> None:
@@ -135,8 +134,8 @@ def estimate_clock(
         image = operator(run["frequency"].values, tx, rx, area, tolerance=1e-2).adjoint(data)
         trials.append(_Trial(offset, rate, sharpness(image)))
 
-    steps = np.asarray(offsets, dtype=np.float64)
-    for rate in np.asarray(rates, dtype=np.float64):
+    steps = floats(offsets)
+    for rate in floats(rates):
         for offset in steps:
             attempt(float(offset), float(rate))
     if not trials:
@@ -189,7 +188,7 @@ def track_trials(
     """
     inside = []
     poses = []
-    for offset in np.asarray(offsets, dtype=np.float64):
+    for offset in floats(offsets):
         with suppress(ValueError):
             poses.append(poses_at(track, run["time"].values, float(offset)))
             inside.append(float(offset))
@@ -214,9 +213,7 @@ def _outside(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> str:
     )
 
 
-def brightest_points(
-    image: ArrayLike, pixels: ArrayLike, count: int, apart: float
-) -> NDArray[np.float64]:
+def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: float) -> FloatArray:
     """Return the brightest pixels that keep a distance from each other.
 
     Parameters
@@ -236,7 +233,7 @@ def brightest_points(
         x, y, z (m) and magnitude, the brightest first.
     """
     level = np.abs(np.asarray(image)).ravel().astype(np.float64)
-    positions = np.asarray(pixels, dtype=np.float64).reshape(-1, 3)
+    positions = floats(pixels).reshape(-1, 3)
     points: list[Sequence[float]] = []
     while len(points) < count and np.isfinite(level.max()):
         top = int(level.argmax())

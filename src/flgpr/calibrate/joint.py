@@ -9,15 +9,14 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
 
 from flgpr.calibrate.clock import Operator, track_trials, with_track
 from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, check_run
 from flgpr.model.aperture import synthetic_aperture
-from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
+from flgpr.types import ArrayLike, FloatArray, floats
 
 STANDS_OUT = 4.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""
@@ -131,7 +130,7 @@ def estimate_joint(
         track.
     """
     check_run(run)
-    positions = np.asarray(points, dtype=np.float64)
+    positions = floats(points)
     frequency = run["frequency"].values
     cell = resolution(frequency)
     _check_search(positions, biases, tolerance, cell, unambiguous_range(frequency))
@@ -497,4 +496,4 @@ def _paths(tx: FloatArray, rx: FloatArray, point: FloatArray) -> FloatArray:
     """Return the path lengths of antennas (pair, 3) by way of a point, m."""
     outward = np.linalg.norm(tx - point, axis=1)
     back = np.linalg.norm(rx - point, axis=1)
-    return np.asarray(outward + back, dtype=np.float64)
+    return floats(outward + back)

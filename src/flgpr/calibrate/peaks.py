@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from flgpr.calibrate.clock import brightest_points
 from flgpr.kernels.widths import half_power
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.types import FloatArray
 
 
 def image_peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
@@ -55,7 +55,7 @@ def image_peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
 
 
 def _widths(
-    level: NDArray[np.float64], axes: dict[str, NDArray[np.float64]], peak: dict[str, float]
+    level: FloatArray, axes: dict[str, FloatArray], peak: dict[str, float]
 ) -> dict[str, float]:
     """Return the widths of a peak, m, as columns, along every axis of more than one pixel."""
     pixel = {}

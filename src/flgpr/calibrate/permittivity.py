@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.calibrate.clock import sharpness
+from flgpr.types import ComplexArray, floats
 
 _LEAST_CONTRAST = 1.3  # times the median of all trials; assumed
 
@@ -25,7 +25,7 @@ class GroundFit:
 
 
 def estimate_permittivity(
-    image: Callable[[float], NDArray[np.complex64]],
+    image: Callable[[float], ComplexArray],
     trials: Sequence[float],
     track: Callable[[Any, str, int], Iterable[float]],
 ) -> GroundFit:
@@ -52,7 +52,7 @@ def estimate_permittivity(
         If the sharpest image lies at the edge of the trials or does not stand out (1.3 times the
         median of the trials).
     """
-    values = np.asarray(trials, dtype=np.float64)
+    values = floats(trials)
     if values.size < 3 or (np.diff(values) <= 0).any():
         raise ValueError(f"trials must be three or more that increase, got {values.size}")
     sharp = np.empty(values.size)

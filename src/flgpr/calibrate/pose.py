@@ -7,21 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import check_run
-from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import pose_matrix
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.model.track import check_track, poses_at
+from flgpr.types import ArrayLike, FloatArray, floats
 
 
 @dataclass(frozen=True)
 class LeverFit:
     """Lever arm and latency."""
 
-    lever_arm: NDArray[np.float64]  #: positioning antenna in the vehicle frame, m
+    lever_arm: FloatArray  #: positioning antenna in the vehicle frame, m
     latency: float  #: how late its time stamps are, s
     rms: float  #: root mean square of the residual, m
 
@@ -55,7 +54,7 @@ def estimate_lever_arm(
     """
     check_track(antenna)
     check_track(reference)
-    trials = np.sort(np.asarray(latencies, dtype=np.float64))
+    trials = np.sort(floats(latencies))
     fits = []
     for latency in trials:
         fit = _fit(antenna, reference, float(latency))
@@ -97,7 +96,7 @@ def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> Leve
     lever, *_ = np.linalg.lstsq(rotations, difference.ravel(), rcond=None)
     residual = difference.ravel() - rotations @ lever
     rms = float(np.sqrt(np.mean(residual**2) * 3))  # of vectors, not of their components
-    return LeverFit(np.asarray(lever, dtype=np.float64), latency, rms)
+    return LeverFit(floats(lever), latency, rms)
 
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:
@@ -110,7 +109,7 @@ def vehicle_velocity(run: xr.Dataset) -> FloatArray:
     if len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise ValueError("run must have two scans or more with increasing times to tell a velocity")
     lane = np.gradient(pose[:, :3], time, axis=0)
-    return np.asarray(np.einsum("sij,si->sj", pose_matrix(pose), lane), dtype=np.float64)
+    return floats(np.einsum("sij,si->sj", pose_matrix(pose), lane))
 
 
 def remove_in_scan_motion(
@@ -174,7 +173,7 @@ def remove_in_scan_motion(
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return values as an array, which must be finite and have a shape."""
-    array = np.asarray(values, dtype=np.float64)
+    array = floats(values)
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite with the shape {shape}, got {array.shape}")
     return array

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, way_weights
-from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
 from flgpr.model.run import complete_scan_numbers
+from flgpr.types import AnyArray, ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 _SAMPLES_AT_ONCE = 1 << 23  # of the profiles, 64 MiB
 
@@ -25,7 +23,7 @@ def resolution(frequency: ArrayLike) -> float:
 
 def fields_over_bias(
     run: xr.Dataset, poses: Sequence[ArrayLike], points: ArrayLike, biases: tuple[float, float]
-) -> tuple[NDArray[np.complex64], FloatArray]:
+) -> tuple[ComplexArray, FloatArray]:
     """Sum a run coherently at points, for trial poses and range biases.
 
     Tones have a Hann window, scans the weights of :func:`flgpr.model.way_weights`. The sum is
@@ -55,7 +53,7 @@ def fields_over_bias(
     """
     tones = run["frequency"].values
     signal = run["signal"].values
-    positions = np.asarray(points, dtype=np.float64)
+    positions = floats(points)
     scans = complete_scan_numbers(run)
 
     # Profiles of four times as many bins as the spectrum has slots, or more; a bias of half a bin
@@ -68,7 +66,7 @@ def fields_over_bias(
     middle_tone = float(tones[0]) + spacing * (int(slot[-1]) // 2)
     carrier = middle_tone / SPEED_OF_LIGHT
 
-    trials = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
+    trials = [floats(pose)[scans] for pose in poses]
     weights = [way_weights(pose[:, :3]) for pose in trials]
     shape = (len(trials), len(positions), signal.shape[1], last - first + 1)
     field = np.zeros(shape, np.complex64)
@@ -85,10 +83,10 @@ def fields_over_bias(
             sum_over_biases(table, tx, rx, share, positions, step, carrier, first, out)
 
     bias = np.arange(first, last + 1) * (0.5 * step)
-    return field.swapaxes(1, 2), np.asarray(bias, dtype=np.float64)
+    return field.swapaxes(1, 2), floats(bias)
 
 
-def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
+def lattice(frequency: ArrayLike) -> tuple[float, IntArray]:
     """Return the even spectrum of tones, gaps included.
 
     Uneven tones have one at their mean spacing, and lie near its slots.
@@ -110,7 +108,7 @@ def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
     ValueError
         If there are fewer than two tones.
     """
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     if tones.size < 2:
         raise ValueError(f"run must have two tones or more to tell ranges, got {tones.size}")
     least = float(np.diff(tones).min())
@@ -123,8 +121,8 @@ def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
 
 
 def _profiles(
-    signal: NDArray[Any], tones: FloatArray, spacing: float, slot: NDArray[np.int64], size: int
-) -> NDArray[np.complex64]:
+    signal: AnyArray, tones: FloatArray, spacing: float, slot: IntArray, size: int
+) -> ComplexArray:
     """Return range profiles (polarization, scan·pair, size) of a signal.
 
     The signal is (scan, polarization, pair, frequency).

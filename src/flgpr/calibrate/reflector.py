@@ -6,15 +6,14 @@ Crosstalk and imbalance are ``M = R·S·T`` (rows receive, columns transmit, H b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, check_run, complete_scans, vehicle_to_lane
 from flgpr.model.phase import lengthen, path_phase
 from flgpr.model.run import with_signal
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray, IndexArray, floats
 
 SLOPES = {"sphere": 0.0, "corner": 1.0}
 """Power of frequency in the echo's amplitude: a wide sphere, a trihedral corner."""
@@ -25,12 +24,12 @@ class PairFit:
     """Delay and gain of every pair."""
 
     polarization: tuple[str, ...]  #: polarizations the reflector answers in
-    delay: NDArray[np.float64]  #: (polarization, pair): how late the pair's echo comes, s
+    delay: FloatArray  #: (polarization, pair): how late the pair's echo comes, s
     #: (polarization, pair): echo over that of a unit reflector, after the delay is removed
-    gain: NDArray[np.complex128]
+    gain: Complex128Array
     #: (polarization, pair): height of the echo over the median level within the search, 1; below 3
     #: it may be chance
-    contrast: NDArray[np.float64]
+    contrast: FloatArray
 
 
 def estimate_pairs(
@@ -65,7 +64,7 @@ def estimate_pairs(
         If a parameter breaks its rule, or the run has no complete scan or neither HH nor VV.
     """
     check_run(run)
-    position = np.asarray(point, dtype=np.float64)
+    position = floats(point)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise ValueError(f"point must be x, y, z, got {position}")
     if kind not in SLOPES:
@@ -87,8 +86,8 @@ def estimate_pairs(
 
 
 def _aligned_echo(
-    run: xr.Dataset, scans: NDArray[np.intp], rows: list[int], position: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+    run: xr.Dataset, scans: IndexArray, rows: list[int], position: FloatArray
+) -> Complex128Array:
     """Return the sum over scans of a reflector's echo without its path and its spreading.
 
     It is (polarization, pair, frequency), of the polarizations in ``rows``.
@@ -109,8 +108,8 @@ def _aligned_echo(
 
 def _fit_pairs(
     labels: tuple[str, ...],
-    aligned: NDArray[np.complex128],
-    frequency: NDArray[np.float64],
+    aligned: Complex128Array,
+    frequency: FloatArray,
     search: float,
 ) -> PairFit:
     """Fit delay and gain to echoes (polarization, pair, frequency) referred to the right path."""
@@ -192,12 +191,12 @@ class Distortion:
     the second diagonal element.
     """
 
-    rx: NDArray[np.complex128]  #: (..., 2, 2): R
-    tx: NDArray[np.complex128]  #: (..., 2, 2): T
-    misfit: NDArray[np.float64]  #: (...): root mean square of ``M - a·R·S·T`` over that of M
+    rx: Complex128Array  #: (..., 2, 2): R
+    tx: Complex128Array  #: (..., 2, 2): T
+    misfit: FloatArray  #: (...): root mean square of ``M - a·R·S·T`` over that of M
 
 
-def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:
+def scattering_matrices(run: xr.Dataset) -> AnyArray:
     """Return the scattering matrices (scan, pair, frequency, 2, 2) of a run of four polarizations.
 
     Rows receive, columns transmit. A missing polarization is a ValueError.
@@ -308,7 +307,7 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
     return with_signal(run, signal)
 
 
-def _fit_side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]:
+def _fit_side(m: AnyArray, x: AnyArray, r: AnyArray) -> AnyArray:
     """Fit ``m ≈ a·r·x`` once: strengths from the last r, then r, scaled to have one at HH."""
     a = _strength(m, r[..., None, :, :] @ x)
     ax = a[..., None, None] * x
@@ -320,13 +319,13 @@ def _fit_side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]
     return np.asarray(new / new[..., :1, :1])
 
 
-def _strength(m: NDArray[Any], model: NDArray[Any]) -> NDArray[Any]:
+def _strength(m: AnyArray, model: AnyArray) -> AnyArray:
     """Return the complex strengths of the model matrices that fit the measured ones best."""
     power = (np.abs(model) ** 2).sum(axis=(-2, -1))
     overlap = (model.conj() * m).sum(axis=(-2, -1))
     return np.asarray(overlap / np.maximum(power, np.finfo(float).tiny))
 
 
-def _transpose(m: NDArray[Any]) -> NDArray[Any]:
+def _transpose(m: AnyArray) -> AnyArray:
     """Return matrices (..., 2, 2) with rows and columns exchanged."""
     return m.swapaxes(-1, -2)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import FloatArray
+from flgpr.types import ArrayLike, FloatArray
 
 MOST_PIXELS = 2_000_000
 """Pixels of an area that is focused for every trial."""

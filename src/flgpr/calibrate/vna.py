@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT, check_run
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
+from flgpr.types import ArrayLike, floats
 
 
 def subtract_standard(run: xr.Dataset, standard: xr.Dataset) -> xr.Dataset:
@@ -61,7 +61,7 @@ def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 
         raise ValueError(
             f"through must not be zero, it is for pair {pair} at tone {tone}: is a channel dead?"
         )
-    path = np.broadcast_to(np.asarray(length, dtype=np.float64), (run.sizes["pair"],))
+    path = np.broadcast_to(floats(length), (run.sizes["pair"],))
     signal = lengthen(run["signal"].values / mean, run["frequency"].values, path)
     return with_signal(run, signal)
 
@@ -87,7 +87,7 @@ def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
         If the delay is not finite or does not fit the pairs.
     """
     check_run(run)
-    value = np.asarray(delay, dtype=np.float64)
+    value = floats(delay)
     if value.shape not in ((), (run.sizes["pair"],)) or not np.isfinite(value).all():
         raise ValueError(
             f"delay must be one finite value or one for each of {run.sizes['pair']} pairs"

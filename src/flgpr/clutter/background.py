@@ -20,11 +20,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter.streaming import (
     BackgroundEstimator,
-    ComplexArray,
     SelfSignature,
     check_method,
     check_windows,
@@ -34,14 +32,15 @@ from flgpr.clutter.streaming import (
     smoothed_residual,
 )
 from flgpr.kernels.background import subtract_and_divide
+from flgpr.types import AnyArray, ComplexArray, Float32Array, FloatArray
 
 
-def _in_subbands(image: NDArray[Any]) -> ComplexArray:
+def _in_subbands(image: AnyArray) -> ComplexArray:
     """Return an image (..., y, x) with all its channels as sub-bands of one polarization."""
     return np.asarray(image, np.complex64).reshape(1, -1, *np.shape(image)[-2:])
 
 
-def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
+def scan_gain(image: ComplexArray) -> FloatArray:
     """Compute the scan-to-scan gain r_k, the rms of the lowest 75 % of the magnitudes.
 
     The gain is defined below Eq. 2 of Wang et al. 2007.
@@ -121,7 +120,7 @@ def gain_background(
     signature: ComplexArray,
     median_size: tuple[int, int] = (21, 21),
     mean_size: tuple[int, int] = (51, 51),
-) -> NDArray[np.float32]:
+) -> Float32Array:
     """Estimate the gain background B2 of a run (Wang et al. 2007, Eq. 3 and 4).
 
     The paper does not say how it filters at the border; here both windows shrink there to the
@@ -162,7 +161,7 @@ def gain_background(
 
 
 def remove_background(
-    image: ComplexArray, signature: ComplexArray, gain: NDArray[np.float32]
+    image: ComplexArray, signature: ComplexArray, gain: Float32Array
 ) -> ComplexArray:
     """Subtract the self-signature B1 of an image and divide by the gain background B2.
 

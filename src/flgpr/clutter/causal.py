@@ -7,12 +7,9 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter.streaming import (
     Background,
-    ComplexArray,
-    FloatArray,
     by_channel,
     check_smoothing,
     mean_filtered,
@@ -22,6 +19,7 @@ from flgpr.clutter.streaming import (
     smoothed_residual,
 )
 from flgpr.kernels.background import blend_clipped
+from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray
 
 LEAST_WARM_UP = 3
 LEAST_SPAN = 2
@@ -182,7 +180,7 @@ class CausalBackground:
         common_level = shared_level(level, self._means[2][None])
         self._background = Background(own_signature, level, shared, common_level)
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> Arrays:
         """Return the estimate for a later :meth:`restore`; later scans do not change it."""
         self.learn()
         self._means_given_out = True
@@ -194,7 +192,7 @@ class CausalBackground:
             state[f"mean{number}"] = mean
         return state
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, AnyArray]) -> None:
         """Continue from the :meth:`state` of an estimate with the same parameters.
 
         A state that lacks a mean is a ValueError.

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import brentq
 
 from flgpr.clutter.iteration import Amplitude, Iterated, OperatorOn, averaged, iterate_suppression
 from flgpr.clutter.suppression import Operator
 from flgpr.model import SPEED_OF_LIGHT
-
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 
 class FrameStack:
@@ -167,7 +164,7 @@ def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
     """
     if not loss_db > 0:
         raise ValueError(f"loss_db must be positive, got {loss_db}")
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     turn = 4 * np.pi * tones.min() / SPEED_OF_LIGHT
     # All tones together allow less than the lowest one alone.
     upper_bound = np.sqrt(loss_db * np.log(10) / 10) / turn
@@ -185,7 +182,7 @@ class Coherence:
     #: (pixel,): magnitude of the sum under the sum of each frame's peaks, dB; strongest first
     loss_db: FloatArray
     #: (pixel, 2): row and column of each
-    at: NDArray[np.int64]
+    at: IntArray
 
 
 def measured_coherence(

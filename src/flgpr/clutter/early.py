@@ -9,17 +9,16 @@ of the whole band, before it is divided.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.types import ArrayLike, Complex128Array, ComplexArray, floats
 
-ComplexArray = NDArray[np.complex64]
 LEAST_EIGENVALUE = 1e-6
 """Of the greatest: what is weaker in the tones is left, 60 dB below an early echo."""
 
 
-def early_basis(frequency: ArrayLike, path: float) -> NDArray[np.complex128]:
+def early_basis(frequency: ArrayLike, path: float) -> Complex128Array:
     r"""Compute what spans the echoes of all paths from zero to a longest one at some tones.
 
     The vectors are the eigenvectors of the echoes' mean covariance, whose element for two tones
@@ -45,7 +44,7 @@ def early_basis(frequency: ArrayLike, path: float) -> NDArray[np.complex128]:
     ValueError
         If the path is not positive, or so long that the echoes fill all tones.
     """
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     if not path > 0:
         raise ValueError(f"path must be positive, got {path:g} m")
     wavenumber = 2 * np.pi * tones / SPEED_OF_LIGHT
@@ -63,7 +62,7 @@ def early_basis(frequency: ArrayLike, path: float) -> NDArray[np.complex128]:
     return np.asarray(vectors[:, strong])
 
 
-def subtract_early(data: ArrayLike, basis: NDArray[np.complex128]) -> ComplexArray:
+def subtract_early(data: ArrayLike, basis: Complex128Array) -> ComplexArray:
     """Take the part in a basis out of data.
 
     Echoes that come a few range cells after the longest path lose little; a range cell is the speed

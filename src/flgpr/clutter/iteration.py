@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.clutter.suppression import Operator
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, IntArray, floats
 
-ComplexArray = NDArray[np.complex64]
-OperatorOn = Callable[[NDArray[np.float64]], Operator]
+OperatorOn = Callable[[FloatArray], Operator]
 Amplitude = Literal["region", "whole"]
 
 TABLE_II: dict[int, tuple[int, ...]] = {
@@ -38,14 +37,14 @@ class Iterated:
     #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
     data: tuple[ComplexArray, ...]
     #: (iteration + 1, polarization): norm of the cleaned data over that of the data
-    residual: NDArray[np.float64]
+    residual: FloatArray
     #: (iteration, region, polarization): B of Eq. 7
-    amplitude: NDArray[np.float64]
+    amplitude: FloatArray
     #: (iteration + 1, polarization): energy of the cleaned data less that of the data, over the
     #: latter
-    energy: NDArray[np.float64]
+    energy: FloatArray
     #: (iteration, polarization): smallest change of ``energy`` that is more than rounding
-    rounding: NDArray[np.float64]
+    rounding: FloatArray
 
     @property
     def iterations(self) -> int:
@@ -66,11 +65,11 @@ class Iterated:
         """Number of iterations that raised the residual of a polarization."""
         return int(self._rises().any(axis=1).sum())
 
-    def _rises(self) -> NDArray[np.bool_]:
+    def _rises(self) -> BoolArray:
         """Mark the iterations that raised the residual, (iteration, polarization)."""
         return np.asarray(np.diff(self.energy, axis=0) > self.rounding)
 
-    def best(self, last: int) -> NDArray[np.int64]:
+    def best(self, last: int) -> IntArray:
         """Return the iteration of the least residual up to ``last``, for every polarization.
 
         It is ``last`` itself if that is no worse within rounding. A residual that rose for a while
@@ -153,7 +152,7 @@ def iterate_suppression(
         If there is no iteration, the amplitude is unknown, the shapes differ, or the mask reaches
         beyond the sub-regions.
     """
-    points = np.asarray(pixels, dtype=np.float64)
+    points = floats(pixels)
     masked = np.asarray(mask, dtype=bool)
     region_of = np.asarray(region)
     _check_masked_regions(points, masked, region_of, iterations, amplitude)
@@ -191,9 +190,9 @@ class _MaskedRegions:
     def __init__(
         self,
         operator_on: OperatorOn,
-        points: NDArray[np.float64],
-        mask: NDArray[np.bool_],
-        region: NDArray[np.int64],
+        points: FloatArray,
+        mask: BoolArray,
+        region: IntArray,
     ) -> None:
         numbers = np.unique(region[mask])
         masked_points = [points[mask & (region == r)] for r in numbers]
@@ -215,9 +214,9 @@ class _MaskedRegions:
 
 
 def _check_masked_regions(
-    points: NDArray[np.float64],
-    mask: NDArray[np.bool_],
-    region: NDArray[np.int64],
+    points: FloatArray,
+    mask: BoolArray,
+    region: IntArray,
     iterations: int,
     amplitude: str,
 ) -> None:
@@ -324,7 +323,7 @@ def _averaged_iterations(iterated: Iterated, combination: int) -> tuple[int, ...
     return numbers
 
 
-def equal_cost(iterations: int, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
+def equal_cost(iterations: int, mask: BoolArray, region: IntArray) -> int:
     """Return the number of least-squares iterations of at most the cost of an iterated suppression.
 
     The cost is counted in pixels. An iteration of Eq. 5 to 8 images the mask, models it and images
@@ -349,15 +348,13 @@ def equal_cost(iterations: int, mask: NDArray[np.bool_], region: NDArray[np.int6
     return max(1, iterations * (2 * mask_pixels + region_pixels) // (2 * mask_pixels))
 
 
-def _norms(data: ComplexArray) -> NDArray[np.float64]:
+def _norms(data: ComplexArray) -> FloatArray:
     """Compute the norm of every polarization in double precision."""
     power = np.square(data.real, dtype=np.float64) + np.square(data.imag, dtype=np.float64)
     return np.asarray(np.sqrt(power.sum(axis=_all_but_polarization(data))))
 
 
-def _energy_change(
-    data: ComplexArray, response: ComplexArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _energy_change(data: ComplexArray, response: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Compute ``|b - r|² - |b|²`` and ``|r|²`` of every polarization."""
     size = _norms(response) ** 2
     overlap = np.multiply(data.real, response.real, dtype=np.float64)
@@ -371,11 +368,11 @@ def _all_but_polarization(data: ComplexArray) -> tuple[int, ...]:
     return tuple(axis for axis in range(data.ndim) if axis != data.ndim - 3)
 
 
-def _peaks(image: ComplexArray) -> NDArray[np.float64]:
+def _peaks(image: ComplexArray) -> FloatArray:
     """Return the largest magnitude of every polarization of (polarization, subband, pixel)."""
     return np.abs(image).reshape(image.shape[0], -1).max(axis=1).astype(np.float64)
 
 
-def _ratio(numerator: NDArray[np.float64], denominator: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ratio(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
     """Divide, with zero where the denominator is not positive."""
     return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray, floats
+
 Intersection = Literal["pixel", "region"]
 
 ROADSIDE = (4.0, 10.0)
@@ -94,8 +93,8 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     >>> subregions([4.0, 5.0, 9.9, 10.0, 15.0, 16.0], (5, 7.5, 10, 12.5, 15))
     array([-1,  0,  1,  2,  3, -1])
     """
-    borders = np.asarray(edges, dtype=np.float64)
-    ranges = np.asarray(distance, dtype=np.float64)
+    borders = floats(edges)
+    ranges = floats(distance)
     if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():
         raise ValueError(f"edges must be at least two rising ranges, got {edges!r}")
     number = np.searchsorted(borders, ranges, side="right") - 1
@@ -129,7 +128,7 @@ def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray
         If the shapes differ, or a sub-region has no threshold of at least 0.
     """
     magnitude = np.abs(np.asarray(image))
-    limit = np.asarray(threshold, dtype=np.float64)
+    limit = floats(threshold)
     if magnitude.shape != region.shape:
         raise ValueError(
             f"image must have the shape of region, {region.shape}, got {magnitude.shape}"
@@ -257,7 +256,7 @@ def extended_mask(
     least, greatest = roadside
     if not 0 <= least < greatest:
         raise ValueError(f"roadside must have 0 <= least < greatest, got {roadside}")
-    distance = np.abs(np.asarray(across, dtype=np.float64))
+    distance = np.abs(floats(across))
     at_roadside = (distance >= least) & (distance <= greatest)
     return above(vh, thresholds.low_vh, region) & at_roadside
 
@@ -397,7 +396,7 @@ class ThresholdCalibration:
                 self._second[number] = max(self._second[number], largest)
         self._roadside.append(roadside_level(vh_level, region, roadside, self.regions))
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> Arrays:
         """Return the statistics of all frames so far, as arrays for :meth:`merge`."""
         levels = np.asarray(self._roadside).reshape(-1, self.regions)
         return {
@@ -409,7 +408,7 @@ class ThresholdCalibration:
             "has_second": np.array(self._has_second),
         }
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the statistics (:meth:`state`) of other frames or lanes."""
         self.targets = self.targets + state["targets"]
         self._vv = np.minimum(self._vv, state["vv"])

@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter.recorded import dewow_traces, level_traces
 from flgpr.clutter.standing import remove_mean_trace
+from flgpr.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 PERIODS = 2.0
 """Periods of the antenna's frequency in a window that nobody states; assumed."""
 SHARE_OF_RECORD = 0.1

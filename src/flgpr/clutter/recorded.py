@@ -8,9 +8,9 @@ background. A trace of NaN holds no data: it stays NaN and does not count.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import BoolArray, FloatArray, floats
+
 HIGHEST_GAIN = 1e3
 """Largest ratio of two gains of :func:`level_traces`: 60 dB."""
 
@@ -78,7 +78,7 @@ def level_traces(traces: FloatArray, window: int) -> FloatArray:
     return traces / np.maximum(level, floor)
 
 
-def has_data(traces: FloatArray) -> NDArray[np.bool_]:
+def has_data(traces: FloatArray) -> BoolArray:
     """Mark the traces (trace, sample) all of whose samples are finite."""
     return np.asarray(np.isfinite(traces).all(axis=1))
 
@@ -91,4 +91,4 @@ def _running_mean(traces: FloatArray, window: int) -> FloatArray:
     np.cumsum(traces, axis=1, out=total[:, 1:])
     first = np.maximum(np.arange(samples) - half, 0)
     end = np.minimum(np.arange(samples) + half + 1, samples)
-    return np.asarray((total[:, end] - total[:, first]) / (end - first), dtype=np.float64)
+    return floats((total[:, end] - total[:, first]) / (end - first))

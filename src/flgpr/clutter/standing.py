@@ -16,16 +16,13 @@ from itertools import pairwise
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.clutter.recorded import has_data
 from flgpr.clutter.streaming import complex_median
 from flgpr.model import complete_scans
 from flgpr.model.aperture import half_steps
 from flgpr.model.run import with_signal
-
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
+from flgpr.types import ArrayLike, ComplexArray, FloatArray
 
 
 def standing_field(signal: ArrayLike) -> ComplexArray:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.kernels.background import (
     add_clipped,
@@ -27,11 +26,10 @@ from flgpr.kernels.background import (
     subtract_and_divide,
 )
 from flgpr.kernels.filters import median_stack
+from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, IntArray
 
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
 SelfSignature = Literal["none", "mean", "median"]
-MagnitudeArray = NDArray[np.float32]
+MagnitudeArray = Float32Array
 _LOWEST_SHARE = 0.75  # of the pixels, whose rms is r_k
 _CLIP_DEVIATIONS = 5.0  # above the mean, at which Eq. 2 clips magnitudes
 
@@ -273,7 +271,7 @@ class BackgroundEstimator:
         B2_shared = shared_level(B2, np.stack(self.gains))
         return Background(signature, B2, self._shared_signature, B2_shared)
 
-    def first_sums(self, exact: bool = False) -> dict[str, NDArray[Any]]:
+    def first_sums(self, exact: bool = False) -> Arrays:
         """Return the sums of the first pass, which :meth:`take_first` adds to another estimator.
 
         Parameters
@@ -299,7 +297,7 @@ class BackgroundEstimator:
             sums["shared"] = self._B1_shared_total.astype(precision).reshape(self._shape)
         return sums
 
-    def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
+    def take_first(self, sums: Arrays) -> None:
         """Add the first pass of another (:meth:`first_sums`) over the scans that follow."""
         shape = tuple(int(n) for n in sums["shape"])
         if self._shape is None:
@@ -316,7 +314,7 @@ class BackgroundEstimator:
         self.gains += list(sums["gains"])
         self._signature = None
 
-    def first_result(self) -> dict[str, NDArray[Any]]:
+    def first_result(self) -> Arrays:
         """Return what the second pass needs: ``gains``, ``signature`` and ``shared``.
 
         It needs at least two scans.
@@ -327,20 +325,20 @@ class BackgroundEstimator:
             shared = np.zeros_like(signature)
         return {"gains": np.stack(self.gains), "signature": signature, "shared": shared}
 
-    def continue_from(self, first: dict[str, NDArray[Any]], scans: slice = slice(None)) -> None:
+    def continue_from(self, first: Arrays, scans: slice = slice(None)) -> None:
         """Begin the second pass over ``scans`` with another's first one (:meth:`first_result`)."""
         self._shape = first["signature"].shape
         self._signature = first["signature"]
         self._shared_signature = first["shared"]
         self.gains = list(first["gains"][scans])
 
-    def second_sums(self) -> dict[str, NDArray[Any]]:
+    def second_sums(self) -> Arrays:
         """Return the sum of the medians at every ``step``-th pixel, and the count of scans."""
         if self._median_total is None:
             raise ValueError("images must hold at least one scan, got none")
         return {"median": self._median_total, "count": np.array(self._smoothed)}
 
-    def take_second(self, sums: dict[str, NDArray[Any]]) -> None:
+    def take_second(self, sums: Arrays) -> None:
         """Add the second pass of another (:meth:`second_sums`) over the scans that follow."""
         if self._median_total is None:
             self._median_total = sums["median"]
@@ -380,7 +378,7 @@ def check_smoothing(median_size: tuple[int, int], mean_size: tuple[int, int], st
         raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
 
 
-def check_gain(gain: NDArray[np.float64]) -> None:
+def check_gain(gain: FloatArray) -> None:
     """Refuse a scan without a gain r_k."""
     if not (np.isfinite(gain).all() and (gain > 0).all()):
         raise ValueError(
@@ -421,7 +419,7 @@ def measure(
     return gain, limit
 
 
-def complex_median(stack: NDArray[Any]) -> ComplexArray:
+def complex_median(stack: AnyArray) -> ComplexArray:
     """Compute the median of the real and of the imaginary part over the first axis."""
     return np.asarray(
         np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64
@@ -520,7 +518,7 @@ def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
     return out
 
 
-def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _nodes(count: int, half: int, step: int) -> tuple[IntArray, IntArray]:
     """Return the nodes, every ``step``-th pixel, inside the window about each of ``count`` pixels.
 
     They are the number of the first node and that after the last one.
@@ -537,7 +535,7 @@ def clean(
     gain: FloatArray,
     signature: ComplexArray,
     level: MagnitudeArray,
-    out: NDArray[Any],
+    out: AnyArray,
 ) -> None:
     """Fill ``out`` (..., y, x) by a kernel of Eq. 5, with one gain for every channel."""
     kernel(
@@ -549,6 +547,6 @@ def clean(
     )
 
 
-def by_channel(array: NDArray[Any]) -> NDArray[Any]:
+def by_channel(array: AnyArray) -> AnyArray:
     """Return (channel, pixel) of (..., y, x); a view where the array is contiguous."""
     return np.ascontiguousarray(array).reshape(-1, array.shape[-2] * array.shape[-1])

@@ -6,16 +6,17 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+
+from flgpr.types import ArrayLike, ComplexArray, FloatArray
 
 
 class Operator(Protocol):
     """What suppression needs of an imaging operator: A and its exact transpose."""
 
-    def adjoint(self, data: ArrayLike) -> NDArray[np.complex64]:
+    def adjoint(self, data: ArrayLike) -> ComplexArray:
         """Apply A^H."""
 
-    def forward(self, image: ArrayLike) -> NDArray[np.complex64]:
+    def forward(self, image: ArrayLike) -> ComplexArray:
         """Apply A."""
 
 
@@ -24,9 +25,9 @@ class Suppression:
     """Outcome of a suppression."""
 
     #: (..., polarization, pair, frequency): data less the modelled response
-    data: NDArray[np.complex64]
+    data: ComplexArray
     #: weighted norm of what the fit leaves over that of the data, 1 before the first iteration
-    residual: NDArray[np.float64]
+    residual: FloatArray
 
 
 def suppress_by_model(
@@ -130,6 +131,6 @@ def suppress_by_model(
     return Suppression(remainder, np.asarray(residuals))
 
 
-def _power(array: NDArray[np.complex64]) -> float:
+def _power(array: ComplexArray) -> float:
     """Sum the squared magnitudes in double precision."""
     return float(np.sum(np.abs(array.astype(np.complex128)) ** 2))

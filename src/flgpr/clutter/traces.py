@@ -8,17 +8,16 @@ weight in time is a product with the range profile. Missing sweeps stay missing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
+from flgpr.types import AnyArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 GAINS = ("power", "agc")
 _LEAST_LEVEL = 1e-4  # of a trace's greatest level: an automatic gain amplifies by at most 80 dB
 
@@ -129,7 +128,7 @@ def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     return with_signal(run, run["signal"].values - background)
 
 
-def _same_labels(axis: str, labels: NDArray[Any], other: NDArray[Any]) -> bool:
+def _same_labels(axis: str, labels: AnyArray, other: AnyArray) -> bool:
     """Compare the labels of an axis: tones to 1e-9, polarizations letter by letter."""
     if labels.shape != other.shape:
         return False
@@ -166,7 +165,7 @@ def gate(run: xr.Dataset, start: float, stop: float = np.inf, ramp: float = 0.0)
             f"got {start:g}, {stop:g} s"
         )
 
-    def weight(time: FloatArray, _: NDArray[Any]) -> FloatArray:
+    def weight(time: FloatArray, _: AnyArray) -> FloatArray:
         inside = np.minimum(time - start, stop - time)
         if ramp == 0:
             return np.asarray(inside >= 0, float)
@@ -203,10 +202,10 @@ def time_gain(run: xr.Dataset, kind: Literal["power", "agc"], value: float) -> x
     if not value > 0:
         raise ValueError(f"gain {kind} must have a positive value, got {value:g}")
 
-    def power_law(time: FloatArray, _: NDArray[Any]) -> FloatArray:
+    def power_law(time: FloatArray, _: AnyArray) -> FloatArray:
         return np.asarray((np.maximum(time, 0.0) / time.max()) ** value)
 
-    def automatic_gain(time: FloatArray, profile: NDArray[Any]) -> FloatArray:
+    def automatic_gain(time: FloatArray, profile: AnyArray) -> FloatArray:
         # The window is no longer than the trace.
         window = max(round(min(value / (time[1] - time[0]), time.size)), 1)
         kernel = np.fft.rfft(np.ones(window) / window, time.size)
@@ -234,7 +233,7 @@ def tone_step(run: xr.Dataset) -> float:
 
 
 def _weight_in_time(
-    run: xr.Dataset, weight: Callable[[FloatArray, NDArray[Any]], FloatArray]
+    run: xr.Dataset, weight: Callable[[FloatArray, AnyArray], FloatArray]
 ) -> xr.Dataset:
     """Multiply the range profiles by weights (..., time), made from times and the profile."""
     signal = run["signal"].values.copy()

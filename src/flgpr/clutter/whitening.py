@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels.moments import check_samples, moments_estimator
+from flgpr.types import AnyArray, ArrayLike
 
 BASES = ("eigen", "cholesky", "symmetric")
 
 
-def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any]:
+def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> AnyArray:
     """Compute a matrix W with ``W C W^H = I`` for a covariance C.
 
     All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind.
@@ -55,7 +55,7 @@ def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any
         return _whitening_matrix(C, basis)
 
 
-def _whitening_matrix(C: NDArray[Any], basis: str) -> NDArray[Any]:
+def _whitening_matrix(C: AnyArray, basis: str) -> AnyArray:
     """Compute the matrix of :func:`whitening_matrix` for a Hermitian covariance."""
     values, vectors = np.linalg.eigh(C)
     if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
@@ -120,7 +120,7 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self.matrix_ = whitening_matrix(self.covariance_, self.basis)
         return self
 
-    def transform(self, X: ArrayLike) -> NDArray[Any]:
+    def transform(self, X: ArrayLike) -> AnyArray:
         """Return whitened samples, ``W (x - mean)`` of every row of (n_samples, n_features)."""
         check_is_fitted(self)
         samples = check_samples(self, X, reset=False)

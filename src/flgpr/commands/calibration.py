@@ -11,10 +11,10 @@ import xarray as xr
 from flgpr.calibrate import BiasFit, ClockFit, remove_range_bias, with_track
 from flgpr.clutter import subtract_mean_scan
 from flgpr.commands.positions import track_of
-from flgpr.model.arrays import FloatArray
 from flgpr.store import open_run, save_run
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
+from flgpr.types import FloatArray
 
 PathLike = str | Path
 _COLUMNS = ("x_m", "y_m", "z_m")

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.calibrate.peaks import image_peaks
 from flgpr.commands.drawings import files_to_write, image_arrays, write_drawing
@@ -23,6 +22,7 @@ from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.extras import optional
 from flgpr.store.outputs import atomic_output
+from flgpr.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -172,7 +172,7 @@ def picture_of(
     return Picture(focused.image, peaks, focused.spacing, focused.scans, focused.notes)
 
 
-def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:
+def _write(picture: Picture, path: Path, poses: FloatArray) -> None:
     """Write a picture as Zarr, PNG or NumPy archive, by the ending."""
     image = picture.image
     if path.suffix.lower() == ".zarr":

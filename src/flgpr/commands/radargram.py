@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter.radargram_steps import (
     assumed_window,
@@ -25,12 +24,12 @@ from flgpr.formats.reader import recording_reader
 from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
+from flgpr.types import FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PathLike = str | Path
-FloatArray = NDArray[np.float64]
 ENDINGS = (".png", ".npz")
 _MOST_SAMPLES = 50_000_000  # of a radargram
 
@@ -59,7 +58,7 @@ class Radargram:
     # : (trace, sample), counts of the recorder; after ``gain`` in units of the line's level
     values: FloatArray
     delay: FloatArray  #: (sample,) two-way time, s, from the recorder's time zero
-    number: NDArray[np.int64]  #: (trace,) which of the file's traces, from 0
+    number: IntArray  #: (trace,) which of the file's traces, from 0
     distance: FloatArray | None  #: (trace,) along the line, m; None if the header has none
     permittivity: float | None  #: of the ground, for the axis of depth
     unit: str  #: of ``values``, in words
@@ -94,7 +93,7 @@ class Radargram:
         if self.permittivity is None:
             return None
         speed = SPEED_OF_LIGHT / math.sqrt(self.permittivity)
-        return np.asarray(0.5 * speed * self.delay, dtype=np.float64)
+        return floats(0.5 * speed * self.delay)
 
 
 def make_radargram(
@@ -192,7 +191,7 @@ def _title(section: GprSection, channel: int) -> str:
     return title if is_single else f"{title}, channel {channel}"
 
 
-def _chosen_traces(count: int, limits: tuple[int, int] | None) -> NDArray[np.int64]:
+def _chosen_traces(count: int, limits: tuple[int, int] | None) -> IntArray:
     """Return the numbers of the traces that are drawn."""
     first, last = limits or (0, count - 1)
     if not 0 <= first <= last < count:

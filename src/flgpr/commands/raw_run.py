@@ -33,6 +33,7 @@ from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.made_of import read_limits
 from flgpr.toml_text import toml_value
+from flgpr.types import FloatArray
 
 MOST_SCANS = 1200
 MOST_BINS = 800
@@ -371,9 +372,7 @@ def _check_effort(number: int, step: Step, run: xr.Dataset) -> None:
         )
 
 
-def _delay_bins(
-    query: _Query, scans: int, frequency: NDArray[np.float64], start: float
-) -> DelayBins:
+def _delay_bins(query: _Query, scans: int, frequency: FloatArray, start: float) -> DelayBins:
     """Return the bins of a B-scan from a delay (s) on.
 
     They end at the tones' unambiguous delay, or where a picture would take too long or its pixels
@@ -412,7 +411,7 @@ def _delay_bins(
 
 
 def _simulated_paths(
-    limits: Mapping[str, Any], tx: NDArray[np.float64], rx: NDArray[np.float64], height: float
+    limits: Mapping[str, Any], tx: FloatArray, rx: FloatArray, height: float
 ) -> Iterator[tuple[float, str]]:
     """Yield the paths (m) at which a pair's simulated echoes end, and in words what ends.
 
@@ -445,7 +444,7 @@ def _numbers_of(values: Any, count: int) -> list[float]:
     return numbers
 
 
-def _tone_levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:
+def _tone_levels(signal: NDArray[np.complexfloating]) -> FloatArray:
     """Return the levels of tones, dB."""
     return np.asarray(levels(np.abs(signal).astype(np.float64)))
 
@@ -482,7 +481,7 @@ def _halves(values: NDArray[np.floating]) -> str:
     return base64.b64encode(halves.tobytes()).decode()
 
 
-def _numbers(values: NDArray[np.float64]) -> list[float | None]:
+def _numbers(values: FloatArray) -> list[float | None]:
     """Return values for JSON; what is not finite is None."""
     numbers: list[float | None] = []
     for value in values:

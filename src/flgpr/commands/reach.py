@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.notes import log_note
+from flgpr.types import BoolArray
 
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
@@ -73,7 +73,7 @@ def targets_in_reach(
     return targets[in_reach], {"targets_outside": identifiers}
 
 
-def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> NDArray[np.bool_]:
+def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> BoolArray:
     """Return which rows of a table lie in their lane or a little outside.
 
     Parameters

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.door import Folder
 from flgpr.health.channels import channel_health, health_summary
@@ -29,6 +28,7 @@ from flgpr.recipe.schema import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.results.description import describe_run, plausible_poses
 from flgpr.store import open_run
 from flgpr.store.outputs import atomic_output
+from flgpr.types import FloatArray
 
 PathLike = str | Path
 _WIDEST = 10.0  # m, largest array that a vehicle carries; assumed
@@ -120,7 +120,7 @@ def run_info(
     return report
 
 
-def _tone_figures(frequency: NDArray[np.float64]) -> dict[str, Any]:
+def _tone_figures(frequency: FloatArray) -> dict[str, Any]:
     """Return what follows from the tones (Hz): range, resolution, and whether they are uniform."""
     steps = np.diff(frequency)
     unambiguous = unambiguous_path(frequency)
@@ -136,7 +136,7 @@ def _tone_figures(frequency: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def _geometry_figures(description: dict[str, Any], poses: NDArray[np.float64]) -> dict[str, Any]:
+def _geometry_figures(description: dict[str, Any], poses: FloatArray) -> dict[str, Any]:
     """Return distance travelled, distances of scans, extent of the array and its mean height, m."""
     spacing = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     antennas = np.array(description["tx_m"] + description["rx_m"])
@@ -149,7 +149,7 @@ def _geometry_figures(description: dict[str, Any], poses: NDArray[np.float64]) -
 
 
 def _coverage(
-    run: xr.Dataset, recipe: Recipe | None, poses: NDArray[np.float64]
+    run: xr.Dataset, recipe: Recipe | None, poses: FloatArray
 ) -> tuple[Lane, xr.DataArray]:
     """Return the lane, and how many scans see each cell (y, x) of a coarse grid of it.
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.commands.drawings import files_to_write, image_arrays, write_drawing
 from flgpr.imaging.focus import focus
 from flgpr.imaging.view_axes import View
 from flgpr.progress import Track, silent
 from flgpr.store import open_run
+from flgpr.types import FloatArray, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,9 +120,9 @@ def make_slices(
     return Slices(image, planes[0].spacing, planes[0].scans, tuple(notes))
 
 
-def _checked_depths(depths: Sequence[float]) -> NDArray[np.float64]:
+def _checked_depths(depths: Sequence[float]) -> FloatArray:
     """Return depths, m; they must be finite, not negative, and increase."""
-    axis = np.asarray(depths, dtype=np.float64)
+    axis = floats(depths)
     is_increasing = axis.size > 0 and bool((np.diff(axis) > 0).all())
     if not is_increasing or axis.size > _MOST_SLICES or not np.isfinite(axis).all() or axis[0] < 0:
         raise ValueError(
@@ -132,6 +132,6 @@ def _checked_depths(depths: Sequence[float]) -> NDArray[np.float64]:
     return axis
 
 
-def _limits(positions: NDArray[np.float64]) -> tuple[float, float]:
+def _limits(positions: FloatArray) -> tuple[float, float]:
     """Return the limits of the ground along an axis that antennas passed over, m."""
     return float(positions.min()) - _MARGIN, float(positions.max()) + _MARGIN

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.design.grounds import GroundModel, bare_lane, ground_model
 from flgpr.design.point_spread import PointSpread, ground_plane
@@ -18,8 +17,8 @@ from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.progress import Track, silent
 from flgpr.simulate import sites
 from flgpr.simulate.scene.scene import Target
+from flgpr.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 Response = tuple[FloatArray, FloatArray, FloatArray]
 KINDS = ("metal", "plastic")
 BODIES = {"metal": "metal-at", "plastic": "plastic-at"}

@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.kernels.widths import half_power
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Sensor
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
-FloatArray = NDArray[np.float64]
 Beam = Callable[[FloatArray], FloatArray]
 _OVERSAMPLING = 32
 _CELL_STEP = 0.25  # steps of the integral over a resolution cell, in expected widths
@@ -61,7 +60,7 @@ class PointSpread:
         self.footprint = sensor.ground_in_view
         weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
         if response is not None:
-            weight = weight * np.asarray(response, dtype=np.float64)[chosen]
+            weight = weight * floats(response)[chosen]
 
         up = np.array([0.0, 0.0, sensor.height])
         tx, rx = sensor.pairs()
@@ -95,11 +94,11 @@ class PointSpread:
         (pair, ...) ndarray
             Lengths from transmitter to point to receiver, m.
         """
-        p = np.asarray(points, dtype=np.float64)
+        p = floats(points)
         shape = (-1, *[1] * (p.ndim - 1), 3)  # antennas along an axis before those of the points
         outward = np.linalg.norm(p - self.tx.reshape(shape), axis=-1)
         back = np.linalg.norm(p - self.rx.reshape(shape), axis=-1)
-        return np.asarray(outward + back, dtype=np.float64)
+        return floats(outward + back)
 
     def __call__(
         self, points: ArrayLike, source: ArrayLike, gain: FloatArray | None = None
@@ -120,8 +119,8 @@ class PointSpread:
         (...) ndarray
             Amplitude.
         """
-        p = np.asarray(points, dtype=np.float64)
-        source_paths = self.paths(np.asarray(source, dtype=np.float64))
+        p = floats(points)
+        source_paths = self.paths(floats(source))
         total = np.zeros(p.shape[:-1], complex)
         antennas = zip(self.tx, self.rx, source_paths, strict=True)
         for pair, (tx, rx, source_path) in enumerate(antennas):
@@ -130,9 +129,9 @@ class PointSpread:
             longer = outward + back - source_path
             value = self._sum_over_tones(longer)
             total += value if gain is None else gain[pair] * value
-        return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
+        return floats(np.abs(total) / self._peak)
 
-    def _sum_over_tones(self, longer: FloatArray) -> NDArray[np.complex128]:
+    def _sum_over_tones(self, longer: FloatArray) -> Complex128Array:
         """Return ``Σ_f w(f)·exp(+j2πfd/c)`` for differences d of paths, m, from the table."""
         index = longer / self._period % 1.0 * (self._table.size - 1)
         cell = np.minimum(index.astype(np.intp), self._table.size - 2)
@@ -162,7 +161,7 @@ class PointSpread:
         float
             Area, m².
         """
-        centre = np.asarray(source, dtype=np.float64)
+        centre = floats(source)
         down, cross = self.expected_widths(centre)
         x_min, x_max, y_min, y_max = self.footprint
         x = np.arange(x_min, x_max, min(_CELL_STEP * cross, (x_max - x_min) / 50))
@@ -209,7 +208,7 @@ class PointSpread:
 
         A width is NaN where the response does not fall to half power.
         """
-        centre = np.asarray(source, dtype=np.float64)
+        centre = floats(source)
         down, cross = self.expected_widths(centre)
         return self._width(centre, 1, down), self._width(centre, 0, cross)
 

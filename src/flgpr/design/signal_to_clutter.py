@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from flgpr.design.grounds import GroundModel, bare_lane
@@ -22,7 +21,6 @@ from flgpr.design.point_spread import PointSpread
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, Sensor
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import apparent_shift
 from flgpr.progress import Track as Progress
 from flgpr.progress import silent
@@ -33,6 +31,7 @@ from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import array_state, system_response
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 
 Subbands = Mapping[str, tuple[float, float]]
 
@@ -393,7 +392,7 @@ class _Band:
             "attenuation_db": attenuated - entered,
         }
 
-    def _peak(self, amplitude: ComplexArray) -> FloatArray:
+    def _peak(self, amplitude: Complex128Array) -> FloatArray:
         """Return the peak over delay of the range profiles of spectra (2, frequency), dB (2,).
 
         It is relative to the sum of the weights.
@@ -497,7 +496,7 @@ def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float
     return table.iloc[order].reset_index(drop=True)
 
 
-def _power(imager: ImagingOperator, scan: NDArray[np.complex64]) -> FloatArray:
+def _power(imager: ImagingOperator, scan: ComplexArray) -> FloatArray:
     """Return the power of the image of a scan, (polarization, subband, y, x)."""
     return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
 

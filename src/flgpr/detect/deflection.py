@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.detect.linear_quadratic import (
     LinearQuadraticForm,
@@ -15,6 +14,7 @@ from flgpr.detect.linear_quadratic import (
     hermitian_form,
 )
 from flgpr.kernels.moments import check_samples, moments_estimator, sample_moments
+from flgpr.types import AnyArray, ArrayLike, FloatArray, IntArray
 
 
 def deflection_form(
@@ -59,9 +59,7 @@ def deflection_form(
     return hermitian_form(A, b, rank, by_magnitude=True)
 
 
-def _generalised(
-    mu: NDArray[Any], C: NDArray[Any], gamma: float
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def _generalised(mu: AnyArray, C: AnyArray, gamma: float) -> tuple[AnyArray, AnyArray]:
     """Solve for A and b in the eigenbasis of R.
 
     There A ↦ γA + (1-γ)RAR is a product element by element.
@@ -74,7 +72,7 @@ def _generalised(
 
     # b enters conjugated as well, so the system is linear over the reals only: column k of each
     # half answers a unit vector, real or imaginary.
-    def respond(b: NDArray[Any]) -> NDArray[Any]:
+    def respond(b: AnyArray) -> AnyArray:
         cross = np.outer(b, m.conj())
         return gamma * b + (1 - gamma) * d * (b + (gamma * weight * (cross + cross.conj().T)) @ m)
 
@@ -83,7 +81,7 @@ def _generalised(
     system = np.array([np.concatenate([a.real, a.imag]) for a in answers]).T
     right_side = m - (1 - gamma) * d * (fixed @ m)
     solution = np.linalg.solve(system, np.concatenate([right_side.real, right_side.imag]))
-    b: NDArray[Any] = solution[: m.size] + 1j * solution[m.size :]
+    b: AnyArray = solution[: m.size] + 1j * solution[m.size :]
     if not np.iscomplexobj(mu) and not np.iscomplexobj(C):
         b = b.real
     cross = np.outer(b, m.conj())
@@ -205,7 +203,7 @@ class DeflectionDetector(QuadraticDetector):
             learned = [self._learn(samples[np.asarray(y) == label]) for label in self.labels_]
             self.forms_ = tuple(standardize(form) for form, _, _ in learned)
             self.eigenvalues_ = np.stack([values for _, values, _ in learned])
-            self.n_unseen_: int | NDArray[np.int64] = np.array([unseen for _, _, unseen in learned])
+            self.n_unseen_: int | IntArray = np.array([unseen for _, _, unseen in learned])
             return self
         form, self.eigenvalues_, self.n_unseen_ = self._learn(samples)
         self.forms_ = (form,)
@@ -224,7 +222,7 @@ class DeflectionDetector(QuadraticDetector):
             raise ValueError(f"classes must be pooled or separate, got {self.classes!r}")
         _warn_of_unused_ddof(self.moments, self.ddof)
 
-    def _learn(self, x: NDArray[Any]) -> tuple[LinearQuadraticForm, NDArray[np.float64], int]:
+    def _learn(self, x: AnyArray) -> tuple[LinearQuadraticForm, FloatArray, int]:
         """Return the form, all eigenvalues of Â and the number of unseen directions of a class."""
         N, M = x.shape
         if self.ddof >= N:
@@ -254,7 +252,7 @@ class DeflectionDetector(QuadraticDetector):
         form = LinearQuadraticForm(sigma[used], u[:, used].T.copy(), b_hat, np.zeros(used.size))
         return form, sigma, unseen
 
-    def _generalised(self, mean: NDArray[Any], second: NDArray[Any]) -> LinearQuadraticForm:
+    def _generalised(self, mean: AnyArray, second: AnyArray) -> LinearQuadraticForm:
         """Return the form of the generalised deflection from the moments of one class."""
         # Negative eigenvalues, which no covariance has, are noise of the estimate.
         values, vectors = np.linalg.eigh(second - np.outer(mean, mean.conj()) - np.eye(mean.size))
@@ -314,9 +312,7 @@ def neyman_pearson_form(
     return _from_eigenvectors(mu, values[::-1][:rank], vectors[:, ::-1][:, :rank])
 
 
-def _from_eigenvectors(
-    mu: NDArray[Any], values: NDArray[np.float64], vectors: NDArray[Any]
-) -> LinearQuadraticForm:
+def _from_eigenvectors(mu: AnyArray, values: FloatArray, vectors: AnyArray) -> LinearQuadraticForm:
     """Return the form of Eq. 2 from eigenvalues and eigenvectors of C."""
     rows = vectors.T.copy()
     energy = float(np.sum(np.abs(mu) ** 2))
@@ -406,7 +402,7 @@ class PolarimetricWhiteningFilter(QuadraticDetector):
         estimate = moments_estimator(self.moments)
         samples = check_samples(self, X, reset=True)
         mean, covariance = estimate(samples)
-        self.covariance_: NDArray[Any] = covariance + np.outer(mean, mean.conj())
+        self.covariance_: AnyArray = covariance + np.outer(mean, mean.conj())
         values, vectors = np.linalg.eigh(self.covariance_)
         if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
             raise ValueError(

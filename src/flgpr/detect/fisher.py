@@ -8,13 +8,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 from sklearn.base import BaseEstimator, ClassifierMixin, OneToOneFeatureMixin, TransformerMixin
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import AnyArray, ArrayLike, FloatArray, IntArray, floats
 
 
 class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -97,7 +96,7 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         return np.asarray(values @ self.direction_ - self.threshold_)
 
-    def predict(self, X: ArrayLike) -> NDArray[Any]:
+    def predict(self, X: ArrayLike) -> AnyArray:
         """Return the class on whose side of the threshold each sample lies."""
         check_is_fitted(self)
         return np.asarray(self.classes_[(self.decision_function(X) > 0).astype(np.intp)])
@@ -109,7 +108,7 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def class_moments(
-    X: FloatArray, label: NDArray[Any], weight: FloatArray
+    X: FloatArray, label: AnyArray, weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the weighted means of two classes and their within-class scatter.
 
@@ -156,7 +155,7 @@ def hit_weights(
     w0: float,
     beta: ArrayLike = 1.0,
     label_radius: float = 1.0,
-) -> NDArray[np.int64]:
+) -> IntArray:
     """Return how often each alarm enters the training set (Wang et al. 2007, Eq. 18 and 19).
 
     It is W = max(1, round(W0·β·w)) for hits, 1 for false alarms. ``w`` divides a target's weight
@@ -194,12 +193,12 @@ def hit_weights(
     array([ 1,  6,  4, 10])
     """
     hit_of = np.asarray(target, dtype=np.int64)
-    d = np.asarray(distance, dtype=np.float64)
+    d = floats(distance)
     if hit_of.ndim != 1 or d.shape != hit_of.shape:
         raise ValueError(
             f"target and distance must have one entry per alarm, got {hit_of.shape} and {d.shape}"
         )
-    factor = np.broadcast_to(np.asarray(beta, dtype=np.float64), hit_of.shape)
+    factor = np.broadcast_to(floats(beta), hit_of.shape)
     if not (np.isfinite(w0) and w0 >= 0 and label_radius > 0 and (factor >= 0).all()):
         raise ValueError(
             "w0, beta must not be negative, label_radius positive, "

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.kernels.correlate import chip_sums, correlate_bank
 from flgpr.kernels.moments import check_samples
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Float32Array, FloatArray, floats
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class LinearQuadraticForm:
     that the mean of a whitening needs no pass over the samples (:meth:`after`).
     """
 
-    strength: NDArray[np.float64]  #: weights s_j, of either sign
-    vectors: NDArray[Any]  #: (rank, n_features): u_j, one per row
-    linear: NDArray[Any]  #: b
-    offset: NDArray[Any]  #: o_j
+    strength: FloatArray  #: weights s_j, of either sign
+    vectors: AnyArray  #: (rank, n_features): u_j, one per row
+    linear: AnyArray  #: b
+    offset: AnyArray  #: o_j
     constant: float = 0.0  #: k
 
     @property
@@ -33,15 +33,15 @@ class LinearQuadraticForm:
         """Number of projections."""
         return self.strength.size
 
-    def __call__(self, X: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, X: ArrayLike) -> FloatArray:
         """Return the values (n_samples,) of the form on samples (n_samples, n_features)."""
         samples = np.asarray(X)
         projection = samples @ self.vectors.conj().T - self.offset
         quadratic = np.abs(projection) ** 2 @ self.strength
         linear = 2 * (samples @ self.linear.conj()).real
-        return np.asarray(quadratic + linear + self.constant, dtype=np.float64)
+        return floats(quadratic + linear + self.constant)
 
-    def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
+    def after(self, mean: AnyArray, matrix: AnyArray) -> LinearQuadraticForm:
         """Return the form of raw samples y that equals this one at ``x = matrix (y - mean)``.
 
         With W the matrix and μ the mean, ``u^H x = (W^H u)^H y - (W^H u)^H μ``, and likewise for b.
@@ -59,7 +59,7 @@ class LinearQuadraticForm:
         constant = self.constant - 2 * float((linear.conj() @ mean).real)
         return LinearQuadraticForm(self.strength, vectors, linear, offset, constant)
 
-    def likelihood(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
+    def likelihood(self, image: AnyArray, shape: tuple[int, int]) -> Float32Array:
         """Return the value of the form on the chip around every pixel of an image.
 
         The chip of pixel i reaches from ``i - n//2`` on over n pixels, down-track and cross-track;
@@ -96,7 +96,7 @@ class LinearQuadraticForm:
         dtype = np.complex64 if is_complex else np.float32
 
         # The total is finite only if all pixels are: the common case needs no mask.
-        broken = None if np.isfinite(image.sum()) else ~np.isfinite(image).all(axis=0)
+        broken = None if np.isfinite(image.sum()) else np.asarray(~np.isfinite(image).all(axis=0))
         finite = image if broken is None else np.where(broken, 0, image)
         inner = self._correlate(np.asarray(finite, dtype=dtype), shape)
         value[_around_middles(inner.shape, shape)] = inner
@@ -104,7 +104,7 @@ class LinearQuadraticForm:
             return value
         return np.where(_chip_holds(broken, shape), np.nan, value)
 
-    def _correlate(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
+    def _correlate(self, image: AnyArray, shape: tuple[int, int]) -> Float32Array:
         """Return the values of all chips inside an image, by correlation with the vectors."""
         # The roots of the strengths go into the vectors; their signs are left for the sum.
         root_strength = np.sqrt(np.abs(self.strength))
@@ -120,7 +120,7 @@ class LinearQuadraticForm:
         return np.asarray(value)
 
 
-def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[AnyArray, AnyArray]:
     """Return a mean μ (n,) and a covariance C (n, n) as arrays; other shapes are a ValueError."""
     mu = np.asarray(mean)
     C = np.asarray(covariance)
@@ -133,7 +133,7 @@ def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[NDArray[Any], ND
 
 
 def hermitian_form(
-    A: NDArray[Any], b: NDArray[Any], rank: int | None = None, by_magnitude: bool = False
+    A: AnyArray, b: AnyArray, rank: int | None = None, by_magnitude: bool = False
 ) -> LinearQuadraticForm:
     """Return ``x^H A x + 2 Re(b^H x)`` by eigenvectors of A (Cosgrove et al. 2004, Eq. 9-12).
 
@@ -166,7 +166,7 @@ def _around_middles(inner: tuple[int, ...], shape: tuple[int, int]) -> tuple[sli
     return slice(v // 2, v // 2 + inner[0]), slice(u // 2, u // 2 + inner[1])
 
 
-def _chip_holds(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
+def _chip_holds(broken: BoolArray, shape: tuple[int, int]) -> BoolArray:
     """Mark the pixels whose chip holds a broken pixel."""
     count = chip_sums(broken, shape)
     holds = np.zeros(broken.shape, dtype=bool)
@@ -179,7 +179,7 @@ class QuadraticDetector(BaseEstimator):  # type: ignore[misc]
 
     forms_: tuple[LinearQuadraticForm, ...]
 
-    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
+    def decision_function(self, X: ArrayLike) -> FloatArray:
         """Return the scores (n_samples,) of samples (n_samples, n_features), real or complex."""
         check_is_fitted(self)
         samples = check_samples(self, X, reset=False)
@@ -212,10 +212,10 @@ class ChipDetector:
 
     def likelihood(
         self,
-        image: NDArray[Any],
+        image: AnyArray,
         channels: tuple[str, ...] | None = None,
         spacing: tuple[float, float] | None = None,
-    ) -> NDArray[np.float32]:
+    ) -> Float32Array:
         """Score the chip around every pixel of an image (Cosgrove et al. 2004, Sec. IV-B).
 
         Parameters

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 from sklearn.base import OutlierMixin
 from sklearn.utils import check_random_state
@@ -13,8 +12,8 @@ from sklearn.utils.validation import validate_data
 
 from flgpr.detect.rvm import Prior, RelevanceMachine
 from flgpr.detect.rvm_fit import Algorithm, Kernel
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
-FloatArray = NDArray[np.float64]
 Formulation = Literal["offset", "no-bias", "reference"]
 FORMULATIONS: tuple[Formulation, ...] = ("offset", "no-bias", "reference")
 
@@ -150,7 +149,7 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         self.scale_ = np.where(spread > 0, spread, 1.0)
 
     def _prepared(self, X: FloatArray) -> FloatArray:
-        return np.asarray((X - self.center_) / self.scale_, dtype=np.float64)
+        return floats((X - self.center_) / self.scale_)
 
     def _reference(self, X: FloatArray) -> FloatArray:
         """Draw the reference points uniformly over the box."""
@@ -160,7 +159,7 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         low = 1.5 * least - 0.5 * greatest
         high = 1.5 * greatest - 0.5 * least
         if self.box is not None:
-            box = np.asarray(self.box, dtype=np.float64)
+            box = floats(self.box)
             if box.shape != (X.shape[1], 2) or not (box[:, 1] > box[:, 0]).all():
                 raise ValueError(
                     f"box must hold a rising (low, high) for each of {X.shape[1]} features, "
@@ -186,6 +185,6 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         """Return the probability of a mine less ``offset_``: positive for mines."""
         return expit(self._log_odds(X)) - self.offset_
 
-    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+    def predict(self, X: ArrayLike) -> IntArray:
         """Return 1 for mines and -1 for others."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

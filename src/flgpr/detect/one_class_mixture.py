@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.mixture import GaussianMixture
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import ArrayLike, FloatArray, IntArray
 
 
 class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -95,6 +94,6 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         """Return the log density less ``offset_``: positive for mines."""
         return self.score_samples(X) - self.offset_
 
-    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+    def predict(self, X: ArrayLike) -> IntArray:
         """Return 1 for mines and -1 for others."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

@@ -6,7 +6,6 @@ import warnings
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.exceptions import ConvergenceWarning
@@ -23,8 +22,8 @@ from flgpr.detect.rvm_fit import (
     fit_sparse,
     resolve_gamma,
 )
+from flgpr.types import AnyArray, ArrayLike, FloatArray, IntArray, floats
 
-FloatArray = NDArray[np.float64]
 Prior = Literal["ard", "laplacian", "laplacian-map"]
 PRIORS: tuple[Prior, ...] = ("ard", "laplacian", "laplacian-map")
 
@@ -115,7 +114,7 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
                 stacklevel=3,
             )
         vectors = fit.active < len(X)
-        self.relevance_: NDArray[np.int64] = fit.active[vectors]
+        self.relevance_: IntArray = fit.active[vectors]
         self.relevance_vectors_ = X[self.relevance_]
         self.dual_coef_ = fit.mean[vectors]
         self.intercept_ = float(fit.mean[~vectors].sum()) + offset
@@ -269,7 +268,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         p = expit(self._log_odds(X))
         return np.column_stack([1 - p, p])
 
-    def predict(self, X: ArrayLike) -> NDArray[Any]:
+    def predict(self, X: ArrayLike) -> AnyArray:
         """Return the more likely class."""
         positive = self.decision_function(X) > 0
         return self.classes_[positive.astype(int)]
@@ -303,7 +302,7 @@ def leave_one_out(
     machines : list of RelevanceVectorClassifier
         The machine of every fold.
     """
-    X = np.asarray(X, dtype=np.float64)
+    X = floats(X)
     y = np.asarray(y)
     full = clone(machine).fit(X, y)._fit_result if warm else None
     machines = []

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.metrics.pairwise import pairwise_kernels
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.kernels import relevance
 from flgpr.kernels.laplacian_mode import laplacian_mode
+from flgpr.types import ArrayLike, BoolArray, FloatArray, IntArray, floats
 
-FloatArray = NDArray[np.float64]
 Kernel = str | Callable[[FloatArray, FloatArray], Any]
 KERNELS = ("rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed")
 _PARAMETERS = {
@@ -41,7 +40,7 @@ SETTLED = 1e-3
 class SparseFit:
     """A sparse Bayesian logistic model, in Laplace's approximation."""
 
-    active: NDArray[np.int64]  #: columns of the design, rising
+    active: IntArray  #: columns of the design, rising
     alpha: FloatArray  #: precisions of the weights' priors
     mean: FloatArray  #: mode of the weights
     covariance: FloatArray  #: of the weights about their mode
@@ -101,7 +100,7 @@ def fit_sparse(
         The model.
     """
     # Rows of basis functions, contiguous, because every sum over samples runs along them.
-    rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
+    rows = np.ascontiguousarray(floats(design).T)
     t = np.ascontiguousarray(target, dtype=np.float64)
     if rate == "auto":
         ard_fit = fit_sparse(
@@ -163,7 +162,7 @@ def fit_laplacian_map(
         normal prior with the precision λ/|w_i|; ``alpha``, ``covariance`` and ``log_evidence`` are
         of these precisions.
     """
-    rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
+    rows = np.ascontiguousarray(floats(design).T)
     t = np.ascontiguousarray(target, dtype=np.float64)
     scale = math.sqrt(rate)
     with blas_on_one_thread():
@@ -286,7 +285,7 @@ def _complete(
     return fit
 
 
-def _first_functions(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
+def _first_functions(count: int, n_starts: int) -> list[BoolArray]:
     """Return which functions may enter first in every start.
 
     They are all, then every n-th from the last (the bias) back, from the one before it, and so on.
@@ -397,7 +396,7 @@ def evaluate_kernel(
         If the kernel is unknown, or a function returns another shape.
     """
     if callable(kernel):
-        values = np.asarray(kernel(X, centres), dtype=np.float64)
+        values = floats(kernel(X, centres))
         if values.shape != (len(X), len(centres)):
             raise ValueError(
                 f"kernel must return the shape {(len(X), len(centres))}, got {values.shape}"
@@ -416,4 +415,4 @@ def evaluate_kernel(
         raise ValueError(
             f"kernel must have finite values, got {int((~np.isfinite(values)).sum())} that are not"
         )
-    return np.asarray(values, dtype=np.float64)
+    return floats(values)

@@ -12,11 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.detect.fisher import HistogramNormalizer, class_moments
+from flgpr.types import ArrayLike, FloatArray, IndexArray, floats
 
-FloatArray = NDArray[np.float64]
 Scorer = Callable[[FloatArray], float]
 # A candidate with less than this share of its scatter outside the span of the chosen ones adds
 # nothing.
@@ -27,7 +26,7 @@ _LEAST_NEW_SCATTER = 1e-9
 class Fold:
     """Moments of one training set, and the samples that the discriminant is tried on."""
 
-    samples: NDArray[np.intp]  #: rows that are tried
+    samples: IndexArray  #: rows that are tried
     values: FloatArray  #: (sample, feature): their normalised features
     scatter: FloatArray  #: (feature, feature): within-class scatter of the training set
     difference: FloatArray  #: difference of the class means of the training set
@@ -69,10 +68,10 @@ def make_fold(
     ValueError
         If a class has no training sample.
     """
-    features: FloatArray = np.asarray(X, np.float64)
+    features: FloatArray = floats(X)
     use = np.asarray(train, bool)
     labels = np.asarray(label)[use]
-    counts = np.asarray(weight, np.float64)[use]
+    counts = floats(weight)[use]
     tried = np.arange(len(features))
     if test is not None:
         tried = np.flatnonzero(np.asarray(test, bool))
@@ -101,7 +100,7 @@ class _State:
         self.weight = np.zeros(0)
         self.confidence = np.zeros(len(fold.samples))
 
-    def _update(self, candidates: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _update(self, candidates: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q, the Schur complement c and β of every candidate."""
         fold = self.fold
         chosen = self.chosen
@@ -114,7 +113,7 @@ class _State:
         beta = np.divide(gain, c, out=np.zeros_like(gain), where=adds_scatter)
         return q, c, beta
 
-    def try_all(self, candidates: NDArray[np.intp]) -> FloatArray:
+    def try_all(self, candidates: IndexArray) -> FloatArray:
         """Return confidences (sample, candidate) with each candidate added."""
         q, _, beta = self._update(candidates)
         values = self.fold.values

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.features.patch import PatchShape
 from flgpr.features.polarimetry import cameron, coherency, entropy_alpha_of
 from flgpr.features.regions import patch_statistics
 from flgpr.kernels.patches import MEAN, OUTER_MEAN, OUTER_STD, PEAK
 from flgpr.model import Grid, ground_points, lane_to_scan
+from flgpr.types import (
+    AnyArray,
+    Arrays,
+    BoolArray,
+    Complex128Array,
+    ComplexArray,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+)
 
 FEATURES = (
     "M_VV",
@@ -31,7 +40,6 @@ FEATURES = (
 """The paper's features in its order, #1 to #10. A new column is a stage (``stages/__init__.py``)."""
 POLARIMETRIC = ("P_H", "P_alpha", "P_tau", "P_psi")
 _WINDOW = 5  # pixels of the window of <·> in Eq. 10
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -133,9 +141,7 @@ class FeatureSums:
             return slice(0, 0)
         return slice(numbers[0], numbers[-1] + 1)
 
-    def add(
-        self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray
-    ) -> None:
+    def add(self, magnitude: Float32Array, coherent: ComplexArray, pose: FloatArray) -> None:
         """Add one scan.
 
         Parameters
@@ -149,9 +155,7 @@ class FeatureSums:
         """
         self.add_all([(magnitude, coherent, pose)])
 
-    def add_all(
-        self, scans: Iterable[tuple[NDArray[np.float32], NDArray[np.complex64], FloatArray]]
-    ) -> None:
+    def add_all(self, scans: Iterable[tuple[Float32Array, ComplexArray, FloatArray]]) -> None:
         """Add scans, at least one, in their order; for few alarms quicker than one by one."""
         samples = [self._samples(*scan) for scan in scans]
         alarm = np.concatenate([scan.alarm for scan in samples])
@@ -166,10 +170,10 @@ class FeatureSums:
         self._add_coherent(alarm[has_patch], weight, patch)
         np.add.at(self._scans, alarm, 1)
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> Arrays:
         """Return the sums for :meth:`merge`: ``row``, the alarms with a scan, and their sums."""
         row = np.flatnonzero(self._scans)
-        state: dict[str, NDArray[Any]] = {"row": row}
+        state: Arrays = {"row": row}
         for group, sums in (("peak", self._peak), ("sum", self._sum), ("angle", self._angle)):
             for name, total in sums.items():
                 state[f"{group}.{name}"] = total[row]
@@ -177,7 +181,7 @@ class FeatureSums:
         state["scans"] = self._scans[row]
         return state
 
-    def merge(self, state: dict[str, NDArray[Any]]) -> None:
+    def merge(self, state: Arrays) -> None:
         """Add the sums (:meth:`state`) of other scans for the same alarms."""
         row = state["row"]
         for name, total in self._peak.items():
@@ -235,7 +239,7 @@ class FeatureSums:
         return table
 
     def _samples(
-        self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray
+        self, magnitude: Float32Array, coherent: ComplexArray, pose: FloatArray
     ) -> _Samples:
         """Return what one scan shows of the alarms that it sees."""
         grid = self.grid
@@ -255,7 +259,7 @@ class FeatureSums:
         return _Samples(alarm, statistics[known], patch, has_patch)
 
     def _statistics(
-        self, magnitude: NDArray[np.float32], row: FloatArray, column: FloatArray
+        self, magnitude: Float32Array, row: FloatArray, column: FloatArray
     ) -> FloatArray:
         """Return statistics (alarm, polarization, subband, 4) of the regions about pixels."""
         channels = magnitude.shape[:2]
@@ -266,8 +270,8 @@ class FeatureSums:
         return statistics.reshape(row.size, *channels, 4)
 
     def _patches(
-        self, coherent: NDArray[np.complex64], row: FloatArray, column: FloatArray
-    ) -> tuple[NDArray[np.complex64], NDArray[np.bool_]]:
+        self, coherent: ComplexArray, row: FloatArray, column: FloatArray
+    ) -> tuple[ComplexArray, BoolArray]:
         """Cut the coherent patches about pixels, and return which of them the image holds.
 
         The patches are (polarization, subband, alarm, y, x). They are not interpolated: the phase
@@ -287,7 +291,7 @@ class FeatureSums:
         columns = x[fits, None, None] + np.arange(-nx, nx + 1)
         return coherent[:, self._coherent, rows, columns], fits
 
-    def _add_incoherent(self, alarm: NDArray[np.intp], statistics: FloatArray) -> None:
+    def _add_incoherent(self, alarm: IndexArray, statistics: FloatArray) -> None:
         """Add the peaks, contrasts and ratios of HH and VV, each weighed by its peak m_in(Y)."""
         cross_mean = statistics[:, self._hv][..., MEAN]
         for name, number in (("HH", self._hh), ("VV", self._vv)):
@@ -301,9 +305,7 @@ class FeatureSums:
                 np.add.at(self._sum[f"C_{name}"], alarm, contrast)  # Eq. 7
                 np.add.at(self._sum[f"R_{name}_HV"], alarm, ratio)  # Eq. 8
 
-    def _add_coherent(
-        self, alarm: NDArray[np.intp], weight: FloatArray, patch: NDArray[np.complex64]
-    ) -> None:
+    def _add_coherent(self, alarm: IndexArray, weight: FloatArray, patch: ComplexArray) -> None:
         """Add the polarimetric values at the pixels about each alarm, weighed by m_in(Y, "HH")."""
         if not weight.size:
             return
@@ -316,7 +318,7 @@ class FeatureSums:
         H, alpha = entropy_alpha_of(mean_coherency)
         tau, psi = cameron(hh[inner], hv[inner], vv[inner])  # Eq. 13 to 15
 
-        def add(total: NDArray[Any], value: NDArray[Any]) -> None:
+        def add(total: AnyArray, value: AnyArray) -> None:
             """Add the mean over R_in, times the weight, to the alarms' sums."""
             mean_in = value.mean(axis=(-2, -1)).T
             np.add.at(total[:, self._coherent], alarm, weight * mean_in)
@@ -332,13 +334,13 @@ class FeatureSums:
 class _Samples(NamedTuple):
     """What one scan shows of the alarms that it sees."""
 
-    alarm: NDArray[np.intp]  #: (alarm,): rows of the alarms
+    alarm: IndexArray  #: (alarm,): rows of the alarms
     statistics: FloatArray  #: (alarm, polarization, subband, 4): of the regions about each
-    patch: NDArray[np.complex64]  #: (polarization, subband, alarm with a patch, y, x)
-    has_patch: NDArray[np.bool_]  #: (alarm,): whether the image holds the coherent patch
+    patch: ComplexArray  #: (polarization, subband, alarm with a patch, y, x)
+    has_patch: BoolArray  #: (alarm,): whether the image holds the coherent patch
 
 
-def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:
+def _valid_mean(matrix: Complex128Array, size: int) -> Complex128Array:
     """Average over the windows of ``size`` pixels that lie wholly in (..., y, x, 3, 3)."""
     ny = matrix.shape[-4] - size + 1
     nx = matrix.shape[-3] - size + 1
@@ -346,5 +348,5 @@ def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex
     shifted_rows = [matrix[..., i : i + ny, :, :, :] for i in range(size)]
     down = np.sum(shifted_rows, axis=0)
     shifted_columns = [down[..., i : i + nx, :, :] for i in range(size)]
-    across: NDArray[np.complex128] = np.sum(shifted_columns, axis=0)
+    across: Complex128Array = np.sum(shifted_columns, axis=0)
     return across / size**2

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.features.patch import PatchShape
 from flgpr.features.regions import patch_statistics
 from flgpr.kernels.patches import OUTER_MEAN, OUTER_STD, PEAK
 from flgpr.model import Grid, ground_points, lane_to_scan
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 
 
 class ContrastSums:
@@ -43,7 +42,7 @@ class ContrastSums:
         self._weight = np.zeros(len(alarms))
         self._scans = np.zeros(len(alarms))
 
-    def add(self, magnitude: NDArray[np.float32], pose: NDArray[np.float64]) -> None:
+    def add(self, magnitude: Float32Array, pose: FloatArray) -> None:
         """Add the cleaned magnitudes (y, x) of the channel in one scan, and its pose (6,)."""
         grid = self._grid
         local = lane_to_scan(self._centres, pose)
@@ -62,7 +61,7 @@ class ContrastSums:
         self._weight[alarm] += peak
         self._scans[alarm] += 1
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> Arrays:
         """Return the sums for :meth:`merge`: ``row``, the alarms with a scan, and their sums."""
         row = np.flatnonzero(self._scans)
         return {
@@ -72,7 +71,7 @@ class ContrastSums:
             "scans": self._scans[row],
         }
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the sums (:meth:`state`) of other scans for the same alarms."""
         row = state["row"]
         self._weighted[row] += state["weighted"]

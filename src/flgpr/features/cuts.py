@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
 from flgpr.kernels.correlate import chip_sums, chips
-
-ComplexArray = NDArray[np.complex64]
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, IntArray, floats
 
 PAPER_CUT = (28, 1)
 """Pixels down-track and cross-track of the paper's range cut, at 2 cm."""
@@ -139,7 +137,7 @@ def range_cuts(
     if not search >= 0:
         raise ValueError(f"search must be at least 0, got {search}")
     stack, _ = stack_channels(image, channels)
-    position = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    position = floats(points).reshape(-1, 2)
     x = image["x"].values
     y = image["y"].values
     rows = _nearest(y, position[:, 1])
@@ -155,7 +153,7 @@ def range_cuts(
 
 def clutter_cuts(
     image: ComplexArray,
-    clean: NDArray[np.bool_],
+    clean: BoolArray,
     shape: tuple[int, int] = PAPER_CUT,
     step: tuple[int, int] = (14, 8),
 ) -> ComplexArray:
@@ -192,7 +190,7 @@ def clutter_cuts(
     return chips(image, shape)[:: step[0], :: step[1]][all_usable].reshape(-1, features)
 
 
-def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
+def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -> BoolArray:
     """Mark the pixels that lie farther from all known targets than a radius.
 
     Parameters
@@ -216,16 +214,16 @@ def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -
     """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0, got {radius}")
-    across, along = np.meshgrid(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    across, along = np.meshgrid(floats(x), floats(y))
     clean = np.ones(across.shape, dtype=bool)
-    for px, py in np.asarray(points, dtype=np.float64).reshape(-1, 2):
+    for px, py in floats(points).reshape(-1, 2):
         clean &= np.hypot(across - px, along - py) > radius
     return clean
 
 
 def quiet_pixels(
     image: ComplexArray, quantile: float = 0.98, grow: tuple[int, int] = PAPER_CUT
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Mark the pixels that may serve as clutter when no truth is known.
 
     Pixels brighter than the quantile in any channel may bear a target; they are left out with all
@@ -264,14 +262,14 @@ def quiet_pixels(
     return np.asarray(known & ~near_bright)
 
 
-def _corners(index: ArrayLike, size: int) -> NDArray[np.int64]:
+def _corners(index: ArrayLike, size: int) -> IntArray:
     """Return the first pixel, along an axis, of chips of a size about pixels."""
     if size < 1:
         raise ValueError(f"shape must be at least one pixel each way, got {size}")
     return np.asarray(index, dtype=np.int64).reshape(-1) - size // 2
 
 
-def _nearest(axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.int64]:
+def _nearest(axis: FloatArray, value: FloatArray) -> IntArray:
     """Return the pixels of an even axis that are nearest to values, also beyond its ends."""
     step = (axis[-1] - axis[0]) / (axis.size - 1) if axis.size > 1 else 1.0
     return np.rint((value - axis[0]) / step).astype(np.int64)
@@ -279,11 +277,11 @@ def _nearest(axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[n
 
 def _strongest(
     image: ComplexArray,
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
+    rows: IntArray,
+    columns: IntArray,
     shape: tuple[int, int],
     reach: tuple[int, int],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[IntArray, IntArray]:
     """Return the pixels within reach whose chips hold the most energy, all channels weighed alike.
 
     A pixel without a chip within reach stays.

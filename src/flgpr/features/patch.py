@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from flgpr.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,12 @@ class PatchShape:
         if not self.spacing > 0:
             raise ValueError(f"patch spacing must be positive, got {self.spacing}")
 
-    def offsets(self) -> NDArray[np.float64]:
+    def offsets(self) -> FloatArray:
         """Return the pixel centres about the patch's centre, (size, size, 2): x, y in m."""
         along = (np.arange(self.size) - self.size // 2) * self.spacing
         return np.stack(np.meshgrid(along, along), axis=-1)
 
-    def region(self, pixels: tuple[int, int]) -> NDArray[np.bool_]:
+    def region(self, pixels: tuple[int, int]) -> BoolArray:
         """Return the mask (y, x) of the central ``pixels`` (cross-track, down-track)."""
         offset = np.abs(np.arange(self.size) - self.size // 2)
         return (offset[:, None] <= pixels[1] // 2) & (offset[None, :] <= pixels[0] // 2)

@@ -7,15 +7,10 @@ Reciprocity is assumed: VH equals HV.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.kernels.hermitian import eigen_3x3
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray
 
 
 def entropy_alpha(
@@ -70,7 +65,7 @@ def entropy_alpha(
     return entropy.reshape(shape), alpha.reshape(shape)
 
 
-def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexArray:
+def coherency(hh: Complex128Array, hv: Complex128Array, vv: Complex128Array) -> Complex128Array:
     """Compute the coherency matrix k·kᴴ (..., 3, 3) of every pixel (Wang et al. 2007, Eq. 10).
 
     This is Eq. 10 without its mean over a window.
@@ -79,7 +74,7 @@ def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexAr
     return np.asarray(vector[..., :, None] * vector[..., None, :].conj())
 
 
-def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
+def entropy_alpha_of(matrix: Complex128Array) -> tuple[FloatArray, FloatArray]:
     """Compute entropy and mean angle α, rad, of averaged coherency matrices (..., 3, 3).
 
     Both have the leading shape of the matrices and are NaN where the matrix is zero.
@@ -170,7 +165,7 @@ def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, Fl
     return tau.reshape(shape), psi.reshape(shape)
 
 
-def _angle_of_largest_part(S_rec_S_b: ComplexArray, S_rec_S_c: ComplexArray) -> FloatArray:
+def _angle_of_largest_part(S_rec_S_b: Complex128Array, S_rec_S_c: Complex128Array) -> FloatArray:
     """Return the θ of Eq. 14; 0 for a sphere and a helix, for which any angle does."""
     across = 2 * (S_rec_S_b * S_rec_S_c.conj()).real
     along = np.abs(S_rec_S_b) ** 2 - np.abs(S_rec_S_c) ** 2
@@ -179,7 +174,7 @@ def _angle_of_largest_part(S_rec_S_b: ComplexArray, S_rec_S_c: ComplexArray) -> 
     return np.asarray(np.where(any_angle, 0.0, np.arctan2(across, along) / 2))
 
 
-def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
+def _channels(*arrays: ArrayLike) -> tuple[list[Complex128Array], tuple[int, ...]]:
     """Return checked channels of at least two dimensions, and their shape before."""
     channels = [np.asarray(array, dtype=np.complex128) for array in arrays]
     shape = channels[0].shape
@@ -192,7 +187,7 @@ def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
     return [np.atleast_2d(channel) for channel in channels], shape
 
 
-def _window_mean(array: NDArray[Any], half: int, axis: int) -> NDArray[Any]:
+def _window_mean(array: AnyArray, half: int, axis: int) -> AnyArray:
     """Average over a window along an axis; at the ends over the pixels that exist."""
     # Plain sums: differences of running sums would not be exact enough.
     array = np.moveaxis(array, axis, 0)

@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 
 from flgpr.features.patch import PatchShape
 from flgpr.kernels.patches import INNER, OUTER, region_statistics
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import Float32Array, FloatArray
 
 
 def patch_statistics(
     shape: PatchShape,
-    magnitude: NDArray[np.float32],
+    magnitude: Float32Array,
     row: FloatArray,
     column: FloatArray,
     spacing: float,

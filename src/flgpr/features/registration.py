@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import Grid
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import ArrayLike, floats
 
 
 @dataclass(frozen=True)
@@ -50,10 +48,10 @@ def register_fiducials(
     ValueError
         If no fiducial lies in the image.
     """
-    power = np.nan_to_num(np.asarray(image, dtype=np.float64)) ** 2
+    power = np.nan_to_num(floats(image)) ** 2
     in_image = []
     in_survey = []
-    for u, v in np.reshape(np.asarray(surveyed, dtype=np.float64), (-1, 2)):
+    for u, v in np.reshape(floats(surveyed), (-1, 2)):
         within = (np.abs(grid.y[:, None] - v) <= reach) & (np.abs(grid.x[None, :] - u) <= reach)
         if not within.any() or not power[within].max() > 0:
             continue

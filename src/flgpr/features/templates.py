@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy.fft import fft2, ifft2, next_fast_len
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, Lane
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
 
 
 def cut_regions(
     image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[float, float]
-) -> NDArray[Any]:
+) -> AnyArray:
     """Cut regions out of images by interpolation.
 
     Parameters
@@ -37,7 +33,7 @@ def cut_regions(
         Regions, zero beyond the image.
     """
     values = np.asarray(image)
-    positions = np.reshape(np.asarray(centres, dtype=np.float64), (-1, 2))
+    positions = np.reshape(floats(centres), (-1, 2))
     half_u = round(size[0] / grid.dx) // 2
     half_v = round(size[1] / grid.dy) // 2
     # Rounded, so that a centre on the last row lies on it wherever along the lane the image begins.
@@ -49,7 +45,7 @@ def cut_regions(
     return np.moveaxis(np.nan_to_num(bilinear(values, row, column)), -3, 0)
 
 
-def unit_energy(image: ArrayLike) -> NDArray[Any]:
+def unit_energy(image: ArrayLike) -> AnyArray:
     """Scale images (..., y, x) to an energy of 1 (flsar2004, par. 19 and 21).
 
     Images without energy stay zero.
@@ -59,7 +55,7 @@ def unit_energy(image: ArrayLike) -> NDArray[Any]:
     return values / np.where(norm > 0, norm, 1)
 
 
-def mean_template(chips: ArrayLike, normalize_each: bool = False) -> NDArray[Any]:
+def mean_template(chips: ArrayLike, normalize_each: bool = False) -> AnyArray:
     """Average mine signatures into a template of unit energy (flsar2004, par. 19).
 
     Parameters
@@ -87,7 +83,7 @@ def mean_template(chips: ArrayLike, normalize_each: bool = False) -> NDArray[Any
     return unit_energy(values.mean(axis=0))
 
 
-def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any], FloatArray]:
+def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[AnyArray, FloatArray]:
     """Compute orthonormal templates, the principal components of images (flsar2004, par. 24).
 
     The images are not centred: a template is a signature, not a deviation from one.
@@ -125,7 +121,7 @@ def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any],
     return templates * _opposite_phase(total), share
 
 
-def align_phases(chips: ArrayLike) -> NDArray[Any]:
+def align_phases(chips: ArrayLike) -> AnyArray:
     """Rotate complex images (n, y, x) to the phase of their first principal component."""
     values = np.asarray(chips)
     component = principal_templates(values, 1)[0][0]
@@ -133,7 +129,7 @@ def align_phases(chips: ArrayLike) -> NDArray[Any]:
     return values * _opposite_phase(likeness)
 
 
-def _opposite_phase(values: NDArray[Any]) -> NDArray[Any]:
+def _opposite_phase(values: AnyArray) -> AnyArray:
     """Return the unit factors that make values real and positive; 1 for zero."""
     size = np.abs(values)
     return np.where(size > 0, np.conj(values) / np.where(size > 0, size, 1), 1)
@@ -265,7 +261,7 @@ def clutter_tiles(
     x = lane.x_min + width / 2 + (np.arange(across) - (across - 1) / 2) * size[0]
     y = lane.y_min + (np.arange(along) + 0.5) * size[1]
     centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    positions = np.reshape(np.asarray(mines, dtype=np.float64), (-1, 2))
+    positions = np.reshape(floats(mines), (-1, 2))
     beyond = np.maximum(np.abs(centres[:, None] - positions[None]) - np.asarray(size) / 2, 0)
     clear = (np.hypot(beyond[..., 0], beyond[..., 1]) >= keep_off).all(axis=1)
     return pd.DataFrame(centres[clear], columns=["x", "y"])

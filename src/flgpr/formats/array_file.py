@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.store.extras import MissingExtraError
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import AnyArray, Arrays
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless another limit is given."""
@@ -49,7 +49,7 @@ class ArrayFile:
     #: beginning of the names of arrays that say again what others hold
     repeated: str = ""
 
-    def read(self, name: str) -> NDArray[Any]:
+    def read(self, name: str) -> AnyArray:
         """Read one of ``arrays``.
 
         Parameters
@@ -103,7 +103,7 @@ Opened = tuple[dict[str, ArrayInfo], Callable[[str], Any]]
 """The arrays of a file, and what reads one of them."""
 
 
-def from_memory(arrays: dict[str, NDArray[Any]], units: dict[str, str] | None = None) -> Opened:
+def from_memory(arrays: Arrays, units: dict[str, str] | None = None) -> Opened:
     """Return arrays that are read already, with their units."""
     infos = {}
     for name, values in arrays.items():
@@ -112,7 +112,7 @@ def from_memory(arrays: dict[str, NDArray[Any]], units: dict[str, str] | None = 
     return infos, arrays.__getitem__
 
 
-def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
+def _as_complex(values: AnyArray) -> AnyArray:
     """Return records of a real and an imaginary part as complex numbers; others as they are."""
     names = values.dtype.names
     if not names:

@@ -18,7 +18,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.archive import Archive, array_bytes, npy_header
 from flgpr.budget import Budget
@@ -37,6 +36,7 @@ from flgpr.formats.child import LARGEST_PROBED, oversized_chunks
 from flgpr.formats.reader import Reader, reader_of, readers
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
+from flgpr.types import Arrays
 
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
@@ -287,7 +287,7 @@ def _why_unreadable(kind: np.dtype[Any]) -> str:
 
 def _open_mat(path: Path, limit: int, about: list[str], *_notes: list[str]) -> Opened:
     """Open a MATLAB file, which a child process has read."""
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: Arrays = {}
     with tempfile.TemporaryFile() as file:
         _in_child("MATLAB", path, limit, _SPARE, stdout=file)
         end = file.seek(0, os.SEEK_END)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model.frames import attitude_angles
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray
 
 
 def axes_matrix(axes: Sequence[str], where: str = "axes") -> FloatArray:

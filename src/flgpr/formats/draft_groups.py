@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
@@ -17,6 +16,7 @@ from flgpr.formats.draft_names import RECORDING, UNNAMED
 from flgpr.formats.draft_units import largest, small_values, unit_of
 from flgpr.store.files import natural_order
 from flgpr.store.text_tables import text_columns
+from flgpr.types import FloatArray
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables, whose columns may hold text."""
@@ -78,7 +78,7 @@ class ArraySource:
         """Return whether the last part of its label matches."""
         return names.search(re.split(r"[/.]", self.label)[-1]) is not None
 
-    def numbers(self) -> NDArray[np.float64]:
+    def numbers(self) -> FloatArray:
         """Return its values, those of the first file of the group.
 
         They are none where it is large, damaged or of other values than real numbers: that keeps

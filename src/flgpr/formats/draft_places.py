@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flgpr.formats.draft_groups import ArraySource, FileGroup
+from flgpr.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 _FORMS = (("position",), ("x", "y"), ("longitude", "latitude"))
 """Components that tell a place together."""
 

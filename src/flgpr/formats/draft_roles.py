@@ -38,8 +38,8 @@ from flgpr.formats.draft_places import Antennas, Places
 from flgpr.formats.draft_units import is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
+from flgpr.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 ANY_AXIS = "scan, polarization, pair, tx, rx or single?"
 _CERTAIN_HERTZ = 1e8  # no radar has tones of so many kHz, MHz or GHz
 _LONGEST_ARRAY = 20.0  # m; an array on a vehicle is no longer

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.formats.arrays import open_arrays
 from flgpr.json_text import parse_json
@@ -30,6 +29,7 @@ from flgpr.model import (
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import AnyArray, Arrays
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
 _LARGEST_MOTION = 1e-6  # m, of antennas in an array that keeps its form
@@ -104,7 +104,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     return FullwaveLane(run, _truth_table(truth), _object_table(truth))
 
 
-def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
+def _load(path: Path, max_memory: int) -> Arrays:
     """Read the arrays of an archive."""
     opened = open_arrays(path, max_memory)
     missing = [name for name in _ARRAYS if name not in opened.arrays]
@@ -115,7 +115,7 @@ def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
     return {name: opened.read(name) for name in (*_ARRAYS, "truth") if name in opened.arrays}
 
 
-def _check_shapes(path: Path, data: NDArray[Any], tx: NDArray[Any], rx: NDArray[Any]) -> None:
+def _check_shapes(path: Path, data: AnyArray, tx: AnyArray, rx: AnyArray) -> None:
     """Refuse arrays whose shapes do not agree."""
     if data.ndim == 5:
         scans, transmitters, receivers = data.shape[:3]
@@ -127,7 +127,7 @@ def _check_shapes(path: Path, data: NDArray[Any], tx: NDArray[Any], rx: NDArray[
     )
 
 
-def _check_motion(path: Path, tx: NDArray[Any], rx: NDArray[Any]) -> None:
+def _check_motion(path: Path, tx: AnyArray, rx: AnyArray) -> None:
     """Refuse antennas (scan, antenna, 3) that move against the vehicle."""
     for antennas in (tx, rx):
         if np.abs(antennas - antennas[0]).max() > _LARGEST_MOTION:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 
@@ -14,7 +15,7 @@ def impulse_to_frequency(
     band: tuple[float, float],
     pad: int = 1,
     carrier: float = 0.0,
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+) -> tuple[Complex128Array, FloatArray]:
     """Transform time-domain (impulse) data to tones.
 
     A scatterer at the delay t gives ``exp(-j2πft)`` times the pulse's spectrum, since the axis
@@ -48,7 +49,7 @@ def impulse_to_frequency(
         If the delays are uneven or do not fit the samples, or the band does not fit them.
     """
     values = np.asarray(samples)
-    axis = np.asarray(delay, dtype=np.float64)
+    axis = floats(delay)
     step = _step_of(axis, values.shape)
     if carrier and not np.iscomplexobj(values):
         raise ValueError("carrier is for complex samples, got real ones")
@@ -61,7 +62,7 @@ def impulse_to_frequency(
     if carrier:
         # At baseband, tones below the carrier are the negative frequencies.
         bins = np.arange(-(count // 2), (count + 1) // 2)
-    baseband: NDArray[np.float64] = bins / (count * step)
+    baseband: FloatArray = bins / (count * step)
     frequency = carrier + baseband
     in_band = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))
     if not in_band.size:
@@ -73,7 +74,7 @@ def impulse_to_frequency(
     return spectrum * phase, frequency[in_band]
 
 
-def _step_of(axis: NDArray[np.float64], shape: tuple[int, ...]) -> float:
+def _step_of(axis: FloatArray, shape: tuple[int, ...]) -> float:
     """Return the step of delays (delay,), s, of samples of a shape; uneven ones are refused."""
     if axis.ndim != 1 or axis.size < 2 or shape[-1] != axis.size:
         raise ValueError(

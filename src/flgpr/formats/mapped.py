@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.formats.array_file import LIMIT
 from flgpr.formats.impulse import impulse_to_frequency, negative_share
@@ -26,12 +25,13 @@ from flgpr.formats.mapping import (
     read_mapping,
 )
 from flgpr.formats.poses import read_poses, read_track_table
-from flgpr.formats.sources import FloatArray, Sources, plausible
+from flgpr.formats.sources import Sources, plausible
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.faults import faults_of
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 from flgpr.store.files import natural_order
+from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -120,7 +120,7 @@ def import_mapped(
     files = _files(table, folders, data_files)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
-    poses = None if pose is None else np.asarray(pose, dtype=np.float64)
+    poses = None if pose is None else floats(pose)
     try:
         importer = _Importer(table, files, limit, poses, track, clock_offset, anchor)
         importer.sources.anchor_from_track = anchor_from_track
@@ -234,7 +234,7 @@ class _Importer:
             run = make_run(signal, tones, mapping.polarization, tx, rx, pose, time, attrs)
         return Imported(run, track, self.notes, self.sources.anchor)
 
-    def _note_missing(self, signal: NDArray[Any]) -> None:
+    def _note_missing(self, signal: AnyArray) -> None:
         """Count the sweeps of a signal (scan, polarization, pair, tone) that are incomplete."""
         is_complete = np.isfinite(signal).all(axis=-1)
         missing = int(np.count_nonzero(~is_complete))
@@ -244,7 +244,7 @@ class _Importer:
                 "and count as missing"
             )
 
-    def _signal(self) -> tuple[NDArray[Any], dict[str, int]]:
+    def _signal(self) -> tuple[AnyArray, dict[str, int]]:
         """Return the signal in a run's order, and the lengths of the axes that it has."""
         spec = self.mapping.signal
         with self.sources.entry("signal", spec.file):
@@ -262,7 +262,7 @@ class _Importer:
             plausible(signal, "signal")
             return self._ordered(signal, dims)
 
-    def _signal_blocks(self, spec: Signal) -> list[NDArray[Any]]:
+    def _signal_blocks(self, spec: Signal) -> list[AnyArray]:
         """Return the signal of every file as the mapping describes its numbers."""
         blocks = self.sources.arrays(spec.file, spec.variable, "signal")
         if spec.imaginary is not None:
@@ -290,7 +290,7 @@ class _Importer:
             )
         return blocks
 
-    def _note_polar(self, real: list[NDArray[Any]], imaginary: list[NDArray[Any]]) -> None:
+    def _note_polar(self, real: list[AnyArray], imaginary: list[AnyArray]) -> None:
         """Note parts that look like magnitudes and phases: of one sign, and of a turn at most."""
         magnitude = np.concatenate([part.ravel() for part in real])
         phase = np.concatenate([part.ravel() for part in imaginary])
@@ -307,9 +307,7 @@ class _Importer:
                     "and phase_unit in place of imaginary"
                 )
 
-    def _ordered(
-        self, signal: NDArray[Any], dims: list[str]
-    ) -> tuple[NDArray[Any], dict[str, int]]:
+    def _ordered(self, signal: AnyArray, dims: list[str]) -> tuple[AnyArray, dict[str, int]]:
         """Bring the axes into a run's order; scan axes of a raster become one."""
         signal, dims = _without_single_axes(signal, dims)
         if self.mapping.signal.conjugate:
@@ -335,7 +333,7 @@ class _Importer:
         shape = [sizes.get(name, 1) for name in _ORDER]
         return signal.reshape(shape), sizes
 
-    def _joined(self, blocks: list[NDArray[Any]], dims: list[str]) -> NDArray[Any]:
+    def _joined(self, blocks: list[AnyArray], dims: list[str]) -> AnyArray:
         """Return the signals of several files as one array."""
         join = self.mapping.join
         if join.startswith("new"):
@@ -369,7 +367,7 @@ class _Importer:
                 )
         return time
 
-    def _tones(self, signal: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
+    def _tones(self, signal: AnyArray) -> tuple[AnyArray, FloatArray]:
         """Return the signal over frequency, and its tones (frequency,), Hz."""
         count = signal.shape[-1]
         if self.mapping.frequency is not None:
@@ -521,7 +519,7 @@ class _Importer:
         return pose, None
 
 
-def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: str) -> None:
+def _same_shape(first: list[AnyArray], second: list[AnyArray], where: str) -> None:
     """Refuse arrays whose shapes differ."""
     for a, b in zip(first, second, strict=True):
         if a.shape != b.shape:
@@ -530,7 +528,7 @@ def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: st
             )
 
 
-def _without_single_axes(signal: NDArray[Any], dims: list[str]) -> tuple[NDArray[Any], list[str]]:
+def _without_single_axes(signal: AnyArray, dims: list[str]) -> tuple[AnyArray, list[str]]:
     """Return a signal without the axes called single, and the names of those that stay.
 
     Samples count as the frequencies that they become.
@@ -547,7 +545,7 @@ def _without_single_axes(signal: NDArray[Any], dims: list[str]) -> tuple[NDArray
     return signal.squeeze(axis=single), remaining
 
 
-def _complex(values: NDArray[Any]) -> NDArray[Any]:
+def _complex(values: AnyArray) -> AnyArray:
     """Return complex numbers of real and imaginary parts that alternate along the last axis."""
     if np.iscomplexobj(values) or not values.ndim or values.shape[-1] % 2:
         raise ValueError(
@@ -562,7 +560,7 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
     return double.view(np.complex128)
 
 
-def _of_polar(magnitude: NDArray[Any], phase: NDArray[Any], spec: Signal) -> NDArray[Any]:
+def _of_polar(magnitude: AnyArray, phase: AnyArray, spec: Signal) -> AnyArray:
     """Return complex numbers of a magnitude, in dB or as it is, and a phase."""
     if np.iscomplexobj(magnitude) or np.iscomplexobj(phase):
         raise ValueError("signal.magnitude and signal.phase must hold real numbers")
@@ -574,7 +572,7 @@ def _of_polar(magnitude: NDArray[Any], phase: NDArray[Any], spec: Signal) -> NDA
     return np.asarray(size * np.exp(1j * angle.astype(np.float64)), dtype=np.complex128)
 
 
-def _of_parts(values: NDArray[Any], dims: list[str]) -> NDArray[Any]:
+def _of_parts(values: AnyArray, dims: list[str]) -> AnyArray:
     """Return complex numbers of an axis that holds real and imaginary parts, which goes."""
     axis = dims.index("complex")
     if np.iscomplexobj(values) or values.ndim != len(dims) or values.shape[axis] != 2:
@@ -586,7 +584,7 @@ def _of_parts(values: NDArray[Any], dims: list[str]) -> NDArray[Any]:
     return np.asarray(real + 1j * imaginary)
 
 
-def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:
+def _shaped(values: AnyArray, shape: list[int]) -> AnyArray:
     """Return values in another shape."""
     try:
         return values.reshape(shape)

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flgpr.door import read_named
+from flgpr.model.bounds import NotNegative, Positive
 from flgpr.model.faults import parse_entries
 from flgpr.model.units import UNITS
 from flgpr.store.files import existing
@@ -167,7 +168,7 @@ class Samples(Quantity):
     pad: Annotated[int, Field(ge=1, le=16)] = 1  #: see :func:`flgpr.formats.impulse_to_frequency`
     #: frequency that a receiver mixed to zero, in the unit of the band; complex samples at
     #: baseband need it
-    carrier: Annotated[float, Field(ge=0)] = 0.0
+    carrier: NotNegative = 0.0
 
 
 class PathOffset(Quantity):
@@ -282,9 +283,7 @@ class TrackTable(_VehiclePlace):
     #: the positioning antenna in the vehicle frame, m
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     latency: float = 0.0  #: how late the time stamps are, s
-    max_gap: Annotated[float, Field(gt=0)] = (
-        1.0  #: longest gap between fixes to interpolate over, s
-    )
+    max_gap: Positive = 1.0  #: longest gap between fixes to interpolate over, s
 
     @model_validator(mode="after")
     def _one_place(self) -> TrackTable:

@@ -18,10 +18,11 @@ from flgpr.formats.mapping import (
     TrackTable,
     factor,
 )
-from flgpr.formats.sources import FloatArray, Sources, real
+from flgpr.formats.sources import Sources, real
 from flgpr.geo.track_anchor import anchor_from_fixes
 from flgpr.model import POSE_COMPONENTS
 from flgpr.model.track import bridged, course, make_track, reference_track
+from flgpr.types import FloatArray
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor

@@ -15,14 +15,13 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.door import open_named, read_named
 from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.section import GprSection
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import FloatArray
 
 GROUP = "flgpr.formats"
 _HEAD = 64  # bytes by which a file is known
@@ -86,7 +85,7 @@ class Reader:
 
     def read_poses(
         self, path: Path, body: str | None, axes: Sequence[str] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[FloatArray, FloatArray]:
         """Return times, s, and poses (time, 6) of a body; ``axes`` are the lane's in the file's."""
         raise NotImplementedError
 

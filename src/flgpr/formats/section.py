@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.store.store_layout import MAX_MEMORY
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray
 
 
 @dataclass(frozen=True)

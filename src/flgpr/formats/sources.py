@@ -7,21 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapping import EntryValue, Index, Positions, Quantity, Variable, factor
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
 
 _LARGEST = 1e30
 _SMALLEST = 1e-30
-FloatArray = NDArray[np.float64]
 
 
 @dataclass
@@ -55,7 +54,7 @@ class Sources:
                 message = f"{paths[0]}{more_files}: {message}"
             raise ValueError(message) from None
 
-    def arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
+    def arrays(self, file: str, variable: str, where: str) -> list[AnyArray]:
         """Read a variable of every file of that name."""
         if file not in self.files:
             raise ValueError(f"{where}: file must be one of {', '.join(self.files)}, got {file!r}")
@@ -85,7 +84,7 @@ class Sources:
             blocks.append(values)
         return blocks
 
-    def assembled(self, blocks: list[NDArray[Any]], along: str, where: str) -> NDArray[Any]:
+    def assembled(self, blocks: list[AnyArray], along: str, where: str) -> AnyArray:
         """Return the values of several files as one array.
 
         Those along the joined dimension follow one another. Fixes of a track ("fix") follow one
@@ -135,7 +134,7 @@ class Sources:
                     )
                 values = np.linspace(*spec.span, count)
             elif spec.values is not None:
-                values = np.asarray(spec.values, dtype=np.float64)
+                values = floats(spec.values)
             else:
                 values = self._column(spec.file, str(spec.variable), spec.column, along, where)
                 if len(self.grid) > 1 and along == "scan":
@@ -276,7 +275,7 @@ class Sources:
     def _triples(self, spec: Positions, where: str, along: str, count: int | None) -> FloatArray:
         """Return positions of any form that a mapping has, with x, y, z along the last axis."""
         if spec.values is not None:
-            return np.asarray(spec.values, dtype=np.float64)
+            return floats(spec.values)
         if spec.variable is None:
             sides = []
             for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True):
@@ -303,7 +302,7 @@ class Sources:
         column = height.reshape(*points.shape[:-1], 1)
         return np.concatenate([points, column], axis=-1)
 
-    def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
+    def _index(self, spec: Index, count: int, where: str) -> IntArray:
         """Return which of so many antennas each pair uses, from 0."""
         with self.entry(where, spec.file):
             values = self._column(spec.file, spec.variable, spec.column, "pair", where).ravel()
@@ -325,7 +324,7 @@ def _number_or_variable(entry: float | str) -> float | Variable:
         return Variable(variable=str(entry))
 
 
-def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
+def _take_column(values: AnyArray, column: int | None, where: str) -> AnyArray:
     """Return a column of a table, or with None all values without axes of length one."""
     if column is None:
         # MATLAB has no vectors: a column of numbers has two axes.
@@ -338,7 +337,7 @@ def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArra
     return values[:, column]
 
 
-def real(values: NDArray[Any], where: str) -> FloatArray:
+def real(values: AnyArray, where: str) -> FloatArray:
     """Return numbers as float64.
 
     Parameters
@@ -360,10 +359,10 @@ def real(values: NDArray[Any], where: str) -> FloatArray:
     """
     if np.iscomplexobj(values):
         raise ValueError(f"{where} must be real numbers, got {values.dtype}")
-    return np.asarray(values, dtype=np.float64)
+    return floats(values)
 
 
-def plausible(values: NDArray[Any], where: str) -> None:
+def plausible(values: AnyArray, where: str) -> None:
     """Refuse magnitudes that no instrument records but a wrong byte order makes.
 
     Parameters

@@ -6,11 +6,10 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.door import read_named
 from flgpr.formats.nmea import (
@@ -29,8 +28,8 @@ from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table
+from flgpr.types import AnyArray, FloatArray, floats
 
-FloatArray = NDArray[np.float64]
 _DAY = 86400.0
 _ANGLES = ("heading", "pitch", "roll")
 _LEAST_BASELINE = 1e-3  # m, between the marks on an array, for a heading to follow from them
@@ -107,7 +106,7 @@ def read_track(
 
 
 def _poses_of_table(
-    columns: Mapping[str, NDArray[Any]], heading: str, notes: list[str]
+    columns: Mapping[str, AnyArray], heading: str, notes: list[str]
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and poses (fix, 6) of a table; a heading by the course is left zero."""
     names = [column.name for column in TRACK_COLUMNS]
@@ -128,7 +127,7 @@ def _poses_of_table(
     return time, np.stack([*position, level, *angles], axis=1)
 
 
-def read_survey(path: str | Path) -> NDArray[np.float64]:
+def read_survey(path: str | Path) -> FloatArray:
     """Read the poses of stop-and-go scans from surveyed points, one CSV line per scan in order.
 
     Columns are either ``x_m``, ``y_m``, ``z_m`` of the array's reference point and ``heading_deg``,
@@ -163,13 +162,13 @@ def read_survey(path: str | Path) -> NDArray[np.float64]:
     return pose
 
 
-def _stated_poses(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
+def _stated_poses(columns: Mapping[str, AnyArray]) -> FloatArray:
     """Return the poses (row, 6) of a table that has columns of all their components."""
     position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
     return np.stack([*position, *(_angle(columns, name) for name in _ANGLES)], axis=1)
 
 
-def _poses_by_marks(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
+def _poses_by_marks(columns: Mapping[str, AnyArray]) -> FloatArray:
     """Return the poses (scan, 6) of an array with a surveyed mark on its left and on its right."""
     left = np.stack([_needed(columns, f"left_{axis}_m") for axis in "xyz"], axis=1)
     right = np.stack([_needed(columns, f"right_{axis}_m") for axis in "xyz"], axis=1)
@@ -352,7 +351,7 @@ def _separation_of_others(known: FloatArray, name: str, is_own_anchor: bool) -> 
     )
 
 
-def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
+def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> FloatArray:
     """Read the positions of an NMEA log's GGA sentences; those that cannot be used are left out.
 
     Parameters
@@ -379,7 +378,7 @@ def _headings(
         return course(position)
     stamp, angle = np.array(headings).T
     in_lane = np.interp(time, stamp, np.unwrap(angle)) - azimuth
-    return np.asarray(np.angle(np.exp(1j * in_lane)), dtype=np.float64)
+    return floats(np.angle(np.exp(1j * in_lane)))
 
 
 def _continued_time(clock: float, last: float) -> float:
@@ -391,22 +390,22 @@ def _continued_time(clock: float, last: float) -> float:
     return clock
 
 
-def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> FloatArray:
+def _needed(columns: Mapping[str, AnyArray], name: str) -> FloatArray:
     """Return a column of real numbers that must be there."""
     if name not in columns or np.iscomplexobj(columns[name]):
         known = ", ".join(key for key in columns if key != "table") or "no header line"
         raise ValueError(f"the column {name} is missing; got {known}")
-    return np.asarray(columns[name], dtype=np.float64)
+    return floats(columns[name])
 
 
 def _angle(
-    columns: Mapping[str, NDArray[Any]], name: str, default: FloatArray | None = None
+    columns: Mapping[str, AnyArray], name: str, default: FloatArray | None = None
 ) -> FloatArray:
     """Return an angle, rad, or ``default`` where there is no column of it."""
     if f"{name}_rad" in columns:
         return _needed(columns, f"{name}_rad")
     if f"{name}_deg" in columns:
-        return np.asarray(np.radians(_needed(columns, f"{name}_deg")), dtype=np.float64)
+        return floats(np.radians(_needed(columns, f"{name}_deg")))
     if default is None:
         raise ValueError(f"the column {name}_deg or {name}_rad is missing")
     return default

@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from flgpr.door import read_named
 from flgpr.geo.geodesy import (
@@ -23,11 +22,12 @@ from flgpr.geo.geodesy import (
     to_wgs84,
     transformer_of,
 )
-from flgpr.model.arrays import FloatArray
+from flgpr.model.bounds import NotNegative, Positive
 from flgpr.model.faults import faults_of, first_fault
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
+from flgpr.types import ArrayLike, FloatArray, floats
 
 _TURN = 360.0
 _HALF_TURN = 180.0
@@ -90,7 +90,7 @@ class Anchor:
         (..., 3) ndarray
             The vectors, m, from the contact point for points.
         """
-        enu = np.asarray(vector, dtype=np.float64) @ heading_matrix(self.azimuth).T
+        enu = floats(vector) @ heading_matrix(self.azimuth).T
         shift = self.shift if shifted else 0.0
         return (enu + shift) @ east_north_up(self.origin)
 
@@ -107,7 +107,7 @@ class Anchor:
         (..., 3) ndarray
             Points in the lane frame, m.
         """
-        step = np.asarray(position, dtype=np.float64) - geocentric(self.origin)
+        step = floats(position) - geocentric(self.origin)
         enu = step @ east_north_up(self.origin).T
         return (enu - self.shift) @ heading_matrix(self.azimuth)
 
@@ -161,7 +161,7 @@ class Anchor:
         (..., 3) ndarray
             Points in the lane frame, m.
         """
-        components = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
+        components = np.moveaxis(floats(position), -1, 0)
         xyz = transformer_of(GEODETIC, GEOCENTRIC).transform(*components)
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
@@ -182,7 +182,7 @@ class Anchor:
         ndarray
             Standard deviation of each, m.
         """
-        dx = np.asarray(x, dtype=np.float64) - self.center[0]
+        dx = floats(x) - self.center[0]
         dy = np.asarray(y) - self.center[1]
         r2 = dx**2 + dy**2
         by_points = self.sigma**2 * (1 / self.count + r2 / self.spread)
@@ -234,9 +234,9 @@ class _AnchorFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     crs: str
-    accuracy: Annotated[float, Field(gt=0)]
+    accuracy: Positive
     azimuth_deg: float | None = None
-    azimuth_accuracy_deg: Annotated[float, Field(ge=0)] | None = None
+    azimuth_accuracy_deg: NotNegative | None = None
     point: list[_Point]
 
     @model_validator(mode="after")
@@ -422,8 +422,8 @@ def fit_anchor(
         accuracy and 5 cm.
     """
     system = system_of_kind(crs, geographic)
-    local = np.asarray(lane, dtype=np.float64)
-    surveyed = np.asarray(position, dtype=np.float64)
+    local = floats(lane)
+    surveyed = floats(position)
     _check_points(local, surveyed, accuracy)
     heights_known = _all_known(height)
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))

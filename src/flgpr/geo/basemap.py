@@ -14,6 +14,7 @@ from flgpr.geo.anchor import own_anchor
 from flgpr.geo.geodesy import transform_lonlat
 from flgpr.store.extras import optional
 from flgpr.store.files import existing
+from flgpr.types import FloatArray
 
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".mbtiles": "MBTiles", ".gpkg": "GPKG"}
 """Formats of GDAL that are opened, by ending: those whose files name no other file."""
@@ -77,7 +78,7 @@ def map_backdrop(
     return _png_bytes(image)
 
 
-def _pixel_centres(box: tuple[float, float, float, float], most: int) -> NDArray[np.float64]:
+def _pixel_centres(box: tuple[float, float, float, float], most: int) -> FloatArray:
     """Return the centres (row, column, 3) of the pixels of a box of the lane frame, m.
 
     The first row is that of the largest y, as in a picture.
@@ -121,7 +122,7 @@ def _check_map(source: Any) -> None:
         raise ValueError(f"it must have one to four bands of 8 bits, got {kinds}")
 
 
-def _sample(source: Any, points: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _sample(source: Any, points: FloatArray) -> NDArray[np.uint8]:
     """Return red, green, blue and opacity (4, row, column) of a raster.
 
     The points (row, column, 2) are in the raster's own reference system.
@@ -176,7 +177,7 @@ def _palette(source: Any) -> NDArray[np.uint8]:
 
 
 def _shape_to_read(
-    columns: NDArray[np.float64], rows: NDArray[np.float64], width: int, height: int
+    columns: FloatArray, rows: FloatArray, width: int, height: int
 ) -> tuple[int, int]:
     """Return rows and columns to read of a window of a map, so that no more are read than drawn."""
     # Pixels of the map from one drawn pixel to the next, whichever way the lane is turned.

@@ -7,10 +7,9 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import FloatArray
 from flgpr.store.notes import log_note
+from flgpr.types import ArrayLike, FloatArray, floats
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -88,7 +87,7 @@ def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
     ValueError
         If there is no such system, or it names a file to be read.
     """
-    points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
+    points = np.moveaxis(floats(lonlat), -1, 0)
     return np.stack(transformer_of("EPSG:4326", reference_system(crs)).transform(*points), axis=-1)
 
 
@@ -113,7 +112,7 @@ def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
         If the system is not projected, or the points do not lie where it holds.
     """
     system = system_of_kind(crs, geographic=False)
-    projected = np.asarray(points, dtype=np.float64)
+    projected = floats(points)
     lonlat, _ = to_wgs84(system, projected.reshape(-1, 2))
     return lonlat.reshape(projected.shape)
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import axes_of, reference_system, transform_lonlat
 from flgpr.geo.points import STATEMENT
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
+from flgpr.types import Float32Array, floats
 
 RUN_VIEW_QUANTITY = "magnitude over the gain background, no unit; no-data where no scan looked"
 """What the values of a run-view are."""
@@ -104,7 +104,7 @@ def write_geotiff(
 
 
 def _cloud_optimized(
-    bands: NDArray[np.float32],
+    bands: Float32Array,
     names: Sequence[str],
     crs: str,
     transform: Any,
@@ -175,7 +175,7 @@ def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tu
 
 def _axis(view: xr.DataArray, name: str) -> Any:
     """Return an axis of a run-view, which must be uniform and rising."""
-    values = np.asarray(view[name].values, dtype=np.float64)
+    values = floats(view[name].values)
     has_axes = view.dims[-2:] == ("y", "x") and values.size >= 2
     step = np.diff(values)
     if not has_axes or step.min() <= 0 or np.ptp(step) > 1e-6 * step.mean():

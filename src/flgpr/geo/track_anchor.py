@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.geo.anchor import Anchor, anchor_at
 from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
+from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
 
-FloatArray = NDArray[np.float64]
 _LEAST_JUDGED = 5  # fixes, to tell one that lies astray
 _ASIDE = 3  # times the usual step, and
 _LEAST_ASIDE = 0.5  # m, by which a fix between others lies astray
@@ -47,7 +46,7 @@ def anchor_from_fixes(
     ValueError
         If fewer than two fixes are plausible, or none lies half a metre from the first.
     """
-    points = np.asarray(fixes, dtype=np.float64).reshape(-1, 3)
+    points = floats(fixes).reshape(-1, 3)
     is_finite = np.isfinite(points).all(axis=1) & (np.abs(points[:, 1]) < 89.9)
     finite = points[is_finite]
     if len(finite) < 2:
@@ -57,7 +56,7 @@ def anchor_from_fixes(
         )
     numbers: FloatArray = np.arange(len(points), dtype=np.float64)
     if number is not None:
-        numbers = np.asarray(number, dtype=np.float64).round()
+        numbers = floats(number).round()
     # The median, unlike the first fix, is not moved by a fix that is far off.
     plane = anchor_at(_median_position(finite), 0.0)
     local = plane.from_geodetic(finite)
@@ -95,7 +94,7 @@ def anchor_from_fixes(
     return anchor_at(start.origin, azimuth), notes
 
 
-def is_astray(position: FloatArray) -> NDArray[np.bool_]:
+def is_astray(position: FloatArray) -> BoolArray:
     """Return which positions lie aside of a way that goes on behind them.
 
     One digit that a disk or a line changed is within what a vehicle reaches; it is told by steps

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.health.sums import HealthSums
 from flgpr.model import check_run
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 QUIET = -25.0
 """Level under the median of a polarization's pairs at which a channel counts as dead, dB."""

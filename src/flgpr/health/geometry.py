@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.model.arrays import FloatArray
 from flgpr.model.constants import SPEED_OF_LIGHT
 from flgpr.model.frames import lane_to_scan, scan_to_lane, vehicle_to_scan
+from flgpr.types import FloatArray
 
 ComplexArray = NDArray[np.complexfloating]
 

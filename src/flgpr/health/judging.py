@@ -28,7 +28,7 @@ from flgpr.health.findings import (
 from flgpr.health.geometry import GeometryFigures, deviations, mean, median
 from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 _BEFORE_LANE = 10.0  # m

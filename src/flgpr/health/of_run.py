@@ -22,7 +22,7 @@ from flgpr.health.judging import (
 )
 from flgpr.health.sums import HealthSums
 from flgpr.model import Lane
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 MOST_SCANS = 256
 """Scans that are read: of a longer run stretches, evenly over it."""

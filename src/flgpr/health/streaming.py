@@ -30,7 +30,7 @@ from flgpr.health.judging import (
 )
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
 from flgpr.model import Lane
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complexfloating]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.model.arrays import FloatArray
+from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complexfloating]

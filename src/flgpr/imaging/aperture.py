@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, as_aperture, check_run
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
-FloatArray = NDArray[np.float64]
 _PAIRS_AT_ONCE = 256  # in one operator
 _EVEN = 1e-6  # share of a step by which the steps of even tones differ, at most
 
@@ -40,7 +39,7 @@ def record_of(run: xr.Dataset) -> Record | None:
     return Record(float(first), float(first + min(window, period)), period)
 
 
-def aperture_blocks(run: xr.Dataset, scans: ArrayLike) -> list[NDArray[np.intp]]:
+def aperture_blocks(run: xr.Dataset, scans: ArrayLike) -> list[IndexArray]:
     """Split scans into the blocks that :func:`aperture_image` images at once.
 
     Parameters
@@ -63,11 +62,11 @@ def aperture_blocks(run: xr.Dataset, scans: ArrayLike) -> list[NDArray[np.intp]]
 def aperture_image(
     run: xr.Dataset,
     points: ArrayLike,
-    blocks: Iterable[NDArray[np.intp]],
+    blocks: Iterable[IndexArray],
     weights: ArrayLike | None = None,
     reach: float = np.inf,
     **operator: Any,
-) -> NDArray[np.complex64]:
+) -> ComplexArray:
     """Image points of the lane frame by the coherent sum over scans.
 
     Parameters
@@ -97,7 +96,7 @@ def aperture_image(
         If the run is not valid, or :class:`ImagingOperator` refuses a parameter.
     """
     check_run(run)
-    pixels = np.asarray(points, dtype=np.float64)
+    pixels = floats(points)
     flat = pixels.reshape(-1, 3)
     record = record_of(run)
     index = math.sqrt(operator.get("permittivity") or 1.0)
@@ -107,7 +106,7 @@ def aperture_image(
         recorded = SPEED_OF_LIGHT * record.end / (2 * index)
     weight = np.ones(run.sizes["scan"])
     if weights is not None:
-        weight = np.asarray(weights, dtype=np.float64)
+        weight = floats(weights)
     total = np.zeros((run.sizes["polarization"], len(flat)), np.complex64)
     for block in blocks:
         tx, rx = antennas_in_lane(run, run["pose"].values[block])
@@ -138,7 +137,7 @@ def _box(places: FloatArray, margin: float) -> FloatArray:
     return np.stack([level.min(axis=0) - margin, level.max(axis=0) + margin])
 
 
-def _is_in(box: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
+def _is_in(box: FloatArray, points: FloatArray) -> BoolArray:
     """Return which points (point, 3) lie in a box, by x and y."""
     level = points[:, :2]
     return np.asarray(((level >= box[0]) & (level <= box[1])).all(axis=1))
@@ -156,8 +155,8 @@ def _longest_path(tx: FloatArray, rx: FloatArray, points: FloatArray) -> float:
 
 
 def without_folds(
-    field: NDArray[Any], tones: FloatArray, record: Record, longest: float
-) -> tuple[NDArray[Any], FloatArray]:
+    field: AnyArray, tones: FloatArray, record: Record, longest: float
+) -> tuple[AnyArray, FloatArray]:
     """Return a field on denser tones, whose phases do not repeat within the longest delay.
 
     The record is followed by zeros, as nothing was recorded there: else its begin, the direct wave

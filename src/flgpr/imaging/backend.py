@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from flgpr.types import AnyArray
 
 
 class Backend:
@@ -14,18 +15,18 @@ class Backend:
     method = "profile"
     width: int
 
-    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+    def adjoint(self, data: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone).
 
         ``out`` holds all pixels or the first ones.
         """
         raise NotImplementedError
 
-    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+    def forward(self, image: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         raise NotImplementedError
 
-    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> AnyArray:
         """Allocate memory for images."""
         return np.empty(shape, dtype)
 

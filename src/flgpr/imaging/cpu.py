@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numba import get_num_threads
-from numpy.typing import NDArray
 from scipy import fft
 from scipy.sparse import csr_array
 
@@ -21,7 +19,7 @@ from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, alig
 from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import FloatArray
+from flgpr.types import AnyArray, Float32Array, FloatArray
 
 FEW = 1 << 15
 """Sums, or transform slots, below which no other thread is woken: a tenth of a millisecond."""
@@ -50,11 +48,11 @@ class DirectBackend(Backend):
         )
         self._gain = layout.gain
 
-    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+    def adjoint(self, data: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         adjoint_direct(np.ascontiguousarray(data[..., self._active]), *self._sums, self._gain, out)
 
-    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+    def forward(self, image: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         active_tones = np.empty((*out.shape[:2], np.count_nonzero(self._active)), out.dtype)
         forward_direct(image, *self._sums, self._gain, active_tones)
@@ -77,7 +75,7 @@ class ProfileBackend(Backend):
         self._powers = (0,) * (polynomial_degree(self.width) + 1)
         self._calls = 0
 
-    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+    def adjoint(self, data: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         if self._phase is not None:
             data = data * self._phase
@@ -101,7 +99,7 @@ class ProfileBackend(Backend):
             interpolate = partial(profiles.adjoint, table, self._bins, geometry, images, *lengths)
             share(blocks, interpolate, alone=pairs * channels * pixels < FEW)
 
-    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+    def forward(self, image: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
         # Pairs that share antennas are cheaper together; every thread needs at least two tasks.
@@ -126,7 +124,7 @@ class ProfileBackend(Backend):
         if self._phase is not None:
             out *= self._phase.conj()
 
-    def _table(self, channels: int) -> NDArray[np.float32]:
+    def _table(self, channels: int) -> Float32Array:
         """Allocate the range profiles of all pairs."""
         size = self._geometry.tx.size * self._bins * row_size(self.width, channels)
         return aligned(size, np.float32)
@@ -171,7 +169,7 @@ class PreciseBackend(Backend):
         self._slots = csr_array((spectrum.share, spectrum.slot, spectrum.entries), shape=shape)
         self._bin = (spectrum.first + np.arange(plan.bins)) % spectrum.size
 
-    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+    def adjoint(self, data: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         for sweeps, image in zip(data, out, strict=True):
             if self._phase is not None:
@@ -184,7 +182,7 @@ class PreciseBackend(Backend):
             table = np.ascontiguousarray(profile.transpose(0, 2, 1))
             adjoint_precise(table, self._geometry, image)
 
-    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+    def forward(self, image: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         pairs = out.shape[1]
         bands = self._weight.shape[0]

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 from numba import cuda
-from numpy.typing import NDArray
 
 from flgpr.imaging.backend import Backend
 from flgpr.imaging.plan import Plan
 from flgpr.kernels import gpu
 from flgpr.kernels.layout import padded
 from flgpr.kernels.transform import Spectrum
-from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.types import AnyArray, Complex128Array, FloatArray
 
 GROUP = 16
 """Most channels that a thread keeps in registers."""
@@ -71,17 +70,17 @@ class CudaBackend(Backend):
         self._unit = np.float32(0.5**self._geometry.shift)
         self._stride = 1 << max(5, (plan.bins - 1).bit_length())
 
-    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> AnyArray:
         """Allocate page-locked memory, which transfers reach without a copy."""
         if not math.prod(shape):
             return np.empty(shape, dtype)
         return np.asarray(cuda.pinned_array(shape, dtype))
 
-    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+    def adjoint(self, data: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         self._run(data, out, self._adjoint_launches, out.shape[1])
 
-    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+    def forward(self, image: AnyArray, out: AnyArray) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         self._run(image, out, self._forward_launches, image.shape[1])
 
@@ -105,7 +104,7 @@ class CudaBackend(Backend):
                 seconds.append((time.perf_counter() - start) / repeats)
             return seconds[1], seconds[2]
 
-    def _run(self, source: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
+    def _run(self, source: AnyArray, out: AnyArray, step: Any, bands: int) -> None:
         """Send the rows of ``source`` through ``step``, a few at a time, in turn by stream."""
         row_bytes = 8 * bands * self._geometry.tx.size * (self._row() + self._spare())
         fits = BATCH_BYTES // row_bytes
@@ -292,7 +291,7 @@ class CudaBackend(Backend):
         return self._order
 
 
-def _to_device(array: NDArray[Any]) -> Any:
+def _to_device(array: AnyArray) -> Any:
     """Copy an array to the device, row by row."""
     return cuda.to_device(np.ascontiguousarray(array))
 
@@ -316,7 +315,9 @@ class _Constants:
     rx: Any
     taps: Any
 
-    def __init__(self, spectrum: Spectrum, weight: FloatArray, phase: ComplexArray | None) -> None:
+    def __init__(
+        self, spectrum: Spectrum, weight: FloatArray, phase: Complex128Array | None
+    ) -> None:
         # The entries of the tones by slot: a thread of the compression fills one slot.
         tone = np.repeat(np.arange(spectrum.entries.size - 1), np.diff(spectrum.entries))
         order = np.argsort(spectrum.slot, kind="stable")

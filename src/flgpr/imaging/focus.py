@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.imaging.aperture import aperture_blocks, aperture_image, record_of
 from flgpr.imaging.view_axes import View, chosen_scans, view_axes
 from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane, way_weights
 from flgpr.model.aperture import way_shares
+from flgpr.types import BoolArray, FloatArray, IndexArray
 
 _LEAST_DISTANCE = 1e-6  # m, of a pixel from a scan, level with the ground
 _ON_TOP = 1e-6  # m, of rounding
@@ -112,8 +112,8 @@ def focus(
 
 
 def _is_above_antennas(
-    run: xr.Dataset, pose: NDArray[np.float64], grid: NDArray[np.float64], margin: float
-) -> NDArray[np.bool_]:
+    run: xr.Dataset, pose: FloatArray, grid: FloatArray, margin: float
+) -> BoolArray:
     """Return which pixels of a grid (z, y, x, 3), m, are above the antennas that passed there.
 
     They are so by more than a margin, m.
@@ -139,9 +139,7 @@ def _is_above_antennas(
     return np.asarray(grid[..., 2] > top + margin + _ON_TOP)
 
 
-def _fold_notes(
-    run: xr.Dataset, view: View, scans: NDArray[np.intp], grid: NDArray[np.float64]
-) -> list[str]:
+def _fold_notes(run: xr.Dataset, view: View, scans: IndexArray, grid: FloatArray) -> list[str]:
     """Return a note if tones repeat within the image, and no record says what is beyond them."""
     record = record_of(run)
     if record is None or np.isfinite(record.end) or scans.size < 2:
@@ -197,7 +195,7 @@ def _with_permittivity(run: xr.Dataset, view: View) -> View:
     return replace(view, permittivity=1.0)
 
 
-def scan_weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64]:
+def scan_weights(run: xr.Dataset, scans: IndexArray) -> FloatArray:
     """Return the share of the way that each scan stands for, of mean one.
 
     In a survey it is the share of the way along the scan's own line.

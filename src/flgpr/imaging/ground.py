@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model import Grid, Lane, scan_to_lane
+from flgpr.types import FloatArray
 
 # Height, m, for ground that is looked at by antennas whose poses do not put them above it.
 _LEAST_HEIGHT = 0.5
 
 
-def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:
+def seen_ground(run: xr.Dataset, poses: FloatArray) -> Lane:
     """Return the bounds of the ground that an array looks at.
 
     It reaches from 1 to 5 heights ahead, and 1.2 heights to each side.
@@ -32,7 +32,7 @@ def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:
     return covered_ground(grid_ahead(run, poses), poses)
 
 
-def grid_ahead(run: xr.Dataset, poses: NDArray[np.float64]) -> Grid:
+def grid_ahead(run: xr.Dataset, poses: FloatArray) -> Grid:
     """Return a coarse grid of the scan frame.
 
     It reaches from 1 to 5 heights ahead of the array, and 1.2 heights to each side. The parameters
@@ -47,7 +47,7 @@ def grid_ahead(run: xr.Dataset, poses: NDArray[np.float64]) -> Grid:
     return Grid.spanning((-1.2 * scale, 1.2 * scale), (scale, 5 * scale), scale / 20)
 
 
-def covered_ground(grid: Grid, poses: NDArray[np.float64]) -> Lane:
+def covered_ground(grid: Grid, poses: FloatArray) -> Lane:
     """Return the bounds of the ground that images cover, whichever way the vehicle heads.
 
     Parameters

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import Grid, lane_to_scan
+from flgpr.types import ArrayLike, FloatArray, IntArray
 
 
-def count_looks(poses: NDArray[np.float64], grid: Grid, points: ArrayLike) -> NDArray[np.int64]:
+def count_looks(poses: FloatArray, grid: Grid, points: ArrayLike) -> IntArray:
     """Count the scans whose image holds each point.
 
     Parameters

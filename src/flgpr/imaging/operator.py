@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
 from flgpr.imaging.backend import Backend
 from flgpr.imaging.cpu import DirectBackend, PreciseBackend, ProfileBackend
@@ -18,7 +18,7 @@ from flgpr.imaging.plan import ImagingLayout, Pattern, Plan, lay_out, make_plan
 from flgpr.kernels.layout import CHANNELS
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency
-from flgpr.model.arrays import FloatArray
+from flgpr.types import AnyArray, FloatArray, floats
 
 Subbands = Sequence[tuple[float, float]]
 
@@ -177,13 +177,13 @@ class ImagingOperator:
         """Number of bins that the interpolation window covers; zero for direct sums."""
         return self.backend.width
 
-    def image_buffer(self, *lead: int) -> NDArray[Any]:
+    def image_buffer(self, *lead: int) -> AnyArray:
         """Allocate images (lead, subband, pixels) for ``out``; page-locked for a CUDA device."""
         return self.backend.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
     def adjoint(
-        self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None
-    ) -> NDArray[Any]:
+        self, data: ArrayLike, out: AnyArray | None = None, rows: int | None = None
+    ) -> AnyArray:
         """Return the image of data: apply A^H.
 
         Parameters
@@ -217,7 +217,7 @@ class ImagingOperator:
         self.backend.adjoint(block, flat)
         return images
 
-    def forward(self, image: ArrayLike) -> NDArray[Any]:
+    def forward(self, image: ArrayLike) -> AnyArray:
         """Return the data of an image, summed over sub-bands: apply A.
 
         Parameters
@@ -243,7 +243,7 @@ class ImagingOperator:
 
     def _checked(
         self, value: ArrayLike, name: str, tail: tuple[int, ...]
-    ) -> tuple[NDArray[Any], tuple[int, ...]]:
+    ) -> tuple[AnyArray, tuple[int, ...]]:
         """Return values as (row, *tail), all leading axes in one, and the axes before them."""
         block = np.ascontiguousarray(value, dtype=self.dtype)
         if block.ndim <= len(tail) or block.shape[block.ndim - len(tail) :] != tail:
@@ -262,11 +262,11 @@ class ImagingOperator:
         lead = block.shape[: block.ndim - len(tail)]
         return block.reshape(math.prod(lead), *tail), lead
 
-    def _offsets(self, value: ArrayLike | None) -> NDArray[np.float64]:
+    def _offsets(self, value: ArrayLike | None) -> FloatArray:
         """Return the checked path offset (pair,), by default zero."""
         if value is None:
             return np.zeros(self.pairs)
-        offset = np.asarray(value, dtype=np.float64)
+        offset = floats(value)
         if offset.shape != (self.pairs,) or not np.isfinite(offset).all():
             raise ValueError(
                 f"path_offset must hold one finite length per pair ({self.pairs}), "
@@ -274,7 +274,7 @@ class ImagingOperator:
             )
         return np.ascontiguousarray(offset)
 
-    def _ground(self, value: float | None, pixels: NDArray[np.float64]) -> float | None:
+    def _ground(self, value: float | None, pixels: FloatArray) -> float | None:
         """Return the checked permittivity of the ground, above which all antennas must lie."""
         if value is None:
             return None
@@ -304,7 +304,7 @@ class ImagingOperator:
                 raise ValueError(f"subbands must have 0 <= lo <= hi in Hz, got ({lo:g}, {hi:g})")
         return bands
 
-    def _weights(self, window: str | ArrayLike | None) -> NDArray[np.float64]:
+    def _weights(self, window: str | ArrayLike | None) -> FloatArray:
         """Return the weights (subband, frequency); every sub-band must hold a tone."""
         name = window if isinstance(window, str) else "boxcar"
         if name not in WINDOWS:
@@ -319,7 +319,7 @@ class ImagingOperator:
                     f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
                 )
         if window is not None and not isinstance(window, str):
-            taper = np.asarray(window, dtype=np.float64)
+            taper = floats(window)
             if taper.shape != self.frequency.shape or not np.isfinite(taper).all():
                 raise ValueError(
                     f"window must hold one finite weight per tone ({self.frequency.size}), "
@@ -397,9 +397,9 @@ def _cuda_backend(
 # Checks of what is given
 
 
-def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:
+def _points(value: ArrayLike, name: str) -> FloatArray:
     """Return checked points (..., 3), at least one."""
-    points = np.asarray(value, dtype=np.float64)
+    points = floats(value)
     if points.ndim < 1 or points.shape[-1] != 3 or points.size == 0:
         raise ValueError(
             f"{name} must have the shape (..., 3) with at least one point, got {points.shape}"
@@ -424,9 +424,7 @@ def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
     return kind
 
 
-def _checked_target(
-    out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]
-) -> NDArray[Any]:
+def _checked_target(out: AnyArray, shape: tuple[int, ...], dtype: np.dtype[Any]) -> AnyArray:
     """Return the memory for a result, which must be contiguous and of its shape and dtype."""
     if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
         raise ValueError(

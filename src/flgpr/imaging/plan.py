@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.kaiser import (
@@ -23,9 +22,8 @@ from flgpr.kernels.precise import PreciseGeometry
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.types import BoolArray, Complex128Array, FloatArray, IntArray, floats
 
-IndexArray = NDArray[np.int64]
 Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 
 
@@ -36,8 +34,8 @@ class ImagingLayout:
     The last pixel is repeated to fill a block.
     """
 
-    tx: IndexArray  #: (pair,): rows of the transmitters in ``antenna``
-    rx: IndexArray  #: (pair,): rows of the receivers in ``antenna``
+    tx: IntArray  #: (pair,): rows of the transmitters in ``antenna``
+    rx: IntArray  #: (pair,): rows of the receivers in ``antenna``
     antenna: FloatArray  #: (antenna, 3): positions, transmitters first, m
     pixels: FloatArray  #: (3, pixel): positions with those that fill the last block, m
     count: int  #: pixels without these
@@ -130,7 +128,7 @@ def lay_out(
 
 def _amplitude(pattern: Pattern, name: str, position: FloatArray, pixels: FloatArray) -> FloatArray:
     """Evaluate an antenna's amplitude at the pixels (pixel, 3), which must be one number each."""
-    value = np.asarray(pattern(position, pixels), dtype=np.float64)
+    value = floats(pattern(position, pixels))
     if value.shape not in ((), (pixels.shape[0],)) or not np.isfinite(value).all():
         raise ValueError(
             f"{name} must return one finite amplitude per pixel ({pixels.shape[0]}), "
@@ -207,7 +205,7 @@ class Plan:
     per_turn: float  #: spacing of the spectrum over the speed of light, 1/m
     carrier: float  #: position zero of the spectrum over the speed of light, 1/m
     start: int  #: first bin that a path reaches; the window's outer taps start earlier
-    phase: ComplexArray | None  #: (1 or pair, tone): factor on every tone
+    phase: Complex128Array | None  #: (1 or pair, tone): factor on every tone
     #: largest phase error of the 32-bit delays of the kernels in single precision, rad
     rounding: float
 
@@ -262,7 +260,7 @@ class Plan:
 
 def make_plan(
     frequency: FloatArray,
-    active: NDArray[np.bool_],
+    active: BoolArray,
     layout: ImagingLayout,
     offset: FloatArray,
     tolerance: float,
@@ -324,7 +322,7 @@ def make_plan(
 
 def _spectrum(
     tones: ToneGrid,
-    active: NDArray[np.bool_],
+    active: BoolArray,
     window: Window,
     first: int,
     bins: int,
@@ -352,7 +350,7 @@ def _spectrum(
 
 def _spread(
     position: FloatArray, size: int, first: int, bins: int, tolerance: float
-) -> tuple[IndexArray, FloatArray, FloatArray]:
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return slots and weights that represent uneven tones, and the correction of each bin."""
     width = 2
     while width < MAX_WIDTH and best_shape(width, 2.0)[1] > tolerance:

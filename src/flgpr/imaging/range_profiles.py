@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.types import Float32Array, FloatArray, floats
+
 ComplexArray = NDArray[np.complexfloating]
-FloatArray = NDArray[np.float64]
 LEAST_LEVEL = -999.0
 """Level of a zero, dB."""
 _SUMS_AT_ONCE = 2**22  # tones x delays of one product, 32 MiB of phases
@@ -26,15 +27,12 @@ class DelayBins:
     def delays(self) -> FloatArray:
         """Return the delays (count · sums_per_bin,) of all sums, evenly spaced, s."""
         total = self.count * self.sums_per_bin
-        return np.asarray(
-            self.start + (self.stop - self.start) * (np.arange(total) + 0.5) / total,
-            dtype=np.float64,
-        )
+        return floats(self.start + (self.stop - self.start) * (np.arange(total) + 0.5) / total)
 
 
 def range_profiles(
     signal: ComplexArray, frequency: FloatArray, bins: DelayBins, amplitude: bool
-) -> NDArray[np.float32]:
+) -> Float32Array:
     """Return range profiles of sweeps, summed under a Hann window.
 
     Every tone counts by its share of the band, so that uneven tones are weighed rightly. The sum is

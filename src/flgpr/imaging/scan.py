@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 
 class ScanImager:
@@ -73,7 +73,7 @@ class ScanImager:
             raise ValueError(
                 f"run must have a scan without missing sweeps, got none among {complete.size}"
             )
-        self._poses = np.asarray(run["pose"].values, dtype=np.float64)
+        self._poses = floats(run["pose"].values)
         # The last operator with the height, pitch and roll for which it holds.
         self._last_operator: tuple[tuple[float, ...], ImagingOperator] | None = None
         self._blanks: dict[int, xr.DataArray] = {}  # by number of rows
@@ -98,7 +98,7 @@ class ScanImager:
     def operator_on(
         self,
         scan: int,
-        points: NDArray[np.float64],
+        points: FloatArray,
         subbands: Mapping[str, tuple[float, float]] | None = None,
     ) -> ImagingOperator:
         """Return the imaging operator of a scan on other points.
@@ -129,7 +129,7 @@ class ScanImager:
             device=self.device,
         )
 
-    def signal(self, scan: int) -> NDArray[np.complex64]:
+    def signal(self, scan: int) -> ComplexArray:
         """Read the data (polarization, pair, frequency) of a scan."""
         return np.asarray(self.run.variables["signal"].isel(scan=scan).values, dtype=np.complex64)
 
@@ -155,7 +155,7 @@ class ScanImager:
         data = self.signal(scan) if signal is None else signal
         return self.labelled(scan, self.operator(scan).adjoint(data, rows=rows))
 
-    def labelled(self, scan: int, values: NDArray[np.complex64]) -> xr.DataArray:
+    def labelled(self, scan: int, values: ComplexArray) -> xr.DataArray:
         """Return values (polarization, subband, y, x) with the names, axes and pose of a scan."""
         rows = values.shape[-2]
         if rows not in self._blanks:
@@ -169,7 +169,7 @@ class ScanImager:
         image.attrs = {"scan": scan, "pose": self._poses[scan].tolist()}
         return image
 
-    def looks(self, points: ArrayLike) -> NDArray[np.int64]:
+    def looks(self, points: ArrayLike) -> IntArray:
         """Count the complete scans whose grid holds each point (..., 3) of the lane frame."""
         return count_looks(self._poses[self.scans], self.grid, points)
 

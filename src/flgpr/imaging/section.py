@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.imaging.aperture import aperture_blocks, aperture_image
 from flgpr.imaging.focus import scan_weights
 from flgpr.imaging.view_axes import chosen_scans
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.types import ComplexArray
 
 _SPACING = 0.03  # m along the line; assumed
 _TOLERANCE = 1e-2  # of the images, which are only compared with one another
@@ -56,7 +56,7 @@ class LineSection:
         self._weights[scans] = scan_weights(run, scans)
         self._blocks = aperture_blocks(run, scans)
 
-    def image(self, permittivity: float) -> NDArray[np.complex64]:
+    def image(self, permittivity: float) -> ComplexArray:
         """Return the section (polarization, delay, place) migrated with a permittivity."""
         points = np.zeros((self._delay.size, self._along.size, 3))
         points[..., 0] = self._middle[0]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.imaging.ground import seen_ground
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
+from flgpr.types import FloatArray, IndexArray
 
 Extent = tuple[float, float] | float
 MOST_PIXELS = 50_000_000
@@ -44,7 +44,7 @@ class View:
     reach: float = math.inf
 
 
-def chosen_scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
+def chosen_scans(run: xr.Dataset, limits: tuple[int, int] | None) -> IndexArray:
     """Return the complete scans within limits, both included.
 
     Parameters
@@ -80,8 +80,8 @@ def chosen_scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.
 
 
 def view_axes(
-    run: xr.Dataset, view: View, pose: NDArray[np.float64], pixels: int
-) -> tuple[dict[str, NDArray[np.float64]], float]:
+    run: xr.Dataset, view: View, pose: FloatArray, pixels: int
+) -> tuple[dict[str, FloatArray], float]:
     """Return the pixels' axes and their spacing.
 
     Parameters
@@ -140,7 +140,7 @@ def _pixel_counts(spans: dict[str, tuple[float, float]], spacing: float) -> dict
 
 
 def _view_limits(
-    run: xr.Dataset, view: View, pose: NDArray[np.float64], slowness: float
+    run: xr.Dataset, view: View, pose: FloatArray, slowness: float
 ) -> dict[str, Extent]:
     """Return the limits along every axis, m, those that follow from the run among them."""
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
@@ -192,15 +192,13 @@ def _default_spacing(
     return float(f"{spacing:.2g}")
 
 
-def _ground_ahead(run: xr.Dataset, pose: NDArray[np.float64]) -> dict[str, Extent | None]:
+def _ground_ahead(run: xr.Dataset, pose: FloatArray) -> dict[str, Extent | None]:
     """Return the limits of the ground that antennas above it see, m."""
     lane = seen_ground(run, pose)
     return {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
 
 
-def _section_below(
-    run: xr.Dataset, pose: NDArray[np.float64], slowness: float
-) -> dict[str, Extent | None]:
+def _section_below(run: xr.Dataset, pose: FloatArray, slowness: float) -> dict[str, Extent | None]:
     """Return the limits of the section below a line, m, down to the end of the record."""
     along = "x" if np.ptp(pose[:, 0]) > np.ptp(pose[:, 1]) else "y"
     ends = {axis: pose[:, "xy".index(axis)] for axis in "xy"}

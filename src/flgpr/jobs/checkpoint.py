@@ -17,16 +17,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr import system
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own, refuse_links
-from flgpr.engine import Accumulator, Arrays, Engine, block_name
+from flgpr.engine import Accumulator, Engine, block_name
 from flgpr.jobs.job import WORK_SUFFIX, LaneJob
 from flgpr.method.sections import Section
 from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
 from flgpr.store.bundle import MOST_BUNDLE
 from flgpr.store.files import PARTIAL, naming_output, own_partial
+from flgpr.types import AnyArray, Arrays
 
 SUFFIX = ".arrays"
 _JOB = "job.json"
@@ -42,7 +42,7 @@ class WorkError(ValueError):
     """A work folder that another process uses."""
 
 
-class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
+class Checkpoint(MutableMapping[str, Mapping[str, AnyArray]]):
     """A work folder as a mapping from names to groups of arrays.
 
     :func:`begin_work` begins or continues a job in it.
@@ -80,7 +80,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             latest = self._latest = (name, self.bundle(name))
         return latest[1]
 
-    def __setitem__(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    def __setitem__(self, name: str, arrays: Mapping[str, AnyArray]) -> None:
         write_bundle(self.path(name), arrays)
         self._forget(name)
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from flgpr import system
 from flgpr.door import read_named
-from flgpr.engine import Arrays, Engine, block_name, worker_state
+from flgpr.engine import Engine, block_name, worker_state
 from flgpr.health.judging import LeftOut
 from flgpr.health.of_run import without
 from flgpr.jobs.checkpoint import BlockCheckpoint, Checkpoint
@@ -39,6 +39,7 @@ from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
 from flgpr.store import open_run, read_manifest, sha256
 from flgpr.store.tables import parse_table
+from flgpr.types import Arrays
 
 _OPENING = threading.Lock()
 _ONE_AT_A_TIME = threading.Lock()

@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import refuse_links
-from flgpr.engine import Arrays
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.jobs.driver import passes_of_lane
 from flgpr.jobs.job import LaneJob, absolute, code_versions, model_digest
@@ -51,7 +50,7 @@ from flgpr.method.unlike import (
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, parse_recipe
 from flgpr.recipe.tables import DetectorTable
-from flgpr.stages import FloatArray, TrainingView
+from flgpr.stages import TrainingView
 from flgpr.stages.too_few import (
     TooFewExamplesError,
     cannot_be_trained,
@@ -68,6 +67,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
+from flgpr.types import Arrays, FloatArray
 
 PathLike = str | Path
 FOLDS = 10

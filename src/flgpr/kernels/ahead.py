@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 from numba import config, typeof
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import cache_folder
 from flgpr.kernels import relevance
@@ -42,9 +41,10 @@ from flgpr.kernels.patches import region_statistics
 from flgpr.kernels.profiles import Geometry, adjoint, forward, locate, polynomial_degree
 from flgpr.kernels.sampling import _sample
 from flgpr.kernels.transform import Spectrum, compress, expand
+from flgpr.types import AnyArray
 
 
-def _array(kind: type, dimensions: int) -> NDArray[Any]:
+def _array(kind: type, dimensions: int) -> AnyArray:
     """Return an empty array of a type and a number of dimensions."""
     return np.empty((0,) * dimensions, kind)
 

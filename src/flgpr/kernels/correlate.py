@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import fft, fft2, ifft, ifft2, next_fast_len
+
+from flgpr.types import AnyArray
 
 WORKERS = 2
 
 
-def correlate_bank(image: NDArray[Any], bank: NDArray[Any]) -> NDArray[Any]:
+def correlate_bank(image: AnyArray, bank: AnyArray) -> AnyArray:
     """Correlate all channels of an image with every filter and sum over channels.
 
     The result is ``out[j, y, x] = Σ conj(bank[j, c, v, u]) image[c, y + v, x + u]``, where the
@@ -50,7 +49,7 @@ def correlate_bank(image: NDArray[Any], bank: NDArray[Any]) -> NDArray[Any]:
     return correlation[:, :rows, :columns]
 
 
-def chips(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+def chips(image: AnyArray, shape: tuple[int, int]) -> AnyArray:
     """Return a view of every chip of an image; nothing is copied.
 
     Parameters
@@ -69,7 +68,7 @@ def chips(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     return np.moveaxis(windows, 0, 2)
 
 
-def chip_sums(pixels: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+def chip_sums(pixels: AnyArray, shape: tuple[int, int]) -> AnyArray:
     """Sum pixels (y, x) over every chip, (y - v + 1, x - u + 1), by a summed-area table."""
     v, u = shape
     table = np.pad(pixels.cumsum(0).cumsum(1), ((1, 0), (1, 0)))

@@ -19,10 +19,10 @@ from llvmlite import ir
 from numba import int64, types, uint64
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
 from flgpr.jit.threads import share, shared
+from flgpr.types import Float32Array
 
 # Bins of a histogram level that make up one bin of the level above, and the lanes of a vector.
 _FAN = 16
@@ -350,9 +350,7 @@ def _sort(images, orders, begin, end):  # type: ignore[no-untyped-def]
             orders[i, k] = order[k]
 
 
-def median_stack(
-    images: NDArray[np.float32], size: tuple[int, int], step: int = 1
-) -> NDArray[np.float32]:
+def median_stack(images: Float32Array, size: tuple[int, int], step: int = 1) -> Float32Array:
     """Return the exact median of images in a window, at every ``step``-th pixel.
 
     Parameters

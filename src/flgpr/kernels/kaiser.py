@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import i0e
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray
 
 MAX_WIDTH = 16
 

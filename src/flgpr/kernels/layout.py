@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
+from flgpr.types import AnyArray
 
 BLOCK = 64
 """Pixels that are worked on together; pixel arrays are padded to a multiple."""
@@ -33,7 +33,7 @@ def row_size(taps: int, channels: int) -> int:
     return 2 * (padded(taps) if channels == 1 else channels)
 
 
-def aligned(size: int, dtype: Any) -> NDArray[Any]:
+def aligned(size: int, dtype: Any) -> AnyArray:
     """Return an uninitialised flat array that starts on a cache line: no vector spans two."""
     bytes_ = size * np.dtype(dtype).itemsize
     raw = np.empty(bytes_ + 64, np.uint8)

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 from sklearn.base import BaseEstimator
 from sklearn.covariance import ledoit_wolf, oas
 from sklearn.utils.validation import validate_data
 
-Moments = tuple[NDArray[Any], NDArray[Any]]
+from flgpr.types import AnyArray, FloatArray
+
+Moments = tuple[AnyArray, AnyArray]
 LEAST_OGK = 4
 """Rows that moments by orthogonal pairs need: an outlier of three cannot be identified."""
 # Maronna & Zamar 2002, Sec. 5: constants of the τ-scale, and the quantile beyond which rows are
@@ -22,7 +23,7 @@ _TAU_SCALE = 3.0
 _OGK_KEPT = 0.9
 
 
-def sample_moments(X: NDArray[Any], ddof: int = 0) -> Moments:
+def sample_moments(X: AnyArray, ddof: int = 0) -> Moments:
     """Return mean and covariance ``E[(x - mean)(x - mean)^H]`` of rows.
 
     Parameters
@@ -44,7 +45,7 @@ def sample_moments(X: NDArray[Any], ddof: int = 0) -> Moments:
     return mean, centred.T @ centred.conj() / (X.shape[0] - ddof)
 
 
-def ledoit_wolf_moments(X: NDArray[Any]) -> Moments:
+def ledoit_wolf_moments(X: AnyArray) -> Moments:
     """Return mean, and covariance shrunk to a multiple of the identity (Ledoit & Wolf 2004).
 
     Parameters and results are those of :func:`sample_moments`.
@@ -53,13 +54,13 @@ def ledoit_wolf_moments(X: NDArray[Any]) -> Moments:
     return mean, _fold(ledoit_wolf(_composite(X - mean), assume_centered=True)[0], X)
 
 
-def oas_moments(X: NDArray[Any]) -> Moments:
+def oas_moments(X: AnyArray) -> Moments:
     """Return mean, and covariance shrunk by the oracle approximation (Chen et al. 2010)."""
     mean = X.mean(axis=0)
     return mean, _fold(oas(_composite(X - mean), assume_centered=True)[0], X)
 
 
-def ogk_moments(X: NDArray[Any]) -> Moments:
+def ogk_moments(X: AnyArray) -> Moments:
     """Return robust mean and covariance by orthogonal pairs (Maronna & Zamar 2002).
 
     There may be fewer rows than columns.
@@ -84,7 +85,7 @@ def ogk_moments(X: NDArray[Any]) -> Moments:
     return sample_moments(X[distance <= cutoff])
 
 
-def _ogk_distance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ogk_distance(rows: FloatArray) -> FloatArray:
     """Return the rows' squared distances from the robust mean, of two OGK passes."""
     scaled = rows
     for _ in range(2):
@@ -96,7 +97,7 @@ def _ogk_distance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sum(((scaled - centre) / _robust_scale(scaled)) ** 2, axis=1))
 
 
-def _pairwise_covariance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pairwise_covariance(scaled: FloatArray) -> FloatArray:
     """Return ``(s(x_j + x_k)² - s(x_j - x_k)²) / 4`` of all pairs of columns of scale s = 1."""
     features = scaled.shape[1]
     pairs = np.eye(features)
@@ -111,7 +112,7 @@ def _pairwise_covariance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     return pairs
 
 
-def _robust_location(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def _robust_location(columns: FloatArray) -> FloatArray:
     """Return the mean of columns, weighed by the distance from the median (Yohai & Zamar 1988)."""
     median, spread = _median_and_spread(columns)
     distance = (columns - median) / (_TAU_LOCATION * spread)
@@ -119,7 +120,7 @@ def _robust_location(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sum(weight * columns, axis=0) / np.sum(weight, axis=0))
 
 
-def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def _robust_scale(columns: FloatArray) -> FloatArray:
     """Return the τ-scale of every column (Yohai & Zamar 1988).
 
     It is the root mean square about the location, of distances cut off at 3 spreads.
@@ -127,13 +128,13 @@ def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     _, spread = _median_and_spread(columns)
     standardised = (columns - _robust_location(columns)) / spread
     cut_off = np.minimum(standardised**2, _TAU_SCALE**2)
-    scale: NDArray[np.float64] = spread * np.sqrt(np.mean(cut_off, axis=0))
+    scale: FloatArray = spread * np.sqrt(np.mean(cut_off, axis=0))
     return scale
 
 
 def _median_and_spread(
-    columns: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    columns: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Return the median of every column and the median distance from it, which must not be zero."""
     median = np.median(columns, axis=0)
     spread = np.median(np.abs(columns - median), axis=0)
@@ -145,7 +146,7 @@ def _median_and_spread(
     return median, spread
 
 
-def clipped_moments(X: NDArray[Any]) -> Moments:
+def clipped_moments(X: AnyArray) -> Moments:
     """Return mean and covariance of rows clipped at the median energy, so that none dominates."""
     energy = np.sum(np.abs(X) ** 2, axis=1)
     limit = np.median(energy)
@@ -153,7 +154,7 @@ def clipped_moments(X: NDArray[Any]) -> Moments:
     return sample_moments(X * scale[:, None])
 
 
-ESTIMATORS: dict[str, Callable[[NDArray[Any]], Moments]] = {
+ESTIMATORS: dict[str, Callable[[AnyArray], Moments]] = {
     "sample": sample_moments,
     "ledoit-wolf": ledoit_wolf_moments,
     "oas": oas_moments,
@@ -162,14 +163,14 @@ ESTIMATORS: dict[str, Callable[[NDArray[Any]], Moments]] = {
 }
 
 
-def moments_estimator(name: str) -> Callable[[NDArray[Any]], Moments]:
+def moments_estimator(name: str) -> Callable[[AnyArray], Moments]:
     """Return the estimator of mean and covariance of a name; an unknown one is a ValueError."""
     if name not in ESTIMATORS:
         raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {name!r}")
     return ESTIMATORS[name]
 
 
-def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 1) -> NDArray[Any]:
+def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 1) -> AnyArray:
     """Return checked samples, real or complex, in double precision.
 
     Scikit-learn's own check refuses complex numbers: their parts are checked one by one.
@@ -204,12 +205,12 @@ def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 
     return np.asarray(real + 1j * imaginary)
 
 
-def _composite(X: NDArray[Any]) -> NDArray[np.float64]:
+def _composite(X: AnyArray) -> FloatArray:
     """Return samples with real and imaginary parts side by side."""
     return np.hstack([X.real, X.imag]) if np.iscomplexobj(X) else X
 
 
-def _fold(covariance: NDArray[np.float64], X: NDArray[Any]) -> NDArray[Any]:
+def _fold(covariance: FloatArray, X: AnyArray) -> AnyArray:
     """Return a circular vector's covariance from that of its stacked real and imaginary parts."""
     if not np.iscomplexobj(X):
         return covariance

@@ -9,24 +9,24 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
 from flgpr.jit.threads import shared
+from flgpr.types import FloatArray, IntArray
 
 
 class PreciseGeometry(NamedTuple):
     """Paths, and how they become bins and phases."""
 
-    path: NDArray[np.float64]  #: (antenna, pixel) one-way optical paths, m
-    tx: NDArray[np.int64]  #: (pair,) rows of the transmitters
-    rx: NDArray[np.int64]  #: (pair,) rows of the receivers
-    gain: NDArray[np.float64]  #: (antenna, pixel) one-way amplitudes, or (antenna, 0) for none
+    path: FloatArray  #: (antenna, pixel) one-way optical paths, m
+    tx: IntArray  #: (pair,) rows of the transmitters
+    rx: IntArray  #: (pair,) rows of the receivers
+    gain: FloatArray  #: (antenna, pixel) one-way amplitudes, or (antenna, 0) for none
     per_turn: float  #: tone spacing over the speed of light, 1/m
     carrier: float  #: carrier over the speed of light, 1/m
     size: int  #: bins of the ambiguous range
     start: float  #: bin of the ambiguous range where bin 0 of a table starts
-    weight: NDArray[np.float64]  #: (tap, power) the taps' polynomials, lowest power first
+    weight: FloatArray  #: (tap, power) the taps' polynomials, lowest power first
 
 
 @njit(cache=True)

@@ -17,6 +17,7 @@ from flgpr.jit.compiled import njit
 from flgpr.kernels.geometry import antenna_rows
 from flgpr.kernels.lanes import combine_antennas, gather_pairs, spread_pairs
 from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, padded, row_size
+from flgpr.types import Float32Array, FloatArray, IntArray
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -28,23 +29,23 @@ class Geometry(NamedTuple):
     computed anew wherever they are needed.
     """
 
-    tx: NDArray[np.int64]  #: (pair,) rows of the transmitters in ``antenna``
-    rx: NDArray[np.int64]  #: (pair,) rows of the receivers in ``antenna``
-    antenna: NDArray[np.float64]  #: (antenna, 3) positions, m
-    pixels: NDArray[np.float64]  #: (3, pixel) positions, m, padded to full blocks
+    tx: IntArray  #: (pair,) rows of the transmitters in ``antenna``
+    rx: IntArray  #: (pair,) rows of the receivers in ``antenna``
+    antenna: FloatArray  #: (antenna, 3) positions, m
+    pixels: FloatArray  #: (3, pixel) positions, m, padded to full blocks
     pixel_count: int  #: pixels without the padding
-    medium: NDArray[np.float64]  #: refractive indices above and below z = 0 (zero: no ground)
+    medium: FloatArray  #: refractive indices above and below z = 0 (zero: no ground)
     per_turn: float  #: tone spacing over the speed of light, 1/m
     carrier: float  #: carrier over the speed of light, 1/m
     origin: int  #: 32-bit delay at which bin 0 starts
     shift: int  #: number of a delay's bits below a bin
-    gain: NDArray[np.float32]  #: (antenna, pixel) amplitudes, or (antenna, 0) for none
+    gain: Float32Array  #: (antenna, pixel) amplitudes, or (antenna, 0) for none
     #: (power, tap), flat: the polynomials of :func:`flgpr.kernels.kaiser.polynomials`, padded
-    weight: NDArray[np.float32]
+    weight: Float32Array
     #: (block, antenna, pixel), flat, and likewise the phasors
     delay: NDArray[np.uint32] = np.empty(0, np.uint32)
-    cosine: NDArray[np.float32] = np.empty(0, np.float32)
-    sine: NDArray[np.float32] = np.empty(0, np.float32)
+    cosine: Float32Array = np.empty(0, np.float32)
+    sine: Float32Array = np.empty(0, np.float32)
 
 
 def polynomial_degree(width: int) -> int:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
+from flgpr.types import AnyArray, FloatArray
 
 
-def bilinear(
-    images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]
-) -> NDArray[Any]:
+def bilinear(images: AnyArray, row: FloatArray, column: FloatArray) -> AnyArray:
     """Return images at fractional pixels, interpolated between the four pixels about each.
 
     Parameters

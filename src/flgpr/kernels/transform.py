@@ -7,14 +7,14 @@ number of threads, and because the profiles come out in the order in which they 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import uint64
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
 from flgpr.kernels.lanes import butterfly
+from flgpr.types import AnyArray, IntArray
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -28,11 +28,11 @@ class Spectrum(NamedTuple):
 
     size: int  #: slots of the spectrum, a power of two
     first: int  #: bin of the transform that is bin 0 of a table
-    entries: NDArray[np.int64]  #: (tone + 1,) begin of every tone's entries in ``slot``
-    slot: NDArray[np.int64]  #: (entry,) slots of the tones
-    share: NDArray[Any]  #: (entry,) weights of the tones in their slots
-    factor: NDArray[Any]  #: (bin,) correction of the bins for the spread of the tones
-    twiddle: NDArray[Any]  #: (size,) exp(+j2πk/size)
+    entries: IntArray  #: (tone + 1,) begin of every tone's entries in ``slot``
+    slot: IntArray  #: (entry,) slots of the tones
+    share: AnyArray  #: (entry,) weights of the tones in their slots
+    factor: AnyArray  #: (bin,) correction of the bins for the spread of the tones
+    twiddle: AnyArray  #: (size,) exp(+j2πk/size)
 
     def single(self) -> Spectrum:
         """Return the spectrum in single precision, for :func:`compress` and :func:`expand`."""

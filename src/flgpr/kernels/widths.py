@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray
 
 
 def half_power(offset: FloatArray, amplitude: FloatArray, peak: int | None = None) -> float:

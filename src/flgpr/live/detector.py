@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import Background, CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
-from flgpr.engine import Arrays
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
@@ -46,6 +45,7 @@ from flgpr.screen import (
 )
 from flgpr.stages import MapStage, Stage
 from flgpr.store import RunDescription, Scan
+from flgpr.types import Arrays
 
 FloatArray = NDArray[np.float64]
 # m; ground farther back than this before a scan is closed without another look

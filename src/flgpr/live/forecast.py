@@ -24,7 +24,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.engine import Arrays
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import ForecastEntries
 from flgpr.live.updates import LiveAlarm
@@ -34,6 +33,7 @@ from flgpr.model import complete_scans
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Scan
 from flgpr.store.scan_file import stored_scan
+from flgpr.types import Arrays
 
 NAME = "live.forecast"
 """Name of the forecast in a model, among what its stages have learnt."""

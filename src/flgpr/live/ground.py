@@ -14,7 +14,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.clutter import Background
-from flgpr.engine import Arrays
 from flgpr.method.unlike import (
     MOST_SCANS,
     Comparison,
@@ -25,6 +24,7 @@ from flgpr.method.unlike import (
 )
 from flgpr.model import Grid
 from flgpr.stages import MapStage
+from flgpr.types import Arrays
 
 AGREEING = 3
 """Looked-at scans in a row that must agree before the verdict changes."""

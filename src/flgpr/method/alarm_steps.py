@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.method.classifier import label_lanes
 from flgpr.model import Lane
@@ -23,6 +22,7 @@ from flgpr.stages.too_few import (
     header,
     looser_entries,
 )
+from flgpr.types import BoolArray
 
 _USUAL_DENSITY = 0.75  # alarms per area of an alarm, Wang et al. 2007
 LaneOfAlarms = tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]
@@ -243,7 +243,7 @@ def count_alarm_steps(
 
 def _spent_targets(
     truth: pd.DataFrame, lane: int, spent: Mapping[str, Sequence[pd.DataFrame]]
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which targets of a lane, by its number, some stage has learnt from."""
     is_spent = np.zeros(len(truth), bool)
     for rows in spent.values():

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays, bundle_groups, group_of
+from flgpr.engine import bundle_groups, group_of
 from flgpr.features import FEATURES, POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.method.memory import column_count
 from flgpr.method.steps import CleanedImages, Steps
 from flgpr.model import Grid, ground_points, lane_to_scan
 from flgpr.recipe.schema import Recipe
 from flgpr.recipe.tables import FeaturesTable
-from flgpr.stages import ComplexArray, FeatureStage
+from flgpr.stages import FeatureStage
 from flgpr.store.tables import MOST_COLUMNS
+from flgpr.types import AnyArray, Arrays, ComplexArray, IndexArray, floats
 
 SWAPPED = "swapped."
 """Prefix of the columns of a variant: the regions of patches are exchanged."""
@@ -110,7 +110,7 @@ class StageSums:
         columns = self.stage.of_image(image, positions)
         arrays = []
         for name in self.stage.columns:
-            arrays.append(np.asarray(columns[name], dtype=np.float64))
+            arrays.append(floats(columns[name]))
         values = np.stack(arrays, axis=1)
         # A scan that cannot measure a feature of an alarm does not count for it.
         self._total += np.nan_to_num(values)
@@ -120,7 +120,7 @@ class StageSums:
         """Return sums and counts, with the rows of the alarms that they belong to."""
         return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the sums and counts of other scans."""
         self._total[state["row"]] += state["total"]
         self._count[state["row"]] += state["count"]
@@ -145,9 +145,7 @@ class AlarmSums:
         Their numbers among all alarms, ascending.
     """
 
-    def __init__(
-        self, steps: Steps, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None
-    ) -> None:
+    def __init__(self, steps: Steps, alarms: pd.DataFrame, rows: IndexArray | None = None) -> None:
         self._steps = steps
         self.rows = np.arange(len(alarms)) if rows is None else rows
         recipe = steps.recipe
@@ -215,7 +213,7 @@ class AlarmSums:
             groups[name] = state | {"row": self.rows[state["row"]]}
         return bundle_groups(groups)
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the sums of other scans; alarms that are not among these are left out."""
         for name, sums in self._sums.items():
             other_sums = group_of(state, name)

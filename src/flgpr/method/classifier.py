@@ -20,6 +20,7 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
 from flgpr.screen import label_training_alarms
 from flgpr.stages.too_few import check_classes
+from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -28,7 +29,6 @@ CLASSIFIER_A = ("C_HH_F1",)
 CLASSIFIER_B = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
 """The two classifiers of Wang et al. 2007, Fig. 14."""
 SIMULANT_BETA = 0.5
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class TrainingSet:
     """Labelled alarms of training lanes."""
 
     features: pd.DataFrame  #: a row per alarm
-    label: NDArray[np.int64]  #: (alarm,) 1 for a hit, 0 for a false alarm
-    weight: NDArray[np.int64]  #: (alarm,) how often the alarm counts in training
+    label: IntArray  #: (alarm,) 1 for a hit, 0 for a false alarm
+    weight: IntArray  #: (alarm,) how often the alarm counts in training
     lane: NDArray[np.str_]  #: (alarm,) name of its lane
 
 
@@ -81,7 +81,7 @@ class Classifier:
             "threshold": self.discriminant.threshold_,
         }
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> Arrays:
         """Return the arrays that a model holds of it."""
         arrays = {"direction": self.discriminant.direction_}
         for number, knots in enumerate(self.normalizer.knots_):
@@ -90,7 +90,7 @@ class Classifier:
 
     @classmethod
     def restored(
-        cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
+        cls, about: Mapping[str, Any], arrays: Mapping[str, AnyArray], notes: dict[str, Any]
     ) -> Classifier:
         """Return the classifier of what :meth:`about` and :meth:`arrays` returned.
 
@@ -167,9 +167,7 @@ def checked_names(names: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-def feature_values(
-    features: pd.DataFrame, names: Sequence[str]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     """Return columns of a feature table, and which alarms have all of them.
 
     Parameters
@@ -246,7 +244,7 @@ def count_mines(truths: Iterable[pd.DataFrame]) -> int:
     return sum(int((truth["kind"] != "simulant").sum()) for truth in truths)
 
 
-def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> NDArray[np.int64]:
+def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> IntArray:
     """Return how often each labelled alarm counts in training (Wang et al. 2007, Eq. 18 and 19).
 
     W0 is "the ratio between the number of FAs and the number of actual targets"; simulants are not

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.engine import group_of
 from flgpr.jit.threads import blas_on_one_thread
@@ -17,7 +15,7 @@ from flgpr.method.evidence import Evidence, confidence_contributions, in_order
 from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.passes.frames import alarms_by_frame
 from flgpr.model import ALARM_COLUMNS, empty_table
-from flgpr.stages import FloatArray
+from flgpr.types import FloatArray, IndexArray
 
 MAIN = "main"
 """Name of a result's own detection; others may stand beside it, by the name of their recipe."""
@@ -55,7 +53,7 @@ class RankedAlarms:
 
     alarms: pd.DataFrame
     features: pd.DataFrame  #: of the same index
-    rows: NDArray[np.intp]  #: their numbers among the alarms that were raised
+    rows: IndexArray  #: their numbers among the alarms that were raised
 
 
 @blas_on_one_thread()

@@ -13,19 +13,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.detect.estimator_table import find_estimator, scorer_class, trained_class
 from flgpr.detect.scorers.checks import StoredScorer
-from flgpr.method.classifier import (
-    FloatArray,
-    TrainingSet,
-    check_entries,
-    checked_names,
-    feature_values,
-)
+from flgpr.method.classifier import TrainingSet, check_entries, checked_names, feature_values
 from flgpr.recipe.tables import DetectorTable
 from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 LAYOUT = 2
 """Version of the layout of a trained estimator in a model.
@@ -106,13 +100,13 @@ class TrainedEstimator:
             "settings": self.scorer.settings(),
         }
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> Arrays:
         """Return the arrays that a model holds of it."""
         return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
 
     @classmethod
     def restored(
-        cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
+        cls, about: Mapping[str, Any], arrays: Mapping[str, AnyArray], notes: dict[str, Any]
     ) -> TrainedEstimator:
         """Return the estimator of what :meth:`about` and :meth:`arrays` returned.
 
@@ -147,7 +141,7 @@ class TrainedEstimator:
         return cls(name, features, centre, scale, scorer, notes, unlike)
 
 
-def _take_vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArray:
+def _take_vector(name: str, arrays: Arrays, length: int) -> FloatArray:
     """Remove an array of a finite number per feature from the arrays and return it."""
     value = arrays.pop(name, None)
     if (

@@ -19,7 +19,6 @@ from flgpr.kernels.sampling import bilinear
 from flgpr.method.look_samples import (
     CUT,
     TRACE,
-    FloatArray,
     coherency_at,
     cuts_along_sight,
     decibels,
@@ -30,6 +29,16 @@ from flgpr.method.look_samples import (
 )
 from flgpr.model import ground_points, lane_to_scan, vehicle_to_scan
 from flgpr.screen.views import grid_of, look_weight
+from flgpr.types import (
+    AnyArray,
+    Arrays,
+    Complex128Array,
+    ComplexArray,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+    floats,
+)
 
 MOST_SCANS = 4
 """Looks that explain an alarm: those of the nearest scans, where resolution is best."""
@@ -37,7 +46,7 @@ MOST_ALARMS = 1000
 """Alarms of a result that are explained, the most confident."""
 MOST_GATHERED = 4000
 """Alarms that looks are gathered for, the strongest; which are confident is known only later."""
-Maps = Mapping[str, NDArray[Any]]
+Maps = Mapping[str, AnyArray]
 MapsOf = Callable[[xr.DataArray], tuple[Maps, Maps]]
 
 
@@ -79,7 +88,7 @@ class _Look:
         return (self.distance, self.scan)
 
 
-def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
+def in_order(evidence: Evidence, rows: IndexArray) -> Evidence:
     """Bring evidence into the order of ranked alarms, of which the first ``MOST_ALARMS`` are kept.
 
     Parameters
@@ -129,7 +138,7 @@ def confidence_contributions(
         explained.
     """
     count = len(evidence.adds)
-    total = np.asarray(confidence, dtype=np.float64)
+    total = floats(confidence)
     shares = np.full((len(total), count), np.nan)
     for row, looks in enumerate(evidence.causes):
         if len(looks):
@@ -190,15 +199,15 @@ class EvidenceSums:
         self._channels: tuple[list[str], list[str]] = ([], [])
         self._names: tuple[list[str], list[str]] = ([], [])
         # Of every scan the numbers of alarms, and a row each of what their look is made of.
-        self._causes: list[tuple[NDArray[np.intp], FloatArray]] = []
+        self._causes: list[tuple[IndexArray, FloatArray]] = []
         self._nearest: list[set[int]] | None = None
 
     @cached_property
-    def _kernel(self) -> NDArray[np.complex128]:
+    def _kernel(self) -> Complex128Array:
         frequency = np.zeros(2) if self._run is None else self._run["frequency"].values
         return range_kernel(frequency, TRACE)
 
-    def add(self, image: xr.DataArray, signal: NDArray[np.complex64] | None = None) -> None:
+    def add(self, image: xr.DataArray, signal: ComplexArray | None = None) -> None:
         """Add a scan.
 
         Parameters
@@ -228,8 +237,8 @@ class EvidenceSums:
     def _sample(
         self,
         image: xr.DataArray,
-        signal: NDArray[np.complex64] | None,
-        visible: NDArray[np.intp],
+        signal: ComplexArray | None,
+        visible: IndexArray,
         points: FloatArray,
     ) -> None:
         """Add a look for each alarm in sight of which the scan is one of the nearest."""
@@ -258,9 +267,9 @@ class EvidenceSums:
         self,
         run: xr.Dataset,
         image: xr.DataArray,
-        signal: NDArray[np.complex64] | None,
+        signal: ComplexArray | None,
         points: FloatArray,
-    ) -> NDArray[np.float32]:
+    ) -> Float32Array:
         """Return the A-scans (point, polarization, range) of a scan at points in its frame."""
         if signal is None:
             signal = np.asarray(run["signal"].isel(scan=int(image.attrs["scan"])).values)
@@ -272,7 +281,7 @@ class EvidenceSums:
     def _add_causes(
         self,
         image: xr.DataArray,
-        visible: NDArray[np.intp],
+        visible: IndexArray,
         points: FloatArray,
         adding: Maps,
         alone: Maps,
@@ -309,7 +318,7 @@ class EvidenceSums:
             nearest.append({scan for _, scan in scans[:MOST_SCANS]})
         return nearest
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> Arrays:
         """Return all looks, and the coherency of the alarms in sight, for :meth:`merge`."""
         alarms = []
         looks = []
@@ -335,7 +344,7 @@ class EvidenceSums:
             "causes": causes,
         }
 
-    def _joined_causes(self, columns: int) -> tuple[NDArray[np.intp], FloatArray]:
+    def _joined_causes(self, columns: int) -> tuple[IndexArray, FloatArray]:
         """Return the causes of all scans; without any, an array of so many columns."""
         if not self._causes:
             return np.zeros(0, np.intp), np.zeros((0, columns))
@@ -343,7 +352,7 @@ class EvidenceSums:
         rows = np.concatenate([rows for _, rows in self._causes])
         return alarms, rows
 
-    def merge(self, state: dict[str, NDArray[Any]]) -> None:
+    def merge(self, state: Arrays) -> None:
         """Add what was gathered of other scans for the same alarms."""
         if state["polarization"].size:
             self._channels = (_texts(state["polarization"]), _texts(state["subband"]))
@@ -401,7 +410,7 @@ class EvidenceSums:
         self._looks[number] = looks[:MOST_SCANS]
 
 
-def _texts(labels: NDArray[Any]) -> list[str]:
+def _texts(labels: AnyArray) -> list[str]:
     """Return an array of labels as plain texts."""
     return [str(label) for label in labels]
 

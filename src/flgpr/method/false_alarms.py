@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from flgpr.method.unlike import FreeGround
-from flgpr.stages import FloatArray
+from flgpr.types import FloatArray
 
 SHARE = 0.95
 """Share of lanes on which a threshold is to hold."""

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.engine import PlannedPass, group_of
@@ -39,9 +38,7 @@ from flgpr.recipe.tables import ImageTable
 from flgpr.screen import view_array
 from flgpr.screen.views import reached_rows
 from flgpr.stages import (
-    ComplexArray,
     FeatureStage,
-    FloatArray,
     MapStage,
     ScreenStage,
     Setup,
@@ -49,6 +46,7 @@ from flgpr.stages import (
     make_clutter_stages,
     make_stages,
 )
+from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
 
 
 class ImagedRun:
@@ -352,7 +350,7 @@ class ImagedRun:
         return self.trust.only_measures or (ground is not None and ground.judges)
 
     @cached_property
-    def learnt_clutter(self) -> NDArray[Any]:
+    def learnt_clutter(self) -> AnyArray:
         """What whitens the clutter that the map has learnt (metre, value, value)."""
         return np.asarray(self.mapper.learnt["whitener"])
 
@@ -506,7 +504,7 @@ class ImagedRun:
         row = np.rint((alarms["y"].to_numpy() - grid.y_min) / grid.dy).astype(int)
         column = np.rint((alarms["x"].to_numpy() - grid.x_min) / grid.dx).astype(int)
         values = arrays["as_learnt"][0, 0, row - self.view_rows.start, column]
-        return np.asarray(values, dtype=np.float64)
+        return floats(values)
 
     def evidence_sums(self, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
         """Return the empty sums of what explains the strongest alarms; needs the pass "alarms".

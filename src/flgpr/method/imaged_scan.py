@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
-from flgpr.stages import ComplexArray, FloatArray
+from flgpr.types import ComplexArray, Float32Array, FloatArray, floats
 
 
 class ImagedScan:
@@ -53,9 +51,9 @@ class ImagedScan:
     @property
     def pose(self) -> FloatArray:
         """The scan's pose (6,) in the lane frame."""
-        return np.asarray(self.near_image.attrs["pose"], dtype=np.float64)
+        return floats(self.near_image.attrs["pose"])
 
-    def magnitude(self) -> NDArray[np.float32]:
+    def magnitude(self) -> Float32Array:
         """Return the cleaned magnitude (polarization, subband, y, x), or the recipe's map of it.
 
         It is in units of the background (Wang et al. 2007, Eq. 5).
@@ -65,7 +63,7 @@ class ImagedScan:
             return lane.background.magnitude(self.near_image.values, self.gain)
         return lane.mapper.map(self._coherent)[None, None]
 
-    def map_as_learnt(self) -> NDArray[np.float32]:
+    def map_as_learnt(self) -> Float32Array:
         """Return the map (1, 1, y, x) as it is where nothing stands in for what was learnt."""
         return self._lane.mapper.map_as_learnt(self._coherent)[None, None]
 

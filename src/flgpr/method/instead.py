@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.method.detection import AS_LEARNT, MAIN, Detection
 from flgpr.method.evidence import in_order
@@ -24,6 +23,7 @@ from flgpr.method.sections import section_lane
 from flgpr.method.stands_out import what_stands_out
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe, seen_lane
+from flgpr.types import FloatArray
 
 BESIDE = "as-learnt"
 """Name of the detection as it was learnt, where another stands in for it."""
@@ -105,9 +105,7 @@ def rank_by_column(lane: ImagedRun, learnt: Detection) -> list[Detection]:
     ]
 
 
-def _nearest_confidence(
-    alarms: pd.DataFrame, learnt: pd.DataFrame, radius: float
-) -> NDArray[np.float64]:
+def _nearest_confidence(alarms: pd.DataFrame, learnt: pd.DataFrame, radius: float) -> FloatArray:
     """Return the confidence of the learnt alarm next to each alarm; NaN where none is within a radius."""
     found = np.full(len(alarms), np.nan)
     if not len(learnt):

@@ -12,8 +12,8 @@ from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.screen.views import grid_of
+from flgpr.types import Complex128Array, ComplexArray, Float32Array, FloatArray, IndexArray
 
-FloatArray = NDArray[np.float64]
 CUT = np.round(np.arange(-40, 41) * 0.05, 3)
 """Range offsets of the cuts about an alarm, m."""
 TRACE = np.round(np.arange(-80, 81) * 0.025, 4)
@@ -30,7 +30,7 @@ def decibels(magnitude: ArrayLike) -> NDArray[np.float16]:
     return np.asarray(20 * np.log10(np.maximum(magnitude, _FLOOR)), dtype=np.float16)
 
 
-def in_sight(image: xr.DataArray, points: FloatArray, y_max: float) -> NDArray[np.intp]:
+def in_sight(image: xr.DataArray, points: FloatArray, y_max: float) -> IndexArray:
     """Return the indices of the points (n, 3) in the scan frame that an image shows up to y_max."""
     x = image["x"].values
     y = image["y"].values
@@ -39,7 +39,7 @@ def in_sight(image: xr.DataArray, points: FloatArray, y_max: float) -> NDArray[n
     return np.flatnonzero(in_x & in_y)
 
 
-def patches(magnitude: xr.DataArray, points: FloatArray, shape: PatchShape) -> NDArray[np.float32]:
+def patches(magnitude: xr.DataArray, points: FloatArray, shape: PatchShape) -> Float32Array:
     """Sample a scan image on patches about points.
 
     Parameters
@@ -60,7 +60,7 @@ def patches(magnitude: xr.DataArray, points: FloatArray, shape: PatchShape) -> N
     return _sampled(magnitude, points[:, None, None, :2] + offsets)
 
 
-def cuts_along_sight(magnitude: xr.DataArray, points: FloatArray) -> NDArray[np.float32]:
+def cuts_along_sight(magnitude: xr.DataArray, points: FloatArray) -> Float32Array:
     """Sample a scan image along the line of sight through points.
 
     Parameters
@@ -81,7 +81,7 @@ def cuts_along_sight(magnitude: xr.DataArray, points: FloatArray) -> NDArray[np.
     return _sampled(magnitude, places[:, None, :] + CUT[:, None] * line_of_sight[:, None])
 
 
-def _sampled(magnitude: xr.DataArray, places: FloatArray) -> NDArray[np.float32]:
+def _sampled(magnitude: xr.DataArray, places: FloatArray) -> Float32Array:
     """Interpolate an image at places (point, ..., 2); return values by point and channel."""
     grid = grid_of(magnitude)
     row = (places[..., 1] - grid.y_min) / grid.dy
@@ -90,7 +90,7 @@ def _sampled(magnitude: xr.DataArray, places: FloatArray) -> NDArray[np.float32]
     return np.moveaxis(by_channel, 2, 0)
 
 
-def range_kernel(frequency: FloatArray, offsets: FloatArray) -> NDArray[np.complex128]:
+def range_kernel(frequency: FloatArray, offsets: FloatArray) -> Complex128Array:
     """Return the matrix ``w(f)·exp(+j4πfr/c)`` that compresses tones in range.
 
     Parameters
@@ -113,13 +113,13 @@ def range_kernel(frequency: FloatArray, offsets: FloatArray) -> NDArray[np.compl
 
 
 def focused_trace(
-    signal: NDArray[np.complex64],
+    signal: ComplexArray,
     frequency: FloatArray,
     tx: FloatArray,
     rx: FloatArray,
     points: FloatArray,
-    kernel: NDArray[np.complex128],
-) -> NDArray[np.float32]:
+    kernel: Complex128Array,
+) -> Float32Array:
     """Compute A-scans of the whole array focused on points: delays are steered to each of them.
 
     ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann
@@ -151,7 +151,7 @@ def focused_trace(
     return traces
 
 
-def coherency_at(image: xr.DataArray, points: FloatArray) -> NDArray[np.complex128]:
+def coherency_at(image: xr.DataArray, points: FloatArray) -> Complex128Array:
     """Sum k·k^H over 5 x 5 pixels about points, k the Pauli vector.
 
     Parameters
@@ -178,7 +178,7 @@ def coherency_at(image: xr.DataArray, points: FloatArray) -> NDArray[np.complex1
     column = ((points[:, 0] - x[0]) / (x[1] - x[0]))[:, None, None] + offset
     pixels = np.broadcast_arrays(row, column)
 
-    def values(label: str) -> NDArray[np.complex128]:
+    def values(label: str) -> Complex128Array:
         return bilinear(image.values[labels.index(label)], *pixels)
 
     hh = values("HH")

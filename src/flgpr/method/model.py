@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
 import flgpr
 from flgpr.door import Folder
-from flgpr.engine import Arrays
 from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
@@ -19,6 +16,7 @@ from flgpr.method.unlike import TrainingGround
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.outputs import atomic_output
+from flgpr.types import AnyArray, Arrays
 
 FORMAT = "flgpr-model"
 VERSION = 1
@@ -121,7 +119,7 @@ def save_model(
     """
     model = as_model(model)
     folder = check_free_model(folder)
-    groups: dict[str, Mapping[str, NDArray[Any]]] = dict(model.stages)
+    groups: dict[str, Mapping[str, AnyArray]] = dict(model.stages)
     detector_notes: dict[str, Any] = {}
     if model.detector is not None:
         groups[DETECTOR] = model.detector.arrays()

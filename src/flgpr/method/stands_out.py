@@ -25,7 +25,7 @@ import pandas as pd
 from flgpr.method.false_alarms import ABOVE
 from flgpr.method.model import Detector
 from flgpr.model import Lane
-from flgpr.stages import FloatArray
+from flgpr.types import FloatArray
 
 EXPECTED = 1.0
 """Alarms of clutter as strong as those that stand out, expected of a lane."""

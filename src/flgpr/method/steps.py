@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, assert_never
 
-import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.imaging.scan import blank_image
@@ -23,7 +21,8 @@ from flgpr.model import Grid
 from flgpr.recipe.schema import RANKS, Recipe
 from flgpr.recipe.tables import ContrastTable, PrescreenTable
 from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums, local_maxima
-from flgpr.stages import ComplexArray, FeatureStage, FloatArray
+from flgpr.stages import FeatureStage
+from flgpr.types import ComplexArray, Float32Array, FloatArray
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class CleanedImages:
 
     number: int  #: the scan's number in the run
     pose: FloatArray  #: (6,) in the lane frame
-    magnitude: NDArray[np.float32]
+    magnitude: Float32Array
     #: with the phase and one gain that the polarizations share; None where nothing reads it
     coherent: ComplexArray | None = None
     #: with the phase and a gain of each polarization's own; None where nothing reads it

@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import stdtrit
 
-from flgpr.model.bounds import Entries
-from flgpr.stages import FloatArray
+from flgpr.model.bounds import Entries, NotNegative, Positive
 from flgpr.stages.textured_clutter import SHAPES
+from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray
 
 MEASURED = "unlike"
 """Name of the pass that measures a lane's clutter, and of its result."""
@@ -70,7 +69,7 @@ class OfSize(Entries):
 class FreeGround(Entries):
     """Alarms of a training lane that are of no target."""
 
-    area: Annotated[float, Field(gt=0)]  #: that was searched, m²
+    area: Positive  #: that was searched, m²
     confidence: list[Annotated[float, Field(ge=-1e30, le=1e30)]]  #: descending
 
 
@@ -83,10 +82,10 @@ class TrainingGround(Entries):
     #: mean level of the images (channel, metre), dB over the mean of all
     profile: list[list[Annotated[float, Field(ge=-300, le=300)]]] = Field(default_factory=list)
     sizes: list[OfSize] = Field(default_factory=list)
-    tail: list[Annotated[float, Field(gt=0)]] = Field(
+    tail: list[Positive] = Field(
         default_factory=list
     )  #: by metre, what 99.9 % of the chips lie below
-    apart: Annotated[float, Field(ge=0)] = 0.0  #: distance of the scans that were looked at, m
+    apart: NotNegative = 0.0  #: distance of the scans that were looked at, m
     free: list[FreeGround] = Field(default_factory=list)  #: by lane
 
     @property
@@ -203,7 +202,7 @@ class Comparison:
 # What is measured of a lane
 
 
-def chosen_scans(scans: int) -> NDArray[np.intp]:
+def chosen_scans(scans: int) -> IndexArray:
     """Return the indices of the scans of a lane that are looked at, at even distances."""
     return np.unique(np.linspace(0, scans - 1, min(scans, MOST_SCANS)).round().astype(np.intp))
 
@@ -213,7 +212,7 @@ def size_number(place: int) -> int:
     return int(np.searchsorted(SIZES, place + 1))
 
 
-def level_profile(gain: NDArray[Any], rows: int, columns: NDArray[np.bool_]) -> FloatArray:
+def level_profile(gain: AnyArray, rows: int, columns: BoolArray) -> FloatArray:
     """Return the level of images by channel and metre, dB over the mean of all.
 
     Parameters
@@ -242,7 +241,7 @@ def level_profile(gain: NDArray[Any], rows: int, columns: NDArray[np.bool_]) -> 
 
 
 def departures(
-    covariance: NDArray[Any], count: FloatArray, whitener: NDArray[Any]
+    covariance: AnyArray, count: FloatArray, whitener: AnyArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return how far a lane's covariance lies from the learnt one, by metre.
 
@@ -323,7 +322,7 @@ def learn_levels(profiles: Sequence[FloatArray]) -> tuple[list[float], list[list
 
 
 def learn_clutter(
-    lanes: Sequence[Mapping[str, NDArray[Any]]], whiteners: Sequence[NDArray[Any]]
+    lanes: Sequence[Mapping[str, AnyArray]], whiteners: Sequence[AnyArray]
 ) -> tuple[list[OfSize], list[float]]:
     """Return the figures of training lanes by size, and what 99.9 % of their chips lie below.
 
@@ -353,7 +352,7 @@ _SUMS = ("covariance", "count", "shape")
 
 
 def figures_of_clutter(
-    sums: Mapping[str, NDArray[Any]], whitener: NDArray[Any], tail: Sequence[float]
+    sums: Mapping[str, AnyArray], whitener: AnyArray, tail: Sequence[float]
 ) -> dict[str, tuple[float, int | None]]:
     """Return the figures of sums of clutter, each with the metre where it is largest.
 
@@ -379,9 +378,9 @@ def limit_of(name: str, figures: Iterable[float], chance: float = CHANCE) -> flo
 
 def compare_clutter(
     ground: TrainingGround,
-    sums: Mapping[str, NDArray[Any]],
+    sums: Mapping[str, AnyArray],
     scans: float,
-    whitener: NDArray[Any],
+    whitener: AnyArray,
     nearest: float,
 ) -> list[Figure]:
     """Compare a lane's clutter with that of the training lanes.

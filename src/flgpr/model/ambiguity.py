@@ -13,13 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import SPEED_OF_LIGHT
 from flgpr.model.run import check_frequency
 from flgpr.model.sensor import Sensor
+from flgpr.types import ArrayLike, FloatArray
 
-FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
 
 ALIAS_LEVEL = 0.25

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
-from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
 from flgpr.model.run import check_run, complete_scan_numbers, complete_scans, make_run
+from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
 
 LINE_STARTS = "line_starts"
 """Attribute of a run of several lines: the number of the first scan of each."""
@@ -32,7 +29,7 @@ def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[FloatArray, Flo
     return tx, rx
 
 
-def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[NDArray[Any], FloatArray, FloatArray]:
+def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[AnyArray, FloatArray, FloatArray]:
     """Return all scans as one array: the field, weighted by scan, and its antennas.
 
     The field is (polarization, scan·pair, frequency), the antennas' positions are (scan·pair, 3).
@@ -68,7 +65,7 @@ def way_shares(position: ArrayLike) -> FloatArray:
     (scan,) ndarray
         Shares, m.
     """
-    places = np.asarray(position, dtype=np.float64)
+    places = floats(position)
     ways = np.diff(places, axis=0)
     step = np.linalg.norm(ways, axis=1)
     moves = step[step > 0]
@@ -95,7 +92,7 @@ def _shares_with_jumps(position: FloatArray, step: FloatArray, goes_on: bool) ->
     if not goes_on and np.median(way) > _ANY_ORDER * np.median(usual):
         share = usual / visits
     share = share / np.bincount(stop)
-    return np.asarray(share[stop], dtype=np.float64)
+    return floats(share[stop])
 
 
 def _usual_steps(places: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +143,7 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
     return np.array([*np.average(pose[:, :3], axis=0, weights=weights), heading, 0.0, 0.0])
 
 
-def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, FloatArray]:
+def synthetic_aperture(run: xr.Dataset) -> tuple[AnyArray, FloatArray, FloatArray]:
     """Return all complete scans of a run as one aperture.
 
     Each scan is weighted by its share of the track (:func:`flgpr.model.way_weights`), so that a

@@ -1,7 +1,1 @@
 """Names for the types of arrays."""
-
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]

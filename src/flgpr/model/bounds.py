@@ -25,6 +25,10 @@ class Largest:
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Moderate = Annotated[float, Field(ge=0, le=100)]
+"""A number whose square and exponential do not overflow."""
+AtLeastOne = Annotated[int, Field(ge=1)]
 Hertz = Annotated[float, Field(gt=0), Largest(1e12)]
 Decibels = Annotated[float, Field(ge=-300, le=300)]
 """A level whose power does not overflow."""

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+
+from flgpr.types import ArrayLike, FloatArray, floats
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
+def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> FloatArray:
     """Return rotations Rx(pitch)·Ry(roll) from the vehicle frame to level axes.
 
     Parameters
@@ -48,7 +49,7 @@ def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
     return m
 
 
-def heading_matrix(heading: ArrayLike) -> NDArray[np.float64]:
+def heading_matrix(heading: ArrayLike) -> FloatArray:
     """Return rotations Rz(-heading), (..., 3, 3), from level axes along the vehicle to lane axes.
 
     The heading is clockwise from +y.
@@ -62,28 +63,28 @@ def heading_matrix(heading: ArrayLike) -> NDArray[np.float64]:
     return m
 
 
-def pose_matrix(pose: ArrayLike) -> NDArray[np.float64]:
+def pose_matrix(pose: ArrayLike) -> FloatArray:
     """Return rotations Rz(-heading)·Rx(pitch)·Ry(roll), (..., 3, 3), of poses (..., 6).
 
     They turn the vehicle frame to lane axes.
     """
-    p = np.asarray(pose, dtype=np.float64)
+    p = floats(pose)
     return heading_matrix(p[..., 3]) @ attitude_matrix(p[..., 4], p[..., 5])
 
 
-def _cos_sin(angle: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _cos_sin(angle: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Compute cosine and sine by the mathematical library.
 
     NumPy's differ between processors in the last bit.
     """
-    angles = np.asarray(angle, dtype=np.float64)
+    angles = floats(angle)
     numbers = angles.ravel().tolist()
     cosine = np.reshape([math.cos(number) for number in numbers], angles.shape)
     sine = np.reshape([math.sin(number) for number in numbers], angles.shape)
     return cosine, sine
 
 
-def _shift(pose: NDArray[np.float64], components: list[int]) -> NDArray[np.float64]:
+def _shift(pose: FloatArray, components: list[int]) -> FloatArray:
     """Return some components of the position, the others zero.
 
     The shape is (3,) for one pose and (..., 1, 3) for several.
@@ -93,19 +94,19 @@ def _shift(pose: NDArray[np.float64], components: list[int]) -> NDArray[np.float
     return shift if pose.ndim == 1 else shift[..., None, :]
 
 
-def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
+def attitude_angles(rotation: ArrayLike) -> FloatArray:
     """Return heading, pitch and roll (..., 3), rad, of rotations (..., 3, 3) to lane axes.
 
     This is the inverse of ``Rz(-heading)·Rx(pitch)·Ry(roll)``, with the pitch within ±π/2.
     """
-    m = np.asarray(rotation, dtype=np.float64)
+    m = floats(rotation)
     heading = np.arctan2(m[..., 0, 1], m[..., 1, 1])
     sine_of_pitch = np.clip(m[..., 2, 1], -1.0, 1.0)  # rounding may leave it beyond one
     roll = np.arctan2(-m[..., 2, 0], m[..., 2, 2])
     return np.stack([heading, np.arcsin(sine_of_pitch), roll], axis=-1)
 
 
-def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
+def ground_points(table: pd.DataFrame) -> FloatArray:
     """Return the points (n, 3) on the mean ground, m, of a table with ``x`` and ``y``."""
     points = np.zeros((len(table), 3))
     points[:, 0] = table["x"]
@@ -113,34 +114,34 @@ def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
     return points
 
 
-def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     """Convert points (..., 3), m, from the vehicle frame to the scan frame of a pose (6,).
 
     This and the functions below also convert points (..., point, 3) for poses (..., 6), whose
     leading axes broadcast.
     """
-    p = np.asarray(pose, dtype=np.float64)
+    p = floats(pose)
     rotation = attitude_matrix(p[..., 4], p[..., 5])
-    level = np.asarray(position, dtype=np.float64) @ rotation.swapaxes(-1, -2)
+    level = floats(position) @ rotation.swapaxes(-1, -2)
     return level + _shift(p, [2])
 
 
-def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     """Convert points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
-    p = np.asarray(pose, dtype=np.float64)
+    p = floats(pose)
     rotation = heading_matrix(p[..., 3])
-    turned = np.asarray(position, dtype=np.float64) @ rotation.swapaxes(-1, -2)
+    turned = floats(position) @ rotation.swapaxes(-1, -2)
     return turned + _shift(p, [0, 1])
 
 
-def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     """Convert points (..., 3), m, from the lane frame to the scan frame of a pose (6,)."""
-    p = np.asarray(pose, dtype=np.float64)
-    offset = np.asarray(position, dtype=np.float64) - _shift(p, [0, 1])
+    p = floats(pose)
+    offset = floats(position) - _shift(p, [0, 1])
     return offset @ heading_matrix(p[..., 3])  # of rows: the inverse rotation
 
 
-def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     """Convert points (..., 3), m, from the vehicle frame to the lane frame.
 
     A point p becomes ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``.
@@ -194,16 +195,16 @@ class Grid:
         return (self.ny, self.nx)
 
     @property
-    def x(self) -> NDArray[np.float64]:
+    def x(self) -> FloatArray:
         """Pixel centres cross-track, m, shape (nx,)."""
         return _centres(self.x_min, self.dx, self.nx)
 
     @property
-    def y(self) -> NDArray[np.float64]:
+    def y(self) -> FloatArray:
         """Pixel centres down-track, m, shape (ny,)."""
         return _centres(self.y_min, self.dy, self.ny)
 
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> FloatArray:
         """Pixel centres as points (ny, nx, 3), z = 0."""
         points = np.zeros((*self.shape, 3))
         points[..., 0] = self.x[None, :]
@@ -219,7 +220,7 @@ class Grid:
             self.y_min + (self.ny - 0.5) * self.dy,
         )
 
-    def corners(self, y_max: float = math.inf) -> NDArray[np.float64]:
+    def corners(self, y_max: float = math.inf) -> FloatArray:
         """Corners (4, 3) of the outer edges, no farther than ``y_max``, z = 0."""
         left, right, bottom, top = self.extent()
         end = min(top, y_max)
@@ -233,6 +234,6 @@ class Grid:
         )
 
 
-def _centres(first: float, spacing: float, count: int) -> NDArray[np.float64]:
+def _centres(first: float, spacing: float, count: int) -> FloatArray:
     """Return pixel centres, rounded to a nanometre so that tables do not end in 0000000000002."""
-    return np.asarray(np.round(first + spacing * np.arange(count), 9), dtype=np.float64)
+    return floats(np.round(first + spacing * np.arange(count), 9))

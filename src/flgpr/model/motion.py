@@ -10,9 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from flgpr.model.arrays import FloatArray
 from flgpr.model.plausible import (
     FLOOR,
     REMEMBERED,
@@ -23,6 +21,7 @@ from flgpr.model.plausible import (
     Sighting,
     moved,
 )
+from flgpr.types import ArrayLike, BoolArray, FloatArray, IntArray, floats
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +34,7 @@ _AIRBORNE = 100.0  # m above the ground, from where on a run is no ground vehicl
 class Motion:
     """Plausibility of a track."""
 
-    plausible: NDArray[np.bool_]  #: (scan,): poses that are plausible
+    plausible: BoolArray  #: (scan,): poses that are plausible
     steps: list[MotionStep] = field(default_factory=list)  #: of poses that are not plausible
     restarts: list[MotionStep] = field(
         default_factory=list
@@ -130,8 +129,8 @@ def judge_poses(
         If the shapes do not agree.
     """
     limits = limits or MotionLimits()
-    poses = np.asarray(pose, dtype=np.float64)
-    times = np.full(len(poses), np.nan) if time is None else np.asarray(time, dtype=np.float64)
+    poses = floats(pose)
+    times = np.full(len(poses), np.nan) if time is None else floats(time)
     if poses.ndim != 2 or poses.shape[1] != 6 or times.shape != (len(poses),):
         raise ValueError(
             f"pose must be (scan, 6) and time (scan,), got {poses.shape} and {times.shape}"
@@ -196,8 +195,8 @@ class _JudgedTrack:
 
 
 def _doubtful(
-    limits: MotionLimits, times: FloatArray, poses: FloatArray, numbers: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+    limits: MotionLimits, times: FloatArray, poses: FloatArray, numbers: IntArray
+) -> BoolArray:
     """Mark poses that may not be plausible after the two before, for the gate to judge."""
     if not np.isfinite(poses).all():
         return np.ones(len(poses), bool)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import SPEED_OF_LIGHT
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, floats
 
 
-def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
+def path_phase(frequency: ArrayLike, path: ArrayLike) -> Complex128Array:
     """Compute the field of a unit scatterer at a total path, ``exp(-j2πf·path/c)``.
 
     Parameters
@@ -25,14 +23,14 @@ def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
     (..., frequency) ndarray of complex128
         Field.
     """
-    lengths = np.asarray(path, dtype=np.float64)[..., None]
-    turns = lengths * np.asarray(frequency, dtype=np.float64) / SPEED_OF_LIGHT
+    lengths = floats(path)[..., None]
+    turns = lengths * floats(frequency) / SPEED_OF_LIGHT
     # Whole turns are taken off first: the argument of the exponential stays small.
     fraction = turns - np.floor(turns)
     return np.asarray(np.exp(-2j * np.pi * fraction), dtype=np.complex128)
 
 
-def lengthen(signal: ArrayLike, frequency: ArrayLike, path: ArrayLike) -> NDArray[Any]:
+def lengthen(signal: ArrayLike, frequency: ArrayLike, path: ArrayLike) -> AnyArray:
     """Lengthen the paths of a signal.
 
     Parameters

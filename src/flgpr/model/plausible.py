@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from flgpr.model.arrays import FloatArray
-from flgpr.model.bounds import Entries, Largest
+from flgpr.model.bounds import AtLeastOne, Entries, Largest
+from flgpr.types import ArrayLike, FloatArray, floats
 
 REMEMBERED = 8
 """Number of trusted poses that a gate remembers, for scans that come late."""
@@ -64,7 +63,7 @@ class MotionLimits(Entries):
     interval: Annotated[float, Field(ge=1e-3, le=3600)] = 0.5
     #: longest time between two scans, s
     pause: Annotated[float, Field(ge=1), Largest(1e9)] = 86_400.0
-    scans: Annotated[int, Field(ge=1)] = 1000  #: most scans that may be lost in a row
+    scans: AtLeastOne = 1000  #: most scans that may be lost in a row
     #: number of poses that agree with one another, from which on they are trusted
     agree: Annotated[int, Field(ge=2, le=100)] = 3
 
@@ -151,7 +150,7 @@ def moved(before: ArrayLike, after: ArrayLike) -> dict[str, FloatArray]:
 
     They are across the ground and in height, m, in heading and in attitude, rad.
     """
-    step = np.asarray(after, dtype=np.float64) - np.asarray(before, dtype=np.float64)
+    step = floats(after) - floats(before)
     angles = np.abs(np.angle(np.exp(1j * step[..., 3:])))
     return {
         "speed": np.hypot(step[..., 0], step[..., 1]),
@@ -447,4 +446,4 @@ def _from_json(values: list[Any]) -> Sighting:
     """Return the sighting of number, time and pose."""
     number, time, pose = values
     seconds = math.nan if time is None else float(time)
-    return Sighting(int(number), seconds, np.asarray(pose, dtype=np.float64))
+    return Sighting(int(number), seconds, floats(pose))

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _NEWTON_STEPS = 6
 
@@ -61,12 +60,10 @@ def refracted_ray(
     ValueError
         If a height is not positive, a thickness is negative or a permittivity is below 1.
     """
-    x, h = np.broadcast_arrays(
-        np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64)
-    )
+    x, h = np.broadcast_arrays(floats(distance), floats(height))
     layers = []
     for d, eps in zip(thickness, permittivity, strict=True):
-        layers.append((np.asarray(d, dtype=np.float64), float(eps)))
+        layers.append((floats(d), float(eps)))
     _check_layers(h, layers)
     tangent = x / h
     for _ in range(_NEWTON_STEPS):
@@ -114,13 +111,13 @@ def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> Fl
     sine : array_like
         Sine of the angle of incidence in air.
     """
-    s = np.asarray(sine, dtype=np.float64)
-    return np.asarray(np.asarray(depth, dtype=np.float64) * np.sqrt(permittivity - s**2) / s)
+    s = floats(sine)
+    return np.asarray(floats(depth) * np.sqrt(permittivity - s**2) / s)
 
 
 def reflection(
     sine: ArrayLike, above: ArrayLike, below: ArrayLike
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return the Fresnel reflection of a plane interface for H and V.
 
     H is that of the electric, V that of the magnetic field. A perfect conductor below gives -1
@@ -145,20 +142,20 @@ def reflection(
 
 def two_way_transmission(
     sine: ArrayLike, permittivity: ArrayLike
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return t12·t21 = 1 - R² of plane waves into the ground and out of it, H and V."""
     r_h, r_v = reflection(sine, 1.0, permittivity)
     return 1 - r_h**2, 1 - r_v**2
 
 
-def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> ComplexArray:
+def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> Complex128Array:
     """Return the amplitude of a spherical wave that leaves the ground over a plane wave's.
 
     It is ``cosθ/sqrt(ε - sin²θ)`` for H and V: seen from air the solid angle grows by
     ``n²·cosθ_t/cosθ``. Together with :func:`two_way_transmission` this is t12², as reciprocity
     demands.
     """
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = floats(sine) ** 2
     return np.asarray(np.sqrt(1 - s2) / np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2))
 
 
@@ -178,13 +175,13 @@ def two_way_attenuation(
     permittivity : array_like of complex
         Permittivity ε of the layer.
     """
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = floats(sine) ** 2
     vertical = np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2)
-    rate = np.asarray(wavenumber, dtype=np.float64) * np.abs(vertical.imag)
-    return np.asarray(np.exp(-2 * np.asarray(depth, dtype=np.float64) * rate))
+    rate = floats(wavenumber) * np.abs(vertical.imag)
+    return np.asarray(np.exp(-2 * floats(depth) * rate))
 
 
 def interface_path(sine: ArrayLike, permittivity: float) -> FloatArray:
     """Return the path gained per metre of surface height, one way: ``sqrt(ε - sin²θ) - cosθ``."""
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = floats(sine) ** 2
     return np.asarray(np.sqrt(permittivity - s2) - np.sqrt(1 - s2))

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 # Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
 _LOWEST_FREQUENCY = 1e6
@@ -103,7 +103,7 @@ def make_run(
     )
 
 
-def _checked_signal(signal: ArrayLike) -> NDArray[np.complex64]:
+def _checked_signal(signal: ArrayLike) -> ComplexArray:
     """Return a signal as complex64, which must have four dimensions and hold a number."""
     data = np.asarray(signal)
     if data.ndim != 4:
@@ -121,12 +121,12 @@ def _checked_signal(signal: ArrayLike) -> NDArray[np.complex64]:
     return data.astype(np.complex64, copy=False)
 
 
-def check_frequency(frequency: ArrayLike, count: int | None = None) -> NDArray[np.float64]:
+def check_frequency(frequency: ArrayLike, count: int | None = None) -> FloatArray:
     """Return a validated frequency axis, Hz, as float64.
 
     It must be finite, strictly increasing and as long as ``count``; else it is a ValueError.
     """
-    tones = np.asarray(frequency, dtype=np.float64)
+    tones = floats(frequency)
     if tones.ndim != 1 or tones.size == 0 or (count is not None and tones.size != count):
         expected = "at least one tone" if count is None else f"{count} tones"
         raise ValueError(
@@ -181,12 +181,12 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
     return run
 
 
-def complete_scans(run: xr.Dataset) -> NDArray[np.bool_]:
+def complete_scans(run: xr.Dataset) -> BoolArray:
     """Mark the scans (scan,) with every sweep; a gap changes the array, so it is not processed."""
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)
 
 
-def complete_scan_numbers(run: xr.Dataset) -> NDArray[np.intp]:
+def complete_scan_numbers(run: xr.Dataset) -> IndexArray:
     """Return the numbers of the scans with every sweep; a run without one is a ValueError."""
     numbers = np.flatnonzero(complete_scans(run))
     if not numbers.size:
@@ -196,14 +196,14 @@ def complete_scan_numbers(run: xr.Dataset) -> NDArray[np.intp]:
     return numbers
 
 
-def with_signal(run: xr.Dataset, signal: NDArray[Any]) -> xr.Dataset:
+def with_signal(run: xr.Dataset, signal: AnyArray) -> xr.Dataset:
     """Return a run with another signal of the same shape, in the precision of its own."""
     return run.assign(signal=(run["signal"].dims, signal.astype(run["signal"].dtype, copy=False)))
 
 
-def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
+def _positions(value: ArrayLike, name: str, pairs: int) -> FloatArray:
     """Return checked antenna positions (pair, 3)."""
-    array = np.asarray(value, dtype=np.float64)
+    array = floats(value)
     if array.shape != (pairs, 3):
         raise ValueError(f"{name} must have the shape (pair, 3) = ({pairs}, 3), got {array.shape}")
     if not np.isfinite(array).all():
@@ -214,11 +214,11 @@ def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
     return array
 
 
-def check_poses(value: ArrayLike, scans: int) -> NDArray[np.float64]:
+def check_poses(value: ArrayLike, scans: int) -> FloatArray:
     """Return checked poses (scan, 6) of so many scans, finite and in radians, as float64."""
     if value is None:
         raise ValueError("pose must give x, y, z, heading, pitch, roll of every scan, got none")
-    array = np.asarray(value, dtype=np.float64)
+    array = floats(value)
     if array.shape != (scans, 6):
         raise ValueError(
             f"pose must have the shape (scan, 6) = ({scans}, 6): "
@@ -274,11 +274,11 @@ def check_polarization(labels: list[str], count: int | None = None) -> None:
         )
 
 
-def _times(value: ArrayLike | None, scans: int) -> NDArray[np.float64]:
+def _times(value: ArrayLike | None, scans: int) -> FloatArray:
     """Return checked times (scan,), NaN if there are none."""
     if value is None:
         return np.full(scans, np.nan)
-    array = np.asarray(value, dtype=np.float64)
+    array = floats(value)
     if array.shape != (scans,):
         raise ValueError(f"time must have the shape (scan,) = ({scans},), got {array.shape}")
     if (np.diff(array) < 0).any():

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model.frames import vehicle_to_scan
 from flgpr.model.run import complete_scan_numbers
 from flgpr.model.sensor import Sensor, load_sensor, sensor_presets
+from flgpr.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 Footprint = tuple[float, float, float, float]
 
 _SAME_PLACE = 0.01  # m between antennas that are the same

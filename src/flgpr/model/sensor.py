@@ -8,12 +8,24 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.model.bounds import LARGEST, Angle, Decibels, Entries, Hertz, Largest
+from flgpr.model.bounds import (
+    LARGEST,
+    Angle,
+    AtLeastOne,
+    Decibels,
+    Entries,
+    Hertz,
+    Largest,
+    Moderate,
+    NotNegative,
+    Positive,
+    Share,
+)
 from flgpr.model.constants import POLARIZATIONS
 from flgpr.model.faults import load_preset, preset_names
+from flgpr.types import FloatArray, IndexArray, floats
 
 _PRESETS = resources.files("flgpr.model") / "presets"
 Position = tuple[float, float, float]
@@ -39,9 +51,9 @@ class Tones(Entries):
     step: Hertz  #: spacing, Hz
     count: Annotated[int, Field(ge=1, le=100_000)]
 
-    def axis(self) -> NDArray[np.float64]:
+    def axis(self) -> FloatArray:
         """Tones, Hz, shape (count,)."""
-        return np.asarray(self.start + self.step * np.arange(self.count), dtype=np.float64)
+        return floats(self.start + self.step * np.arange(self.count))
 
 
 class Antenna(Entries):
@@ -63,7 +75,7 @@ class Antenna(Entries):
     #: assumed, and used for the direct wave and the specular echo alone
     side_db: Decibels = -20.0
 
-    def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+    def exponents(self, frequency: FloatArray) -> FloatArray:
         """Return n of a horn's power pattern cos^n at every frequency.
 
         Its directivity is ``2(n + 1)``: a constant aperture has ``n + 1`` grow as f². Where that
@@ -85,33 +97,33 @@ class SystemErrors(Entries):
     isolation_bandwidth: Annotated[float | None, Field(gt=0), Largest(1e12)] = None
     #: antenna_gain_db, antenna_phase, antenna_delay: rms error of every antenna's H and V port, dB,
     #: rad and s
-    antenna_gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
-    antenna_phase: Annotated[float, Field(ge=0)] = 0.0
-    antenna_delay: Annotated[float, Field(ge=0)] = 0.0
+    antenna_gain_db: Moderate = 0.0
+    antenna_phase: NotNegative = 0.0
+    antenna_delay: NotNegative = 0.0
     #: slow change of these errors over their fixed part, rms
-    antenna_drift: Annotated[float, Field(ge=0)] = 0.0
+    antenna_drift: NotNegative = 0.0
     #: imbalance_db, imbalance_phase: rms gain, dB, and phase, rad, of V over H that all
     #: transmitting, and that all receiving antennas share
-    imbalance_db: Annotated[float, Field(ge=0, le=100)] = 0.0
-    imbalance_phase: Annotated[float, Field(ge=0)] = 0.0
+    imbalance_db: Moderate = 0.0
+    imbalance_phase: NotNegative = 0.0
     #: response of an antenna's resonances over its direct one, each at its own frequency, dB
     ringing_db: Decibels | None = None
     #: their quality factor: they ring as ``exp(-π·f·t/Q)``
-    ringing_q: Annotated[float, Field(gt=0)] = 15.0
+    ringing_q: Positive = 15.0
     #: their frequencies, Hz; every port's differ from them by 2 % rms
-    ringing_frequencies: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Largest(1e12)] = ()
+    ringing_frequencies: Annotated[tuple[Positive, ...], Largest(1e12)] = ()
     #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its
     #: middle
-    sweep_time: Annotated[float, Field(ge=0)] = 0.0
+    sweep_time: NotNegative = 0.0
     #: level of the self-signature over the clutter in the image, dB
     self_signature_db: Decibels | None = None
     #: its relative change from scan to scan, and that of the direct wave, rms
-    self_signature_drift: Annotated[float, Field(ge=0)] = 0.0
+    self_signature_drift: NotNegative = 0.0
     #: change of the gain from scan to scan, dB rms
-    gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
+    gain_db: Moderate = 0.0
     #: mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB
     clutter_to_noise_db: Decibels | None = None
-    noise_range: Annotated[float, Field(gt=0)] = 16.0  #: distance ahead of the array, m
+    noise_range: Positive = 16.0  #: distance ahead of the array, m
     #: band of that image, Hz
     noise_band: Annotated[tuple[float, float], Largest(1e12)] = (0.75e9, 1.35e9)
     #: number of tones with interference
@@ -123,16 +135,16 @@ class SystemErrors(Entries):
     #: scans for which each stands, or is silent, by chance in equal parts; None is all scans
     interference_scans: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     #: fraction of sweeps that pulsed interference hits
-    burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    burst_probability: Share = 0.0
     #: least and greatest number of consecutive tones that it hits
-    burst_tones: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 40)
+    burst_tones: tuple[AtLeastOne, AtLeastOne] = (5, 40)
     #: least and greatest level of it over the noise, dB
     burst_db: tuple[Decibels, Decibels] = (10.0, 30.0)
     #: position, heading, attitude: rms error of the reported position in each axis, m, of the
     #: reported heading, and of pitch and roll, rad
-    position: Annotated[float, Field(ge=0)] = 0.0
-    heading: Annotated[float, Field(ge=0)] = 0.0
-    attitude: Annotated[float, Field(ge=0)] = 0.0
+    position: NotNegative = 0.0
+    heading: NotNegative = 0.0
+    attitude: NotNegative = 0.0
     missing: Annotated[float, Field(ge=0, lt=1)] = 0.0  #: fraction of sweeps that are lost
 
     @model_validator(mode="after")
@@ -244,7 +256,7 @@ class Sensor(Entries):
         ahead = float(places[:, 1].max()) + _GROUND_AHEAD * height
         return (-aside, aside, float(places[:, 1].min()) - behind * height, ahead)
 
-    def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pairs(self) -> tuple[FloatArray, FloatArray]:
         """Return the positions (pair, 3), m, of every pair's transmitter and receiver.
 
         They are in the vehicle frame; the pairs of a transmitter follow one another.
@@ -254,7 +266,7 @@ class Sensor(Entries):
         first, second = self.pair_indices()
         return tx[first], rx[second]
 
-    def pair_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def pair_indices(self) -> tuple[IndexArray, IndexArray]:
         """Return the indices (pair,) of transmitters in ``tx`` and receivers in ``rx``."""
         transmitters = np.arange(len(self.tx))
         receivers = np.arange(len(self.rx))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import POSE_COMPONENTS
 from flgpr.model.frames import pose_matrix
 from flgpr.model.tables import full_column
+from flgpr.types import ArrayLike, BoolArray, FloatArray, IndexArray, floats
 
 TRACK_COLUMNS = (
     full_column("time", "s", "time on the clock of the positions"),
@@ -49,8 +49,8 @@ def make_track(
     ValueError
         If the shapes differ, there are fewer than two fixes, or :func:`check_track` refuses it.
     """
-    times = np.asarray(time, dtype=np.float64)
-    points = np.asarray(position, dtype=np.float64)
+    times = floats(time)
+    points = floats(position)
     if times.ndim != 1 or times.size < 2 or points.shape != (times.size, 3):
         raise ValueError(
             "a track must have at least two fixes with time (fix,) and position (fix, 3), "
@@ -58,7 +58,7 @@ def make_track(
         )
     columns = {"time": times, "x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
     for name, angle in (("heading", heading), ("pitch", pitch), ("roll", roll)):
-        columns[name] = np.broadcast_to(np.asarray(angle, dtype=np.float64), times.shape)
+        columns[name] = np.broadcast_to(floats(angle), times.shape)
     return check_track(pd.DataFrame(columns))
 
 
@@ -90,8 +90,8 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
 
 
 def bridged(
-    time: NDArray[np.float64], pose: NDArray[np.float64], max_gap: float = np.inf
-) -> tuple[NDArray[np.bool_], list[str]]:
+    time: FloatArray, pose: FloatArray, max_gap: float = np.inf
+) -> tuple[BoolArray, list[str]]:
     """Mark the finite fixes of times (fix,) and poses (fix, 6), and count the others in a note.
 
     Missing fixes between others more than ``max_gap`` s apart, or fewer than two finite ones, are a
@@ -122,7 +122,7 @@ def poses_at(
     clock_offset: float = 0.0,
     clock_rate: float = 1.0,
     max_gap: float = np.inf,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Interpolate the poses of a track linearly.
 
     Parameters
@@ -148,7 +148,7 @@ def poses_at(
     """
     check_track(track)
     stamp = track["time"].to_numpy()
-    track_time = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
+    track_time = clock_offset + clock_rate * floats(time)
     _check_times(track_time, stamp, max_gap)
     pose = np.empty((track_time.size, 6))
     for column, name in enumerate(POSE_COMPONENTS):
@@ -160,9 +160,7 @@ def poses_at(
     return pose
 
 
-def _check_times(
-    track_time: NDArray[np.float64], stamp: NDArray[np.float64], max_gap: float
-) -> None:
+def _check_times(track_time: FloatArray, stamp: FloatArray, max_gap: float) -> None:
     """Refuse times of scans that are missing, outside a track's fixes or in too long a gap."""
     if not np.isfinite(track_time).all():
         raise ValueError(
@@ -210,7 +208,7 @@ def reference_track(
         If the track is not valid, or the lever arm or the latency is not finite.
     """
     check_track(track)
-    lever = np.asarray(lever_arm, dtype=np.float64)
+    lever = floats(lever_arm)
     if lever.shape != (3,) or not np.isfinite(lever).all() or not np.isfinite(latency):
         raise ValueError(
             "lever_arm must be three finite lengths and latency finite, "
@@ -222,18 +220,18 @@ def reference_track(
     return reference
 
 
-def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
+def attitudes(track: pd.DataFrame) -> FloatArray:
     """Return the rotations (fix, 3, 3) from the vehicle frame to lane axes at every fix."""
     return pose_matrix(track[list(POSE_COMPONENTS)])
 
 
-def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
+def course(position: ArrayLike, least: float = 0.05) -> FloatArray:
     """Return the heading, clockwise from +y, from the motion of positions (fix, 2 or 3).
 
     A fix nearer than ``least`` (m) to its neighbours has the heading of the nearest that is not. A
     track that never moves so far is a ValueError.
     """
-    points = np.asarray(position, dtype=np.float64)[:, :2]
+    points = floats(position)[:, :2]
     rows = np.arange(len(points))
     after = _first_distant(points, least)
     before = len(points) - 1 - _first_distant(points[::-1], least)[::-1]
@@ -244,10 +242,10 @@ def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
             f"the track must move by at least {least:g} m to tell a heading, it does not"
         )
     heading = np.unwrap(np.arctan2(step[known, 0], step[known, 1]))
-    return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)
+    return floats(np.angle(np.exp(1j * np.interp(rows, known, heading))))
 
 
-def _first_distant(points: NDArray[np.float64], least: float) -> NDArray[np.intp]:
+def _first_distant(points: FloatArray, least: float) -> IndexArray:
     """Return, for every point, the index of the first later one at least so far away.
 
     Where there is none it is the point's own index.

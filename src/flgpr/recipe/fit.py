@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import xarray as xr
 
 from flgpr.model import Lane, clear_end, tightest_paths
-from flgpr.recipe.radar_setup import FloatArray, allow_features, radar_setup
+from flgpr.recipe.radar_setup import allow_features, radar_setup
 from flgpr.recipe.schema import Recipe, as_imaged, lane_of, recipe_names
+from flgpr.types import FloatArray
 
 FITTED_MAP = "likelihood"
 """The map whose entries follow from an array: it simulates its own signatures."""

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model import aperture_pose, complete_scans, lane_to_scan, vehicle_to_scan
 from flgpr.model.run import complete_scan_numbers
+from flgpr.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 Band = tuple[float, float]
 FEWEST_SCANS = 5
 """Scans from which on their mean holds little of a target, and so is a self-signature."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError, model_validator
 
 from flgpr.door import read_named
@@ -39,11 +38,11 @@ from flgpr.stages import (
     Table,
 )
 from flgpr.toml_text import parse_toml
+from flgpr.types import FloatArray
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FloatArray = NDArray[np.float64]
 MOST_PIXELS = 50_000_000
 """Most pixels of an image."""
 MOST_WINDOW = 1001

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.recipe.radar_setup import Band, FloatArray
+from flgpr.recipe.radar_setup import Band
+from flgpr.types import FloatArray
 
 _GAP = 20  # usual steps without a tone that divide two bands
 _OVERLAP = 1 / 6  # share of a sub-band that the next one has, too

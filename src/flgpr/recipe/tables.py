@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from flgpr.detect.estimator_table import known_estimators
@@ -15,8 +13,7 @@ from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane
 from flgpr.model.bounds import Largest, Spacing
 from flgpr.stages import Positive, Table
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray
 
 
 def _increasing(limits: tuple[float, float]) -> tuple[float, float]:

@@ -6,18 +6,17 @@ import math
 from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from flgpr.design.array import KINDS, Design, Question, expected_in_words, study
 from flgpr.model import load_sensor
 from flgpr.progress import Track, silent
 from flgpr.report.kit import render, shaded
 from flgpr.store.outputs import write_new
+from flgpr.types import AnyArray, FloatArray
 
 _BLUE = "#1b5e9b"
 _RED = "#c1440e"
@@ -100,7 +99,7 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
     )
 
 
-def _rows_of_panels(arrays: int, columns: int, height: float) -> tuple[Figure, NDArray[Any]]:
+def _rows_of_panels(arrays: int, columns: int, height: float) -> tuple[Figure, AnyArray]:
     """Return a figure with a row of panels, of a height in inches, for each array."""
     figure = Figure(figsize=(11, height * arrays), layout="constrained")
     return figure, figure.subplots(arrays, columns, squeeze=False)
@@ -213,7 +212,7 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
     return figure
 
 
-def _draw_contours(axes: Axes, design: Design, width: NDArray[np.float64]) -> None:
+def _draw_contours(axes: Axes, design: Design, width: FloatArray) -> None:
     """Draw contours of a map (y, x) of widths at whole centimetres between its extremes."""
     steps = np.linspace(np.nanmin(width), np.nanmax(width), _CONTOURS + 2)
     levels = np.unique(np.round(steps[1:-1], 0))
@@ -300,7 +299,7 @@ def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
     return figure
 
 
-def _write_values(axes: Axes, design: Design, ratio: NDArray[np.float64], middle: float) -> None:
+def _write_values(axes: Axes, design: Design, ratio: FloatArray, middle: float) -> None:
     """Write the values of a map (y, x) into its cells, dark on cells brighter than the middle."""
     for i, j in np.ndindex(*ratio.shape):
         value = ratio[i, j]
@@ -315,7 +314,7 @@ def _write_values(axes: Axes, design: Design, ratio: NDArray[np.float64], middle
         )
 
 
-def _ratios_of(design: Design, kind: str) -> dict[str, NDArray[np.float64]]:
+def _ratios_of(design: Design, kind: str) -> dict[str, FloatArray]:
     """Return the signal-to-clutter maps of a kind of mine by polarization, sorted."""
     ratios = {}
     for of_kind, polarization in sorted(design.ratio):

@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
-from numpy.typing import NDArray
 
 from flgpr.method.detection import Detection
 from flgpr.model import Lane
@@ -25,6 +24,7 @@ from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
+from flgpr.types import FloatArray
 
 DYNAMIC_RANGE = 30.0  # dB
 _ROWS = 2400  # a figure cannot show more
@@ -192,7 +192,7 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
     return figure
 
 
-def _with_last_repeated(values: pd.Series[float]) -> NDArray[np.float64]:
+def _with_last_repeated(values: pd.Series[float]) -> FloatArray:
     """Return values with the last one once more."""
     return np.append(values, values.iloc[-1])
 
@@ -236,7 +236,7 @@ def geometry_figure(
 
 
 def _draw_plan(
-    axes: Axes, run: dict[str, Any], pose: NDArray[np.float64], lane: Lane, is_stretched: bool
+    axes: Axes, run: dict[str, Any], pose: FloatArray, lane: Lane, is_stretched: bool
 ) -> None:
     """Draw the lane and the antennas at the poses from above."""
     tx = np.asarray(run["tx_m"], dtype=float)
@@ -264,7 +264,7 @@ def _draw_plan(
     axes.set_aspect("auto" if is_stretched else "equal")
 
 
-def _draw_side(axes: Axes, pose: NDArray[np.float64], lane: Lane) -> None:
+def _draw_side(axes: Axes, pose: FloatArray, lane: Lane) -> None:
     """Draw the poses from the side, and rays from the first and the last to the lane's ends."""
     axes.axhline(0, color="saddlebrown")
     axes.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from flgpr.types import Float32Array, FloatArray, IndexArray
+
 _PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
 _FINE_CELLS = 60  # across a picture, by which places that fill an area are told
 _MOST_CELLS_OF_A_WAY = 400  # of these cells, that hold the places of a way
@@ -28,7 +30,7 @@ _MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
 
 
 def image_figure(
-    image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0
+    image: xr.DataArray, peaks: pd.DataFrame, pose: FloatArray, span: float = 40.0
 ) -> Figure:
     """Draw an image in planes, each polarization in dB re its strongest pixel.
 
@@ -94,7 +96,7 @@ def _image_title(image: xr.DataArray, wide_axes: Sequence[str]) -> str:
 
 
 def _draw_plane(
-    axes: Axes, image: xr.DataArray, level: NDArray[np.float32], plane: tuple[str, str], span: float
+    axes: Axes, image: xr.DataArray, level: Float32Array, plane: tuple[str, str], span: float
 ) -> AxesImage:
     """Draw the strongest pixels of a polarization's magnitude (z, y, x) in a plane."""
     top = max(float(level.max()), np.finfo(float).tiny)
@@ -129,7 +131,7 @@ def _draw_level(
     )
 
 
-def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -> None:
+def _draw_poses(axes: Axes, pose: FloatArray, plane: tuple[str, str]) -> None:
     """Draw poses as dots, without changing the limits of the axes."""
     limits = axes.axis()
     places = pose[:, ["xyz".index(axis) for axis in plane]]
@@ -137,9 +139,7 @@ def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -
     axes.axis(limits)
 
 
-def _thinned(
-    places: NDArray[np.float64], limits: tuple[float, float, float, float]
-) -> NDArray[np.float64]:
+def _thinned(places: FloatArray, limits: tuple[float, float, float, float]) -> FloatArray:
     """Return places (place, 2) that do not hide the picture between limits of its axes.
 
     A way is drawn as it is. Of places that fill an area, as those of a raster do, a few are left.
@@ -147,7 +147,7 @@ def _thinned(
     low = np.array(limits[::2])
     span = np.maximum(np.array(limits[1::2]) - low, np.finfo(float).tiny)
 
-    def first_of_cells(cells: int) -> NDArray[np.intp]:
+    def first_of_cells(cells: int) -> IndexArray:
         cell = np.floor((places - low) / span * cells).astype(np.int64)
         return np.unique(cell, axis=0, return_index=True)[1]
 
@@ -156,7 +156,7 @@ def _thinned(
     return places[np.sort(first_of_cells(_COARSE_CELLS))]
 
 
-def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
+def _number_points(axes: Axes, points: FloatArray) -> None:
     """Circle points (point, 2) and number them from 1 on.
 
     Each number stands on the side where the panel goes on.
@@ -180,7 +180,7 @@ def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
     axes.axis((left, right, bottom, top))
 
 
-def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 25.0) -> Figure:
+def slices_figure(image: xr.DataArray, pose: FloatArray, span: float = 25.0) -> Figure:
     """Draw level slices of an image of its first polarization, side by side.
 
     Parameters

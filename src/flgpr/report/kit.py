@@ -15,11 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
 
 import flgpr
 from flgpr.model import Lane
 from flgpr.model.figure_text import show_dollar_signs
+from flgpr.types import ArrayLike, FloatArray
 
 _PACKAGE = "flgpr.report"
 
@@ -112,7 +112,7 @@ def shaded(
     )
 
 
-def decibels(view: xr.DataArray) -> NDArray[np.float64]:
+def decibels(view: xr.DataArray) -> FloatArray:
     """Return a view's magnitudes in dB."""
     return np.asarray(20 * np.log10(np.maximum(view.values, 1e-12)), dtype=float)
 

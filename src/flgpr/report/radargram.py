@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray, IntArray
+
 _UNEVEN = 0.02  # of the mean trace spacing; more than that is not drawn as an even axis
 _CLIP = 99.0  # per cent of the amplitudes that the grey scale covers
 _TICKS = 8
@@ -18,7 +18,7 @@ _TICKS = 8
 def radargram_figure(
     values: FloatArray,
     delay: FloatArray,
-    number: NDArray[np.int64],
+    number: IntArray,
     distance: FloatArray | None,
     depth: FloatArray | None,
     title: str,
@@ -108,7 +108,7 @@ def _is_even(distance: FloatArray) -> bool:
     return bool(mean > 0 and np.abs(steps - mean).max() <= _UNEVEN * mean)
 
 
-def _across(number: NDArray[np.int64], distance: FloatArray | None) -> tuple[float, float, str]:
+def _across(number: IntArray, distance: FloatArray | None) -> tuple[float, float, str]:
     """Return the outer edges of the first and the last trace and the label of the axis below."""
     if distance is None or not _is_even(distance):
         return float(number[0]) - 0.5, float(number[-1]) + 0.5, "trace"
@@ -118,7 +118,7 @@ def _across(number: NDArray[np.int64], distance: FloatArray | None) -> tuple[flo
     return first - half_spacing, last + half_spacing, "distance along the line (m)"
 
 
-def _add_distance_axis(axes: Axes, number: NDArray[np.int64], distance: FloatArray) -> None:
+def _add_distance_axis(axes: Axes, number: IntArray, distance: FloatArray) -> None:
     """Add an axis above with the distances of some traces."""
     ticks = np.linspace(0, number.size - 1, min(_TICKS, number.size))
     chosen = np.unique(ticks.round().astype(int))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
-from numpy.typing import NDArray
 
 from flgpr.model import Lane
+from flgpr.types import FloatArray
 
 _COLOURS = {
     "metal": "C3",
@@ -38,7 +37,7 @@ def scene_figure(
     lane: Lane,
     targets: pd.DataFrame,
     objects: pd.DataFrame,
-    patches: NDArray[np.float64],
+    patches: FloatArray,
     half_width: float,
 ) -> Figure:
     """Draw a scene from above, targets and objects by kind, and the targets in section.

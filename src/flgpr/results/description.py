@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model import POSE_COMPONENTS, complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.store import read_manifest
+from flgpr.types import FloatArray, floats
 
 _COPIED_ATTRIBUTES = ("soil", "georeference")
 _TEXTS = ("title", "source", "path", "store_sha256")
@@ -137,7 +137,7 @@ def check_description(description: Any) -> None:
     for name, length in _ROWS.items():
         rows = description.get(name, [])
         try:
-            np.asarray(rows, dtype=np.float64).reshape(-1, length)
+            floats(rows).reshape(-1, length)
         except (TypeError, ValueError):
             raise _other_type(f"run.{name}", f"rows of {length} numbers", rows) from None
     others = description.get("others", {})
@@ -195,8 +195,8 @@ def left_out_scans(description: Mapping[str, Any]) -> list[int]:
     return sorted({*incomplete, *implausible})
 
 
-def plausible_poses(description: Mapping[str, Any]) -> NDArray[np.float64]:
+def plausible_poses(description: Mapping[str, Any]) -> FloatArray:
     """Return the poses (scan, 6) of a described run that are plausible."""
-    poses = np.asarray(description.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
+    poses = floats(description.get("pose", np.zeros((0, 6)))).reshape(-1, 6)
     implausible = description.get("motion", {}).get("scans", [])
     return np.delete(poses, implausible, axis=0)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.archive import Archive
 from flgpr.door import Folder
@@ -22,6 +21,7 @@ from flgpr.store import sha256
 from flgpr.store.files import write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.tables import parse_columns, parse_own_table, write_geojson, write_table
+from flgpr.types import FloatArray
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -177,7 +177,7 @@ def parse_view(data: bytes) -> xr.DataArray:
     return xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
 
 
-def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, NDArray[np.float64]]) -> bytes:
+def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, FloatArray]) -> bytes:
     """Return the alarms of every frame and the poses of all frames that were searched, as NPZ."""
     arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
     arrays |= {
@@ -194,7 +194,7 @@ def _npz(arrays: Mapping[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, NDArray[np.float64]]]:
+def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, FloatArray]]:
     """Return the alarms and poses of the frames from the bytes of ``frames.npz``.
 
     The shapes of all arrays are checked before one is decoded.

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 import flgpr
 from flgpr.door import MOST_JSON, Folder, listed_files
@@ -34,6 +33,7 @@ from flgpr.scoring import (
     score_frames,
 )
 from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
+from flgpr.types import BoolArray, FloatArray, floats
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
@@ -118,7 +118,7 @@ def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far)
     )
 
 
-def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
+def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> FloatArray:
     """Estimate how far beyond each buried target its image lies when it is focused on the surface.
 
     Scoring does not correct for it. See :func:`flgpr.scoring.refraction_shift`.
@@ -146,7 +146,7 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     for pose in plausible_poses(run):
         distance = np.hypot(x - pose[0], y - pose[1])
         shifts.append(refraction_shift(depth, permittivity, pose[2], distance))
-    return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
+    return floats(np.mean(shifts, axis=0))
 
 
 def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
@@ -350,7 +350,7 @@ def _shared(scored: Score) -> dict[str, Any]:
     }
 
 
-def _curve(scored: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
+def _curve(scored: Score, chosen: BoolArray) -> dict[str, Any]:
     """Return the curve of the chosen targets."""
     curve = scored.curve_of(chosen if len(chosen) else None)
     return {

@@ -26,6 +26,7 @@ from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
 from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION
+from flgpr.types import FloatArray
 
 TILE_ROWS = 512
 _ALARM_COLUMNS = ("alarm_id", "x", "y", "confidence")
@@ -257,7 +258,7 @@ def _write_evidence(folder: Path, name: str, evidence: Evidence) -> dict[str, An
     }
 
 
-def _rounded_rows(matrix: NDArray[np.float64]) -> list[list[float]]:
+def _rounded_rows(matrix: FloatArray) -> list[list[float]]:
     """Return a matrix as rows of numbers with three decimals."""
     rows = []
     for row in np.round(matrix, 3):
@@ -279,7 +280,7 @@ def _grid(view: xr.DataArray) -> dict[str, float]:
     }
 
 
-def _step(axis: NDArray[np.float64]) -> float:
+def _step(axis: FloatArray) -> float:
     """Return the spacing of an axis, m; 1 m of an axis of one pixel."""
     return round(float(axis[1] - axis[0]), 9) if len(axis) > 1 else 1.0
 

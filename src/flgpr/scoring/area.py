@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Intervals = tuple[IntArray, FloatArray, FloatArray]
 _TURN = 2 * math.pi
 
@@ -55,7 +53,7 @@ def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
     >>> round(union_area([[2, 30]], 1.0, lane), 3)
     1.571
     """
-    points = np.asarray(centre, dtype=np.float64)
+    points = floats(centre)
     if points.size == 0:
         points = points.reshape(-1, 2)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():

@@ -10,16 +10,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.area import union_area
 from flgpr.scoring.lane_roc import AreaRule, far_area
 from flgpr.scoring.matching import Match, Subset, select_targets
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 
 @dataclass(frozen=True)
@@ -134,7 +131,7 @@ def band(
         If an option is not valid or there is no target.
     """
     rates = np.linspace(0, 0.1, 51) if far is None else far
-    grid = np.atleast_1d(np.asarray(rates, dtype=np.float64))
+    grid = np.atleast_1d(floats(rates))
     if grid.ndim != 1 or not (grid >= 0).all():
         raise ValueError(f"far must be rates of at least 0, got {grid}")
     if not 0 < level < 1:

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.scoring.chance_level import Chance
 from flgpr.scoring.curve import clopper_pearson, operating_row
 from flgpr.scoring.lane_roc import AreaRule, roc_of
 from flgpr.scoring.matching import Match
+from flgpr.types import FloatArray, floats
 
 DEPTH_EDGES = (0.0, 0.025, 0.075, 0.125, 0.175)
 
@@ -91,7 +91,7 @@ def pd_table(
 
 def _chance_by_group(
     table: pd.DataFrame, names: list[str], chance: Chance, threshold: float
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the Pd by chance of every group of targets, in the order of the groups.
 
     It is the share of moved halos that a free alarm strikes, of those that overlap no other.
@@ -111,7 +111,7 @@ def depth_classes(depth: pd.Series[Any], edges: Sequence[float] = DEPTH_EDGES) -
     Depths and edges are in m. A depth on an edge belongs to the deeper class, an unknown one to
     none.
     """
-    borders = np.asarray(edges, dtype=np.float64)
+    borders = floats(edges)
     if borders.ndim != 1 or len(borders) < 1 or (np.diff(borders) <= 0).any():
         raise ValueError(f"depth_edges must rise strictly, got {list(edges)}")
     inner = [f"{upper * 100:g} to {lower * 100:g} cm" for upper, lower in pairwise(borders)]

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
 from flgpr.scoring.curve import count_at
 from flgpr.scoring.matching import Match, Subset, pairs_within, select_targets
+from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
-FloatArray = NDArray[np.float64]
 SHIFTS = 200
 
 
@@ -52,10 +51,10 @@ class Chance:
         """
         moved = self.best[select_targets(self.truth, subset)]
         moved = moved[~np.isnan(moved)]
-        levels = np.asarray(threshold, dtype=np.float64)
+        levels = floats(threshold)
         if not len(moved):
             return np.full(levels.shape, np.nan)
-        return np.asarray(count_at(levels, moved) / len(moved), dtype=np.float64)
+        return floats(count_at(levels, moved) / len(moved))
 
     def add_chance_column(self, curve: pd.DataFrame, subset: Subset = None) -> pd.DataFrame:
         """Return a curve with the chance level of its thresholds.
@@ -170,7 +169,7 @@ def random_pd(far: Any, halo: float) -> Any:
     >>> random_pd([0.01, 0.05, 0.44], halo=1.0).round(2)
     array([0.03, 0.15, 0.75])
     """
-    rate = np.asarray(far, dtype=np.float64)
+    rate = floats(far)
     if not (rate >= 0).all():
         raise ValueError(f"far must not be negative, got {far}")
     if not halo > 0:
@@ -209,9 +208,7 @@ def _best_moved(
     return best.reshape(y.shape)
 
 
-def _close_ring(
-    points: FloatArray, lane: Lane, reach: float
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def _close_ring(points: FloatArray, lane: Lane, reach: float) -> tuple[FloatArray, IntArray]:
     """Repeat points near either end of a lane beyond the other, and return the row of each."""
     length = lane.y_max - lane.y_min
     middle = (lane.y_min + lane.y_max) / 2

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy  # its subpackages are imported when they are used
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring.bootstrap import (
     ResamplingDesign,
@@ -27,6 +26,7 @@ from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean_by_chanc
 from flgpr.scoring.lane_roc import AreaRule, assign, roc_of
 from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
+from flgpr.types import ArrayLike, BoolArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
@@ -187,7 +187,7 @@ def compare(
 
 
 def _found_by_one(
-    found_a: NDArray[np.bool_], found_b: NDArray[np.bool_], design: ResamplingDesign
+    found_a: BoolArray, found_b: BoolArray, design: ResamplingDesign
 ) -> tuple[int, int]:
     """Return how many mines detector A alone finds, and how many detector B alone.
 
@@ -199,7 +199,7 @@ def _found_by_one(
     return int((lead > 0).sum()), int((lead < 0).sum())
 
 
-def _is_found(scores: Scores, far: float, area: float) -> NDArray[np.bool_]:
+def _is_found(scores: Scores, far: float, area: float) -> BoolArray:
     """Return whether each target is found at an allowed false alarm rate, per m²."""
     return ~np.isneginf(scores.target) & (scores.above / area <= far)
 
@@ -228,7 +228,7 @@ def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
     >>> round(p, 4), exact  # all five of one sign: 2 of 2^5
     (0.0625, True)
     """
-    values = np.asarray(differences, dtype=np.float64)
+    values = floats(differences)
     sizes = np.abs(values[values != 0])
     # Sums of equal size may differ in the last digits; they count as ties.
     limit = abs(float(values.sum())) - 1e-12 * float(sizes.sum())

@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy import special
 from scipy.interpolate import CubicSpline
 
+from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray, floats
+
 _NODES = 400
 _SMOOTH = 500.0
-FloatArray = NDArray[np.float64]
 
 
 def clopper_pearson(
@@ -50,9 +50,7 @@ def clopper_pearson(
     (array([0.735, 0.428, 0.   ]), array([1.   , 0.945, 0.071]))
     """
     tail = _tail(level)
-    k, n = np.broadcast_arrays(
-        np.asarray(successes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
-    )
+    k, n = np.broadcast_arrays(floats(successes), floats(trials))
     if ((k < 0) | (k > n)).any():
         raise ValueError(
             f"successes must lie between 0 and trials, got {k.min():g}..{k.max():g} of {n.min():g}"
@@ -98,8 +96,8 @@ def poisson_interval(
     (array([0.    , 0.0021]), array([0.0123, 0.0292]))
     """
     tail = _tail(level)
-    counts = np.asarray(count, dtype=np.float64)
-    exposures = np.asarray(exposure, dtype=np.float64)
+    counts = floats(count)
+    exposures = floats(exposure)
     if (counts < 0).any():
         raise ValueError(f"count must not be negative, got {counts.min():g}")
     if not (exposures > 0).all():
@@ -189,7 +187,7 @@ CURVE_COLUMNS = (
 )
 
 
-def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
+def count_at(thresholds: FloatArray, scores: FloatArray) -> IntArray:
     """Count the scores at or above each threshold; a score of -inf never counts."""
     ordered = np.sort(scores)
     return len(ordered) - np.searchsorted(ordered, thresholds, side="left")
@@ -197,8 +195,8 @@ def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
 
 def make_curve(
     thresholds: FloatArray,
-    n_detected: NDArray[Any],
-    n_false: NDArray[Any],
+    n_detected: AnyArray,
+    n_false: AnyArray,
     n_targets: int,
     area: float,
     attrs: Mapping[Any, Any],
@@ -319,11 +317,9 @@ def example_roc(
     return make_curve(thresholds, n_detected, counted, total, area, attrs, level)
 
 
-def _checked_examples(
-    score: ArrayLike, is_target: ArrayLike
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _checked_examples(score: ArrayLike, is_target: ArrayLike) -> tuple[FloatArray, BoolArray]:
     """Return scores and labels of examples as arrays (example,), which must fit together."""
-    scores = np.asarray(score, dtype=np.float64)
+    scores = floats(score)
     labels = np.asarray(is_target)
     if scores.ndim != 1 or labels.shape != scores.shape:
         raise ValueError(
@@ -391,7 +387,7 @@ def operating_row(curve: pd.DataFrame, far: Any) -> Any:
     ValueError
         If a rate is negative.
     """
-    allowed = np.asarray(far, dtype=np.float64)
+    allowed = floats(far)
     if not (allowed >= 0).all():
         raise ValueError(f"far must not be negative, got {far}")
     return np.searchsorted(curve["far"].to_numpy(), allowed, side="right") - 1

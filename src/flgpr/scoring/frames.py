@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import Lane, ground_points, lane_to_scan
 from flgpr.scoring.lane_roc import accumulated_area
 from flgpr.scoring.lane_score import Rules, Score, score
+from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
 
 GAP = 5.0
 """Ground between frames on the unrolled lane, m: no halo bridges it."""
@@ -88,7 +88,7 @@ def unroll_frames(
 
     looks = []
     for frame in sorted(poses):
-        pose = np.asarray(poses[frame], dtype=np.float64)
+        pose = floats(poses[frame])
         looks.append(_looks_of_frame(truth, frame, pose, start[frame], area, halo))
     all_looks = pd.concat(looks, ignore_index=True)
     unrolled_lane = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
@@ -98,7 +98,7 @@ def unroll_frames(
 def _looks_of_frame(
     truth: pd.DataFrame,
     frame: int,
-    pose: NDArray[np.float64],
+    pose: FloatArray,
     start: float,
     area: Lane,
     halo: float,
@@ -189,7 +189,7 @@ def score_frames(
     return score(counted, looks, unrolled.lane, by_frames, name=name, title=title)
 
 
-def _is_within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> NDArray[np.bool_]:
+def _is_within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> BoolArray:
     """Return whether each alarm lies in the halo of one of the looks."""
     x = alarms[["x"]].to_numpy(dtype=np.float64) - looks["x"].to_numpy()
     y = alarms[["y"]].to_numpy(dtype=np.float64) - looks["y"].to_numpy()

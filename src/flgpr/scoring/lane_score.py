@@ -10,7 +10,6 @@ from typing import Any, Literal, cast
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
@@ -30,6 +29,7 @@ from flgpr.scoring.score_entries import (
     RulesEntries,
     TargetOutcome,
 )
+from flgpr.types import BoolArray
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _SAME_IN_ALL_ROWS = ("n_targets", "area")
@@ -189,7 +189,7 @@ class Score:
             curves[name] = self.curve_of((kinds == name).to_numpy())
         return curves
 
-    def curve_of(self, rows: NDArray[np.bool_] | None) -> pd.DataFrame:
+    def curve_of(self, rows: BoolArray | None) -> pd.DataFrame:
         """Compute the curve of some targets, or of all, with the Pd that chance gives."""
         curve = roc_of(
             self.matched,

@@ -9,17 +9,14 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flgpr.model import Lane, as_lane, check_alarms, check_truth
 from flgpr.scoring.area import union_area
 from flgpr.scoring.places import Refraction
+from flgpr.types import BoolArray, FloatArray, IntArray
 
 LaneLike = Lane | Mapping[str, Any] | pd.DataFrame | pd.Series
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Subset = Sequence[Any] | BoolArray | Mapping[str, Any] | Callable[[pd.DataFrame], Any] | str | None
 MARGIN = 10.0
 """Distance outside the lane beyond which no table lies as a whole, unless it is of another, m."""
@@ -62,7 +59,7 @@ def as_lanes(lane: LaneLike) -> dict[str, Lane]:
     return {"": as_lane(lane)}
 
 
-def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> NDArray[np.int64]:
+def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> IntArray:
     """Return the number of the lane in which each row of a table lies.
 
     Errors call the table ``name``.

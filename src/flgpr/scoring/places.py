@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from flgpr.model.refraction import apparent_shift
+from flgpr.types import ArrayLike, floats
 
 
 def refraction_shift(
@@ -51,13 +51,13 @@ def refraction_shift(
     >>> round(float(refraction_shift(0.10, 10.7, 5.0, 12.0)), 3)
     0.34
     """
-    distances = np.asarray(distance, dtype=np.float64)
+    distances = floats(distance)
     if not permittivity >= 1:
         raise ValueError(f"permittivity must be at least 1, got {permittivity}")
     if not (height > 0 and (distances > 0).all()):
         raise ValueError(f"height and distance must be positive, got {height} m and {distances} m")
     sine = distances / np.hypot(distances, height)
-    below = np.maximum(np.asarray(depth, dtype=np.float64), 0)
+    below = np.maximum(floats(depth), 0)
     return apparent_shift(below, permittivity, sine)[()]  # a number for a number
 
 

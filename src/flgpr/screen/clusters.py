@@ -13,12 +13,11 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from flgpr.screen.views import grid_of
+from flgpr.types import ArrayLike, FloatArray, IndexArray, floats
 
-FloatArray = NDArray[np.float64]
 Rule = Literal["and", "or", "and-or"]
 RULES = ("and", "or", "and-or")
 CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
@@ -82,7 +81,7 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
         raise ValueError(f"image must have the dimensions (y, x), got {image.dims}")
     if not radius > 0:
         raise ValueError(f"radius must be positive, got {radius}")
-    values = np.asarray(image.values, dtype=np.float64)
+    values = floats(image.values)
     grid = grid_of(image)
     x = image["x"].values
     y = image["y"].values
@@ -104,7 +103,7 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
     return pd.DataFrame(clusters, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
-def _groups_about_leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
+def _groups_about_leaders(points: FloatArray, radius: float) -> list[IndexArray]:
     """Group points (n, 2), the strongest first, about leaders, each the first of its group."""
     if not len(points):
         return []
@@ -142,10 +141,10 @@ def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> Fl
     (n,) ndarray
         Ratio, 1; inf where no energy is inside.
     """
-    power = np.nan_to_num(np.asarray(image.values, dtype=np.float64)) ** 2
+    power = np.nan_to_num(floats(image.values)) ** 2
     x = image["x"].values
     y = image["y"].values
-    positions = np.reshape(np.asarray(places, dtype=np.float64), (-1, 2))
+    positions = np.reshape(floats(places), (-1, 2))
     centres = positions + [ellipse.offset_x, ellipse.offset_y]
     ratio = np.empty(len(positions))
     for i, (u, v) in enumerate(centres):
@@ -265,7 +264,7 @@ def _clusters_of_mines(
     clusters = find_clusters(image.fillna(0.0), amplitude, radius)
     centres = clusters[["x", "y"]].to_numpy(dtype=np.float64)
     rows = []
-    for position in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
+    for position in np.reshape(floats(places), (-1, 2)):
         distance = np.linalg.norm(centres - position, axis=1)
         within = np.flatnonzero(distance <= reach)
         if not within.size:
@@ -279,10 +278,10 @@ def _clusters_of_mines(
 
 def _peaks(image: xr.DataArray, places: ArrayLike, reach: float) -> FloatArray:
     """Return the largest magnitude within reach of every position that some scan saw."""
-    values = np.nan_to_num(np.asarray(image.values, dtype=np.float64))
+    values = np.nan_to_num(floats(image.values))
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     peaks = []
-    for u, v in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
+    for u, v in np.reshape(floats(places), (-1, 2)):
         within = values[(x - u) ** 2 + (y - v) ** 2 <= reach**2]
         if within.size and within.max() > 0:
             peaks.append(within.max())
@@ -314,7 +313,7 @@ def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
     ValueError
         If the signature does not rise above its median.
     """
-    power = np.asarray(template, dtype=np.float64) ** 2
+    power = floats(template) ** 2
     brightest = np.unravel_index(int(power.argmax()), power.shape)
     power = np.maximum(power - np.median(power), 0)
     if not power.any():

@@ -6,16 +6,16 @@ See Wang et al. 2007, Sec. II-B.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
 from flgpr.model import Grid, Lane
 from flgpr.screen.views import grid_of
+from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, IndexArray, floats
 
 Count = Literal["lane", "view"]
 _ALL_MAXIMA = 10.0  # alarms per disc of their radius: more than there can be maxima
@@ -88,7 +88,7 @@ def prescreen(
     return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
 
-def frame_alarms(level: NDArray[Any], grid: Grid, area: Lane, radius: float) -> pd.DataFrame:
+def frame_alarms(level: AnyArray, grid: Grid, area: Lane, radius: float) -> pd.DataFrame:
     """Raise alarms at all local maxima of one frame inside its detection area.
 
     Pixels within the radius beyond the area's border are compared too, so that the flank of a peak
@@ -121,7 +121,7 @@ def frame_alarms(level: NDArray[Any], grid: Grid, area: Lane, radius: float) -> 
     return alarms[area.contains(alarms["x"], alarms["y"])].reset_index(drop=True)
 
 
-def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.bool_]:
+def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> BoolArray:
     """Mark the positions (x, y in the lane frame, m) that the density rule counts."""
     inside = np.asarray(lane.contains(x, y), np.bool_)
     return inside if count == "lane" else np.ones_like(inside)
@@ -157,9 +157,7 @@ def view_threshold(
     return density_threshold(magnitude, area, radius, density)
 
 
-def density_threshold(
-    magnitude: NDArray[np.float64], area: float, radius: float, density: float
-) -> float:
+def density_threshold(magnitude: FloatArray, area: float, radius: float, density: float) -> float:
     """Return the magnitude from which on local maxima are alarms (Wang et al. 2007, Sec. II-B).
 
     Parameters
@@ -221,7 +219,7 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     if view.dims != ("y", "x"):
         raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")
     rows, columns = _maxima(view, radius)
-    values = np.asarray(view.values, dtype=np.float64)
+    values = floats(view.values)
     return pd.DataFrame(
         {
             "x": view["x"].values[columns],
@@ -231,12 +229,12 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     )
 
 
-def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _maxima(view: xr.DataArray, radius: float) -> tuple[IndexArray, IndexArray]:
     """Return rows and columns of the local maxima, strongest first.
 
     Of equal pixels within the radius the first by row and column is taken.
     """
-    values = np.asarray(view.values, dtype=np.float64)
+    values = floats(view.values)
     grid = grid_of(view)
     dy = grid.dy
     dx = grid.dx
@@ -262,11 +260,11 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
 
 
 def _candidates(
-    filled: NDArray[np.float64],
-    known: NDArray[np.bool_],
+    filled: FloatArray,
+    known: BoolArray,
     spacing: tuple[float, float],
     radius: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[IndexArray, IndexArray]:
     """Return the inner pixels that may be maxima.
 
     A maximum within the radius is one among its direct neighbours too, and those are quick to find.
@@ -286,12 +284,12 @@ def _candidates(
 
 
 def _largest_in_disc(
-    filled: NDArray[np.float64],
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
+    filled: FloatArray,
+    rows: IndexArray,
+    columns: IndexArray,
     spacing: tuple[float, float],
     radius: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[IndexArray, IndexArray]:
     """Return the candidates that no pixel within the radius exceeds."""
     dy, dx = spacing
     ny = math.floor(radius / dy + 1e-9)

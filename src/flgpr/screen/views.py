@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, lane_to_scan, scan_to_lane
+from flgpr.types import AnyArray, Arrays, BoolArray, Float32Array, FloatArray, IntArray
 
 
-def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.float32]:
+def sample_scan(image: xr.DataArray, points: FloatArray) -> Float32Array:
     """Sample the magnitude of a scan image at points of its frame.
 
     Parameters
@@ -35,7 +35,7 @@ def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.
     return bilinear(np.abs(image.values), row, column)
 
 
-def reached_rows(view: Grid, y_max: float, image: Grid, pose: NDArray[np.float64]) -> slice:
+def reached_rows(view: Grid, y_max: float, image: Grid, pose: FloatArray) -> slice:
     """Return the rows of a run-view that a scan can reach.
 
     Parameters
@@ -55,7 +55,7 @@ def reached_rows(view: Grid, y_max: float, image: Grid, pose: NDArray[np.float64
     return slice(min(max(first, 0), view.ny), min(max(end, 0), view.ny))
 
 
-def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[float, float]:
+def seen_along(grid: Grid, pose: FloatArray, y_max: float) -> tuple[float, float]:
     """Return the first and last y of the lane, m, that a scan sees up to ``y_max`` ahead."""
     along = scan_to_lane(grid.corners(y_max), pose)[:, 1]
     return float(along.min()), float(along.max())
@@ -64,10 +64,10 @@ def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[flo
 class ScanSamples(NamedTuple):
     """Magnitudes of a scan at some pixels of the lane."""
 
-    values: NDArray[np.float32]  #: magnitudes (..., y, x)
-    known: NDArray[np.bool_]  #: where they are finite (..., y, x)
-    known_by_all: NDArray[np.bool_]  #: where all channels are finite (y, x): such a pixel is seen
-    local: NDArray[np.float64]  #: positions in the scan frame (y, x, 3), m
+    values: Float32Array  #: magnitudes (..., y, x)
+    known: BoolArray  #: where they are finite (..., y, x)
+    known_by_all: BoolArray  #: where all channels are finite (y, x): such a pixel is seen
+    local: FloatArray  #: positions in the scan frame (y, x, 3), m
 
 
 class LaneSums:
@@ -91,9 +91,9 @@ class LaneSums:
         self._points[..., 0] = grid.x[None, :]
         self._points[..., 1] = grid.y[self._window.start : self._window.stop, None]
         self._looks = np.zeros(self._points.shape[:2], np.int64)
-        self._sums: dict[str, NDArray[Any]] = {}
+        self._sums: Arrays = {}
 
-    def add(self, magnitude: NDArray[np.float32], grid: Grid, pose: NDArray[np.float64]) -> None:
+    def add(self, magnitude: Float32Array, grid: Grid, pose: FloatArray) -> None:
         """Add one scan.
 
         Parameters
@@ -125,7 +125,7 @@ class LaneSums:
             _rows_of(self._sums, rows), ScanSamples(values, known, known_by_all, local)
         )
 
-    def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    def result(self) -> tuple[Float32Array, IntArray]:
         """Return the run-view (..., y, x) and the number of looks (y, x).
 
         The view is NaN where no scan sees the pixel. Without any scan it is a ValueError.
@@ -133,11 +133,11 @@ class LaneSums:
         view = self._view(self._begun_sums())
         return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
 
-    def state(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> Arrays:
         """Return the sums for :meth:`merge`, with ``looks`` (y, x) and ``row``, the first row."""
         return {**self._begun_sums(), "looks": self._looks, "row": np.array(self._window.start)}
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the sums (:meth:`state`) of other scans of the same lane, where the rows overlap."""
         other_sums = {name: state[name] for name in state if name not in ("looks", "row")}
         if not self._sums:
@@ -152,40 +152,38 @@ class LaneSums:
         self._looks[rows] += state["looks"][other_rows]
         self._add_sums(_rows_of(self._sums, rows), _rows_of(other_sums, other_rows))
 
-    def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
+    def reach(self, grid: Grid, pose: FloatArray) -> slice:
         """Return the rows of the grid that a scan can reach, see :func:`reached_rows`."""
         return reached_rows(self.grid, self.y_max, grid, pose)
 
-    def _begun_sums(self) -> dict[str, NDArray[Any]]:
+    def _begun_sums(self) -> Arrays:
         """Return the sums of at least one scan."""
         if not self._sums:
             raise ValueError("images must hold at least one scan, got none")
         return self._sums
 
-    def _channels(self, sums: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+    def _channels(self, sums: Mapping[str, AnyArray]) -> tuple[int, ...]:
         """Return the leading shape of the magnitudes from sums of them."""
         return next(iter(sums.values())).shape[:-2]
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         """Return the sums (..., y, x) before the first scan."""
         raise NotImplementedError
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
+    def _add_samples(self, sums: Mapping[str, AnyArray], samples: ScanSamples) -> None:
         """Add a scan's samples to the sums of the same rows."""
         raise NotImplementedError
 
-    def _add_sums(
-        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
-    ) -> None:
+    def _add_sums(self, sums: Mapping[str, AnyArray], other: Mapping[str, AnyArray]) -> None:
         """Add sums of other scans to those of the same rows."""
         raise NotImplementedError
 
-    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    def _view(self, sums: Mapping[str, AnyArray]) -> AnyArray:
         """Return the run-view (..., y, x) that follows from the sums."""
         raise NotImplementedError
 
 
-def _rows_of(sums: Mapping[str, NDArray[Any]], rows: slice) -> dict[str, NDArray[Any]]:
+def _rows_of(sums: Mapping[str, AnyArray], rows: slice) -> Arrays:
     """Return views of some rows of arrays (..., y, x)."""
     return {name: array[..., rows, :] for name, array in sums.items()}
 
@@ -210,26 +208,24 @@ class RunViewSums(LaneSums):
     and the cache follow.
     """
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         shape = (*channels, *self._looks.shape)
         return {name: np.full(shape, -np.inf, np.float32) for name in ("first", "second")}
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
+    def _add_samples(self, sums: Mapping[str, AnyArray], samples: ScanSamples) -> None:
         values = np.where(samples.known, samples.values, -np.inf)
         # The smaller of the largest so far and the new value: it may be the second largest.
         smaller = np.minimum(sums["first"], values)
         np.maximum(sums["second"], smaller, out=sums["second"])
         np.maximum(sums["first"], values, out=sums["first"])
 
-    def _add_sums(
-        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
-    ) -> None:
+    def _add_sums(self, sums: Mapping[str, AnyArray], other: Mapping[str, AnyArray]) -> None:
         smaller_first = np.minimum(sums["first"], other["first"])
         np.maximum(sums["second"], other["second"], out=sums["second"])
         np.maximum(sums["second"], smaller_first, out=sums["second"])
         np.maximum(sums["first"], other["first"], out=sums["first"])
 
-    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    def _view(self, sums: Mapping[str, AnyArray]) -> AnyArray:
         return np.where(self._looks > 1, sums["second"], sums["first"])
 
 
@@ -252,29 +248,27 @@ class MeanViewSums(LaneSums):
         super().__init__(grid, y_max, rows)
         self.falloff = falloff
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         return {
             "sum": np.zeros((*channels, *self._looks.shape)),
             "weight": np.zeros(self._looks.shape),
         }
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
+    def _add_samples(self, sums: Mapping[str, AnyArray], samples: ScanSamples) -> None:
         distance = np.hypot(samples.local[..., 0], samples.local[..., 1])
         weight = np.where(samples.known_by_all, look_weight(distance, self.falloff), 0.0)
         sums["sum"][...] += weight * np.where(samples.known_by_all, samples.values, 0.0)
         sums["weight"][...] += weight
 
-    def _add_sums(
-        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
-    ) -> None:
+    def _add_sums(self, sums: Mapping[str, AnyArray], other: Mapping[str, AnyArray]) -> None:
         sums["sum"][...] += other["sum"]
         sums["weight"][...] += other["weight"]
 
-    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    def _view(self, sums: Mapping[str, AnyArray]) -> AnyArray:
         return sums["sum"] / np.where(self._looks > 0, sums["weight"], 1.0)
 
 
-def look_weight(distance: NDArray[np.float64], falloff: float) -> NDArray[np.float64]:
+def look_weight(distance: FloatArray, falloff: float) -> FloatArray:
     """Compute the weights of looks, the power -``falloff`` of their distances.
 
     Parameters
@@ -319,26 +313,24 @@ class RangeViewSums(LaneSums):
         self.ranges = tuple(ranges)
         self.within = within
 
-    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    def _begin(self, channels: tuple[int, ...]) -> Arrays:
         shape = (*channels, len(self.ranges), *self._looks.shape)
         return {"value": np.full(shape, np.nan, np.float32), "off": np.full(shape[-3:], np.inf)}
 
-    def _channels(self, sums: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+    def _channels(self, sums: Mapping[str, AnyArray]) -> tuple[int, ...]:
         return sums["value"].shape[:-3]
 
-    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: ScanSamples) -> None:
+    def _add_samples(self, sums: Mapping[str, AnyArray], samples: ScanSamples) -> None:
         off = np.abs(samples.local[..., 1] - np.reshape(self.ranges, (-1, 1, 1)))
         off = np.where(samples.known_by_all & (off <= self.within), off, np.inf)
         self._add_sums(sums, {"value": samples.values[..., None, :, :], "off": off})
 
-    def _add_sums(
-        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
-    ) -> None:
+    def _add_sums(self, sums: Mapping[str, AnyArray], other: Mapping[str, AnyArray]) -> None:
         nearer = other["off"] < sums["off"]  # of equally near scans the first stays
         sums["value"][...] = np.where(nearer, other["value"], sums["value"])
         sums["off"][...] = np.minimum(sums["off"], other["off"])
 
-    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    def _view(self, sums: Mapping[str, AnyArray]) -> AnyArray:
         return sums["value"]
 
 
@@ -403,8 +395,8 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
 
 
 def view_array(
-    view: NDArray[np.float32],
-    looks: NDArray[np.int64],
+    view: Float32Array,
+    looks: IntArray,
     grid: Grid,
     channels: Mapping[str, Any],
     rows: slice | None = None,

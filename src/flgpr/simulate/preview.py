@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model import Lane
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.effort import check_effort
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.world import World, draw_world
+from flgpr.types import FloatArray
 
 _MARGIN = 0.5  # m of ground beside lane and roadside
 

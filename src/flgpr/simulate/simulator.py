@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import (
@@ -24,7 +23,6 @@ from flgpr.model import (
     pose_matrix,
     vehicle_to_lane,
 )
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, incidence, sum_echoes
 from flgpr.simulate.bodies.standing import add_object
 from flgpr.simulate.bodies.targets import add_target
@@ -51,6 +49,7 @@ from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene.scene import Scene, SceneObject, Soil, Surface, Target
 from flgpr.simulate.scene.scene_tables import Grass
 from flgpr.simulate.scene.world import draw_track, draw_world
+from flgpr.types import ComplexArray, FloatArray
 
 PER_CELL = 3
 """Scatterers of the surface in the sensor's finest resolution cell."""
@@ -135,7 +134,7 @@ class Simulator:
     def __len__(self) -> int:
         return len(self.pose)
 
-    def scan(self, index: int) -> NDArray[np.complex64]:
+    def scan(self, index: int) -> ComplexArray:
         """Simulate a scan.
 
         Returns
@@ -158,7 +157,7 @@ class Simulator:
             channels = channels + self._direct * self._drift_of_direct_wave(index)
         return self._received(channels, index)
 
-    def bodies(self, index: int) -> NDArray[np.complex64]:
+    def bodies(self, index: int) -> ComplexArray:
         """Simulate what the targets' bodies alone add to a scan.
 
         They lie in the ground and the holes of the scene; the shape is that of :meth:`scan`.
@@ -170,18 +169,18 @@ class Simulator:
             channels = sum_echoes(echoes, array, self.frequency)
         return self._received(channels, index) - self._received(0 * channels, index)
 
-    def _drift_of_direct_wave(self, index: int) -> NDArray[np.complex64] | int:
+    def _drift_of_direct_wave(self, index: int) -> ComplexArray | int:
         """Return the factor (4, pair, 1) by which the direct wave of a scan is off its mean."""
         return 1 if self._errors is None else 1 + self._errors.direct_drift(index)
 
-    def _received(self, channels: NDArray[np.complex64], index: int) -> NDArray[np.complex64]:
+    def _received(self, channels: ComplexArray, index: int) -> ComplexArray:
         """Return the sensor's polarizations of HH, HV, VH, VV, as its radar receives them."""
         channels = channels * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
         return channels[[_CHANNELS.index(name) for name in self.sensor.polarization]]
 
-    def scans(self, first: int = 0) -> Iterator[NDArray[np.complex64]]:
+    def scans(self, first: int = 0) -> Iterator[ComplexArray]:
         """Yield the scans from number ``first`` on, as :meth:`scan` returns them."""
         for index in range(first, len(self)):
             yield self.scan(index)

@@ -14,19 +14,19 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
 
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
 from flgpr.model.faults import describe_fault, listed_faults
+from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from flgpr.engine import Accumulator, Arrays, PlannedPass
+    from flgpr.engine import Accumulator, PlannedPass
     from flgpr.imaging import ScanImager
     from flgpr.model import Grid, Lane
 
@@ -53,8 +53,6 @@ PACKAGED = {
         "roadside": "roadside:RoadsideShare",
     },
 }
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex64]
 
 
 class Table(Entries):
@@ -81,7 +79,7 @@ class Setup:
 
     def pose(self, index: int) -> FloatArray:
         """Return the pose (6,) of the scan at an index among the complete ones."""
-        return np.asarray(self.run["pose"].values[self.imager.scans[index]], dtype=np.float64)
+        return floats(self.run["pose"].values[self.imager.scans[index]])
 
 
 class Stage:
@@ -257,7 +255,7 @@ class MapStage(Stage):
     #: the lane's own, or "" for nothing
     substitute: Callable[[], str] = staticmethod(lambda: "")
 
-    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+    def map(self, image: xr.DataArray) -> Float32Array:
         """Return the map of a scan image.
 
         Parameters
@@ -293,7 +291,7 @@ class MapStage(Stage):
         """
         raise NotImplementedError
 
-    def map_as_learnt(self, image: xr.DataArray) -> NDArray[np.float32]:
+    def map_as_learnt(self, image: xr.DataArray) -> Float32Array:
         """Return the map of a scan image as it is where nothing stands in for what was learnt."""
         raise NotImplementedError
 
@@ -307,7 +305,7 @@ class MapStage(Stage):
     def parts(
         self,
         image: xr.DataArray,  # noqa: ARG002
-    ) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:
+    ) -> tuple[Mapping[str, AnyArray], Mapping[str, AnyArray]]:
         """Return what explains the map of a scan image, as maps (y, x) by name.
 
         Returns

@@ -12,7 +12,8 @@ from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor
 from flgpr.model.run_sensor import sensor_of_run
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
-from flgpr.stages import ComplexArray, FloatArray, Setup
+from flgpr.stages import Setup
+from flgpr.types import ComplexArray, FloatArray
 
 OWN_ARRAY = "run"
 """Name of the sensor that is the array of the run itself."""

@@ -8,11 +8,9 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Arrays
 from flgpr.features import cut_regions, mean_template, template_features
 from flgpr.screen import (
     ClusterThresholds,
@@ -24,16 +22,9 @@ from flgpr.screen import (
 )
 from flgpr.screen.clusters import Rule
 from flgpr.screen.views import grid_of
-from flgpr.stages import (
-    FeatureStage,
-    FloatArray,
-    Positive,
-    ScreenStage,
-    Setup,
-    Table,
-    TrainingView,
-)
+from flgpr.stages import FeatureStage, Positive, ScreenStage, Setup, Table, TrainingView
 from flgpr.stages.too_few import HALF
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 _ELLIPSE = ("half_x", "half_y", "offset_x", "offset_y")
 _THRESHOLDS = ("amplitude", "size", "std", "energy_ratio")
@@ -97,7 +88,7 @@ class ClusterSettings(TemplateSettings):
     rule: Rule = "and-or"  #: in which images a region must be seen (par. 18 and 44)
 
 
-def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArray[Any]:
+def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> AnyArray:
     """Return the mean signatures of the subset's mines (par. 19).
 
     Returns
@@ -112,7 +103,7 @@ def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArr
     return mean_template(np.concatenate(chips))
 
 
-def check_learnt_channels(learnt: NDArray[Any], view: xr.DataArray) -> None:
+def check_learnt_channels(learnt: AnyArray, view: xr.DataArray) -> None:
     """Refuse what was learnt of other images (polarization, range) than a run-view has."""
     if learnt.shape[:2] != view.shape[:2]:
         raise ValueError(

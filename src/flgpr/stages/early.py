@@ -6,11 +6,11 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter import early_basis, subtract_early
 from flgpr.model import vehicle_to_scan
-from flgpr.stages import ClutterStage, ComplexArray, Positive, Table
+from flgpr.stages import ClutterStage, Positive, Table
+from flgpr.types import Complex128Array, ComplexArray
 
 _POSES = 16  # whose heights and attitudes are looked at
 _PIXELS = 40  # rows, and columns, of the image that are looked at
@@ -30,7 +30,7 @@ class EarlyEchoes(ClutterStage):
 
     Settings: ClassVar[type[Table]] = EarlyEchoesSettings
 
-    def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+    def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without early echoes."""
         return subtract_early(data, self._basis)
 
@@ -39,7 +39,7 @@ class EarlyEchoes(ClutterStage):
         return {"early_path": round(self._path, 3)}
 
     @cached_property
-    def _basis(self) -> NDArray[np.complex128]:
+    def _basis(self) -> Complex128Array:
         """What spans the early echoes."""
         return early_basis(self.setup.run["frequency"].values, self._path)
 

@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from flgpr.clutter import ClutterWhitener
@@ -20,12 +19,14 @@ from flgpr.detect import (
     magnitude_form,
 )
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Accumulator, Arrays, append_accumulator
+from flgpr.engine import Accumulator, append_accumulator
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
 from flgpr.kernels.moments import moments_estimator
 from flgpr.model import ground_points, lane_to_scan
-from flgpr.stages import FloatArray, MapStage, Positive, Setup, Table
+from flgpr.model.bounds import AtLeastOne, NotNegative
+from flgpr.stages import MapStage, Positive, Setup, Table
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 
 MOST_FORMS = 64
 _FORM = ("strength", "vectors", "linear", "offset")
@@ -43,11 +44,11 @@ class SampleSettings(Table):
     """
 
     polarizations: tuple[str, ...] = ("HH", "VV")
-    length: Annotated[int, Field(ge=1)] = 28  #: of a cut, pixels
-    search: Annotated[float, Field(ge=0)] = 0.5  #: farthest cut from the surveyed mine, m
+    length: AtLeastOne = 28  #: of a cut, pixels
+    search: NotNegative = 0.5  #: farthest cut from the surveyed mine, m
     clear: Positive = 1.0  #: least distance of clutter from all mines, m
     #: distance of clutter's cuts down-track and cross-track, pixels
-    clutter_step: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (7, 8)
+    clutter_step: tuple[AtLeastOne, AtLeastOne] = (7, 8)
     moments: str = "ledoit-wolf"  #: estimator of the clutter's mean and covariance
     rank: Annotated[int, Field(ge=0)] = 3  #: number of vectors of the detector
 
@@ -64,7 +65,7 @@ class CutSettings(SampleSettings):
     ddof: Annotated[int, Field(ge=0)] = 1  #: by which a covariance's number of samples is reduced
 
 
-def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
+def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: AnyArray) -> Arrays:
     """Return the arrays of a map by forms.
 
     Parameters
@@ -96,12 +97,12 @@ def learnt_arrays(forms: Sequence[LinearQuadraticForm], value: FloatArray) -> Ar
 class TrainingSamples(NamedTuple):
     """Training samples."""
 
-    target: NDArray[Any]  #: (sample, feature) cuts of targets
-    clutter: NDArray[Any]  #: (sample, feature) cuts of clutter
-    pixel: NDArray[Any]  #: (sample, polarization) pixels of clutter
+    target: AnyArray  #: (sample, feature) cuts of targets
+    clutter: AnyArray  #: (sample, feature) cuts of clutter
+    pixel: AnyArray  #: (sample, polarization) pixels of clutter
 
 
-def target_cuts(band: xr.DataArray, mines: FloatArray, settings: SampleSettings) -> NDArray[Any]:
+def target_cuts(band: xr.DataArray, mines: FloatArray, settings: SampleSettings) -> AnyArray:
     """Take the range cuts at mines whose whole cut lies in the image.
 
     Parameters
@@ -190,7 +191,7 @@ class FormMap(MapStage):
         """Return the number of forms, or None where it follows from training."""
         return None
 
-    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+    def map(self, image: xr.DataArray) -> Float32Array:
         """Return the detector's value about every pixel (y, x).
 
         It is the "likelihood map" of Cosgrove et al. 2004, Sec. IV-B.

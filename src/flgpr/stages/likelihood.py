@@ -12,15 +12,14 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Accumulator, Arrays, sum_accumulator
+from flgpr.engine import Accumulator, sum_accumulator
 from flgpr.model import Grid, Sensor, scan_to_lane
-from flgpr.model.bounds import Spacing
-from flgpr.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
+from flgpr.model.bounds import AtLeastOne, NotNegative, Spacing
+from flgpr.stages import MapStage, Positive, Setup, Table
 from flgpr.stages.body_signatures import (
     OWN_ARRAY,
     Bodies,
@@ -39,6 +38,15 @@ from flgpr.stages.textured_clutter import (
     shape_counts,
 )
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr.types import (
+    AnyArray,
+    Arrays,
+    BoolArray,
+    ComplexArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
 
 _OWN = 0.6  # share of the lane's own clutter where it stands in for what was learnt, as in fused3
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
@@ -70,18 +78,18 @@ class LikelihoodSettings(Table):
     sensor: str
     antennas: str = ""
     kinds: tuple[str, ...] = Field(("metal",), min_length=1)
-    depths: tuple[Annotated[float, Field(ge=0)], ...] = Field((0.0, 0.05, 0.1, 0.15), min_length=1)
-    soils: tuple[tuple[Annotated[float, Field(ge=1)], Annotated[float, Field(ge=0)]], ...] = Field(
+    depths: tuple[NotNegative, ...] = Field((0.0, 0.05, 0.1, 0.15), min_length=1)
+    soils: tuple[tuple[Annotated[float, Field(ge=1)], NotNegative], ...] = Field(
         ((2.7, 0.01), (4.0, 0.02), (6.0, 0.05), (9.0, 0.1), (14.0, 0.15)), min_length=1
     )
     copies: Annotated[int, Field(ge=1, le=10_000)] = 24
     step: Spacing = 0.2
     clear: Positive = 1.2
-    rank: Annotated[int, Field(ge=1)] = 12
+    rank: AtLeastOne = 12
     load: Positive = 1e-3
     own: Annotated[float, Field(ge=0, lt=1)] = 0.0
     ratios: tuple[Positive, ...] = Field((3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), min_length=1)
-    level: Annotated[float, Field(ge=0)] = 2.0
+    level: NotNegative = 2.0
     polarizations: tuple[str, ...] = Field(("HH", "VV"), min_length=1)
     inner: Positive = 0.15
     guard: Positive = 0.65
@@ -240,18 +248,18 @@ class LikelihoodMap(MapStage):
             sums["shape"][number] = shape_counts(some, self.learnt["whitener"][number], _DARK)
         return sums
 
-    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+    def map(self, image: xr.DataArray) -> Float32Array:
         """Return the log-likelihood ratio (y, x) with the contrast and ``offset`` added.
 
         Where it stands in for what was learnt, the lane's own clutter is in the covariance.
         """
         return self._map(image, self.substitute())
 
-    def map_as_learnt(self, image: xr.DataArray) -> NDArray[np.float32]:
+    def map_as_learnt(self, image: xr.DataArray) -> Float32Array:
         """Return the map as it is where nothing stands in for what was learnt."""
         return self._map(image, "")
 
-    def _map(self, image: xr.DataArray, substitute: str) -> NDArray[np.float32]:
+    def _map(self, image: xr.DataArray, substitute: str) -> Float32Array:
         """Return the map with what stands in for what was learnt."""
         table = self.settings
         total = self._likelihood(image, substitute) + table.offset
@@ -492,7 +500,7 @@ class LikelihoodMap(MapStage):
         sums["covariance"][metre] += samples.T @ samples.conj()
         sums["count"][metre] += len(samples)
 
-    def _places(self, image: xr.DataArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def _places(self, image: xr.DataArray) -> tuple[FloatArray, BoolArray]:
         """Return where the chips (row, column) of an image lie, m, and whether in the lane."""
         grid = self.setup.images
         ahead, across = np.meshgrid(grid.y[self._rows], grid.x[self._columns], indexing="ij")
@@ -500,7 +508,7 @@ class LikelihoodMap(MapStage):
         ground = scan_to_lane(pixels, np.asarray(image.attrs["pose"]))[..., :2]
         return ground, self.setup.lane.contains(ground[..., 0], ground[..., 1])
 
-    def _metre(self, y: NDArray[Any]) -> NDArray[np.int64]:
+    def _metre(self, y: AnyArray) -> IntArray:
         """Return how many whole metres y (m, scan frame) lies from the image's near border."""
         return np.clip((y - self.setup.images.y_min).astype(np.int64), 0, self._metres - 1)
 
@@ -556,7 +564,7 @@ class LikelihoodMap(MapStage):
         )
 
 
-def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.float32]:
+def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> Float32Array:
     """Compute the contrast of every pixel of an image to the ring about it.
 
     Parameters
@@ -593,7 +601,7 @@ def _metres_of(images: Grid) -> int:
     return max(1, math.ceil(images.extent()[3] - images.y_min))
 
 
-def _between(pixels: NDArray[np.int64], count: int) -> FloatArray:
+def _between(pixels: IntArray, count: int) -> FloatArray:
     """Return the matrix (count, pixel) that interpolates linearly between pixels.
 
     Before the first and beyond the last the value is theirs.

@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from flgpr.clutter import (
@@ -32,15 +31,7 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import (
-    BLOCK,
-    Accumulator,
-    Arrays,
-    PlannedPass,
-    append_accumulator,
-    block_name,
-    blocks_of,
-)
+from flgpr.engine import BLOCK, Accumulator, PlannedPass, append_accumulator, block_name, blocks_of
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.model import (
     Grid,
@@ -51,9 +42,10 @@ from flgpr.model import (
     scan_to_lane,
 )
 from flgpr.model.bounds import Spacing
-from flgpr.stages import ClutterStage, ComplexArray, FloatArray, Positive, Table
+from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.standing import StandingSettings, standing_pass
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
+from flgpr.types import Arrays, BoolArray, ComplexArray, Float32Array, FloatArray, IntArray
 
 OperatorOn = Callable[[FloatArray], ImagingOperator]
 """Returns the imaging operator of a scan on points."""
@@ -124,7 +116,7 @@ class Aperture:
     vh: ComplexArray  #: (y, x) the same of the cross-polarized channel
     #: (y, x) second band: the mean magnitude over the scans, as its wavelength is too short for the
     #: poses
-    second: NDArray[np.float32] | None
+    second: Float32Array | None
 
     def stack_on(self, points: FloatArray) -> FrameStack:
         """Return the operator of all scans on points of the latest scan's frame."""
@@ -220,9 +212,7 @@ class MaskedSuppression(ClutterStage):
         second = None if self._second is None else self._second_band(self._second, scans, index)
         return Aperture(data, operators, looks[:, 0], vv, vh, second)
 
-    def _second_band(
-        self, imager: ScanImager, scans: Sequence[int], index: int
-    ) -> NDArray[np.float32]:
+    def _second_band(self, imager: ScanImager, scans: Sequence[int], index: int) -> Float32Array:
         """Return the mean magnitude (y, x) of the second band over the scans of an aperture."""
         ground = scan_to_lane(self.points, self.setup.pose(index))
         field = self.setup.results[f"{BLOCKS}.second"]["field"]
@@ -305,7 +295,7 @@ class MaskedSuppression(ClutterStage):
             )
         return self.averaged(courses), has_fallen_back
 
-    def courses(self, aperture: Aperture, mask: NDArray[np.bool_]) -> list[Iterated]:
+    def courses(self, aperture: Aperture, mask: BoolArray) -> list[Iterated]:
         """Iterate the suppression of what lies under a mask (Fuse et al. 2018, Eq. 5 to 8).
 
         Parameters
@@ -340,7 +330,7 @@ class MaskedSuppression(ClutterStage):
             return averaged_frames(courses, settings.combination, settings.fall_back)
         return averaged(courses[0], settings.combination, settings.fall_back)
 
-    def least_squares(self, aperture: Aperture, mask: NDArray[np.bool_]) -> ComplexArray:
+    def least_squares(self, aperture: Aperture, mask: BoolArray) -> ComplexArray:
         """Fit what lies under a mask by least squares and subtract it.
 
         The fit takes as long as the iterations of the other methods.
@@ -373,7 +363,7 @@ class MaskedSuppression(ClutterStage):
                 thresholds[name] = self.learnt[name]
         return Thresholds(**thresholds)
 
-    def mask(self, aperture: Aperture) -> NDArray[np.bool_]:
+    def mask(self, aperture: Aperture) -> BoolArray:
         """Return the mixed mask (y, x) of an aperture (Fuse et al. 2018, Fig. 6)."""
         return mixed_mask(
             aperture.vv,
@@ -399,7 +389,7 @@ class MaskedSuppression(ClutterStage):
         return replace(self.limits, low_vh=np.nan_to_num(level, nan=np.inf))
 
     @property
-    def is_roadside(self) -> NDArray[np.bool_]:
+    def is_roadside(self) -> BoolArray:
         """Whether each pixel (y, x) belongs to the roadside."""
         inner, outer = self.settings.roadside
         off_middle = np.abs(self.across)
@@ -494,7 +484,7 @@ class MaskedSuppression(ClutterStage):
         return arrays, {"looks_at_targets": learnt.targets.tolist()}
 
     @classmethod
-    def _check(cls, settings: Any, looks: NDArray[np.int64]) -> None:
+    def _check(cls, settings: Any, looks: IntArray) -> None:
         """Refuse sub-regions in range in which no look has shown a target."""
         if (looks > 0).all():
             return

@@ -10,25 +10,17 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.clutter import roadside_mask, suppress_by_model
-from flgpr.engine import (
-    BLOCK,
-    Accumulator,
-    Arrays,
-    PlannedPass,
-    append_accumulator,
-    block_name,
-    blocks_of,
-)
+from flgpr.engine import BLOCK, Accumulator, PlannedPass, append_accumulator, block_name, blocks_of
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, lane_to_scan
-from flgpr.model.bounds import Spacing
+from flgpr.model.bounds import Moderate, Spacing
 from flgpr.screen import RunViewSums, sample_scan
-from flgpr.stages import ClutterStage, ComplexArray, FeatureStage, FloatArray, Setup, Table
+from flgpr.stages import ClutterStage, FeatureStage, Setup, Table
+from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray
 
 MASK = "roadside"
 """Name of the pass that finds the mask."""
@@ -46,7 +38,7 @@ class RoadsideSettings(Table):
 
     subband: str  #: sub-band in which pixels are compared
     spacing: Spacing  #: of the model's pixels, m
-    grow: Annotated[float, Field(ge=0, le=100)]  #: by which the mask is grown, m
+    grow: Moderate  #: by which the mask is grown, m
     iterations: Annotated[int, Field(ge=1, le=10_000)]  #: number of conjugate gradients
 
 
@@ -206,11 +198,11 @@ class RoadsideModel:
         values = sample_scan(image.sel(subband=self.settings.subband), points)
         return float(np.nanmax(values, initial=0.0))
 
-    def _block_of(self, index: int) -> Mapping[str, NDArray[Any]]:
+    def _block_of(self, index: int) -> Mapping[str, AnyArray]:
         """Return what the fit has gathered of the block that holds an index."""
         for number, block in enumerate(blocks_of(len(self.setup.imager))):
             if index in block:
-                stored: Mapping[str, NDArray[Any]] = self.setup.results[block_name(FIT, number)]
+                stored: Mapping[str, AnyArray] = self.setup.results[block_name(FIT, number)]
                 return stored
         raise ValueError(f"index must be one of {len(self.setup.imager)} scans, got {index}")
 

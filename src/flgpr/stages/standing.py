@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.clutter import standing_field, subtract_standing
-from flgpr.engine import Accumulator, Arrays, PlannedPass, append_accumulator
+from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.model import Grid
-from flgpr.stages import ClutterStage, ComplexArray, Table
+from flgpr.stages import ClutterStage, Table
+from flgpr.types import Arrays, ComplexArray
 
 
 class StandingSettings(Table):
@@ -86,7 +86,7 @@ class StandingField(ClutterStage):
         scans = len(self.setup.imager)
         return [standing_pass("standing", scans, self.settings.most, self._data_before)]
 
-    def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+    def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without the field."""
         return subtract_standing(data, self.setup.results["standing"]["field"])
 

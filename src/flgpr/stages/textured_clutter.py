@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from flgpr.stages import ComplexArray, FloatArray
+from flgpr.types import AnyArray, ComplexArray, FloatArray, IndexArray, IntArray
 
 SHAPES = np.geomspace(0.05, 500.0, 241)
 """Borders between classes of the power that whitening leaves of a chip of unit power."""
@@ -22,7 +21,7 @@ SHAPES = np.geomspace(0.05, 500.0, 241)
 class SomeValues(NamedTuple):
     """What some of a chip's values, those of one sub-band, are compared with."""
 
-    values: NDArray[np.intp]  # their numbers in a chip
+    values: IndexArray  # their numbers in a chip
     whitener: ComplexArray  # (value, value)
     vectors: ComplexArray  # (vector, value) conjugate and orthonormal
     share: FloatArray  # (vector,) of the mean signature's power
@@ -35,7 +34,7 @@ class WhitenedGround(NamedTuple):
     #: conjugate vectors and their shares of the mean signature's power, by group of bodies
     signatures: dict[str, tuple[ComplexArray, FloatArray]]
 
-    def with_clutter(self, own: NDArray[Any], share: float, load: float) -> WhitenedGround:
+    def with_clutter(self, own: AnyArray, share: float, load: float) -> WhitenedGround:
         """Return the ground with a lane's own clutter in it.
 
         Parameters
@@ -69,7 +68,7 @@ class WhitenedGround(NamedTuple):
             signatures[group] = (_single(left.T.conj()), new_shares)
         return WhitenedGround(_single(whitener), signatures)
 
-    def of_values(self, values: NDArray[np.intp], group: str) -> SomeValues:
+    def of_values(self, values: IndexArray, group: str) -> SomeValues:
         """Return what some of a chip's values are compared with.
 
         Parameters
@@ -123,9 +122,7 @@ def ratio(
     return np.asarray(logsumexp(by_power, axis=-1) - math.log(len(ratios)))
 
 
-def clutter_whitener(
-    total: NDArray[Any], count: FloatArray, metre: int, load: float
-) -> NDArray[Any]:
+def clutter_whitener(total: AnyArray, count: FloatArray, metre: int, load: float) -> AnyArray:
     """Return what whitens the clutter of a metre and of as many about it as give a covariance.
 
     Parameters
@@ -154,7 +151,7 @@ def clutter_whitener(
     return np.linalg.inv(np.linalg.cholesky(covariance + load * np.eye(size)))
 
 
-def shape_counts(chips: ComplexArray, whitener: ComplexArray, dark: float) -> NDArray[np.int64]:
+def shape_counts(chips: ComplexArray, whitener: ComplexArray, dark: float) -> IntArray:
     """Count chips by the mean power that whitening leaves of them, each over its own power.
 
     Parameters
@@ -177,7 +174,7 @@ def shape_counts(chips: ComplexArray, whitener: ComplexArray, dark: float) -> ND
     return np.bincount(classes, minlength=len(SHAPES) + 1)
 
 
-def principal_directions(chips: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
+def principal_directions(chips: AnyArray) -> tuple[AnyArray, FloatArray]:
     """Return the principal vectors of whitened chips of unit power, and their shares of it.
 
     Vectors are conjugate, the strongest first.
@@ -187,6 +184,6 @@ def principal_directions(chips: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]
     return vectors.conj(), strength**2 / (strength**2).sum()
 
 
-def _single(values: NDArray[Any]) -> ComplexArray:
+def _single(values: AnyArray) -> ComplexArray:
     """Return values in single precision."""
     return np.asarray(values, dtype=np.complex64)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.toml_text import toml_value
+from flgpr.types import BoolArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from flgpr.stages import TrainingView
@@ -186,7 +186,7 @@ def count_in_views(views: Sequence[TrainingView], spent: Sequence[pd.DataFrame])
     ]
 
 
-def _inside(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
+def _inside(view: xr.DataArray, truth: pd.DataFrame) -> BoolArray:
     """Return which targets lie within the borders of a run-view."""
     x = view["x"].values
     y = view["y"].values
@@ -194,7 +194,7 @@ def _inside(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
     return np.asarray(inside, dtype=bool)
 
 
-def _seen_in_all_channels(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
+def _seen_in_all_channels(view: xr.DataArray, truth: pd.DataFrame) -> BoolArray:
     """Return which targets lie on a pixel of the run-view that has a magnitude in all channels."""
     column = _nearest(view["x"].values, truth["x"])
     row = _nearest(view["y"].values, truth["y"])
@@ -202,7 +202,7 @@ def _seen_in_all_channels(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np
     return np.asarray(_inside(view, truth) & (magnitude > 0).all(axis=0), dtype=bool)
 
 
-def _nearest(axis: NDArray[np.float64], coordinates: pd.Series[float]) -> NDArray[np.intp]:
+def _nearest(axis: FloatArray, coordinates: pd.Series[float]) -> IndexArray:
     """Return the index of the pixel of an axis that is nearest to each coordinate."""
     distance = np.abs(axis - coordinates.to_numpy(dtype=np.float64)[:, None])
     return distance.argmin(axis=1)

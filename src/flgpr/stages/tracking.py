@@ -13,10 +13,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table
+from flgpr.stages import FeatureStage, Positive, Setup, Table
+from flgpr.types import Arrays, Float32Array, FloatArray
 
 
 class TrackingSettings(Table):
@@ -72,7 +71,7 @@ def _index_of(entry: str, label: str | None, known: list[str]) -> int:
 
 
 def _stands_out(
-    magnitude: NDArray[np.float32],
+    magnitude: Float32Array,
     x: FloatArray,
     y: FloatArray,
     point: FloatArray,

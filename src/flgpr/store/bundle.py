@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from flgpr.door import Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.store.files import own_partial, writing
+from flgpr.types import AnyArray
 
 _KINDS = "biufcU"
 _TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")
@@ -45,7 +46,7 @@ class BundleError(ValueError):
 
 def write_bundle(
     path: Path,
-    arrays: Mapping[str, NDArray[Any]],
+    arrays: Mapping[str, AnyArray],
     about: Mapping[str, Any] | None = None,
     lasting: bool = False,
 ) -> int:
@@ -110,7 +111,7 @@ def _write_blocks(file: BinaryIO, head: bytes, blocks: list[NDArray[np.uint8]]) 
     return file.tell()
 
 
-class Bundle(Mapping[str, NDArray[Any]]):
+class Bundle(Mapping[str, AnyArray]):
     """The arrays of a file of :func:`write_bundle`, by name, and its metadata ``about``.
 
     An array is read and checked when it is first asked for.
@@ -136,7 +137,7 @@ class Bundle(Mapping[str, NDArray[Any]]):
         self.path = path
         self._data = data
         self._most = most
-        self._cache: dict[str, NDArray[Any]] = {}
+        self._cache: dict[str, AnyArray] = {}
         try:
             with self._open() as file:
                 self.about, self._head, self._start = _read_head(file)
@@ -155,7 +156,7 @@ class Bundle(Mapping[str, NDArray[Any]]):
     def __iter__(self) -> Iterator[str]:
         return iter(self._head)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> AnyArray:
         if name not in self._cache:
             self._cache[name] = self._read(name, self._head[name])
         return self._cache[name]
@@ -198,7 +199,7 @@ class Bundle(Mapping[str, NDArray[Any]]):
             return nullcontext(io.BytesIO(self._data))
         return Folder(self.path.parent).open(self.path.name, self._most)
 
-    def _read(self, name: str, entry: dict[str, Any]) -> NDArray[Any]:
+    def _read(self, name: str, entry: dict[str, Any]) -> AnyArray:
         """Read one array and its padding, and check both."""
         size = _array_size(entry)
         padded = np.empty(_aligned(size), np.uint8)
@@ -218,7 +219,7 @@ class Bundle(Mapping[str, NDArray[Any]]):
         return BundleError(f"{self.path}: {name} differs from what was written")
 
 
-def _entry(name: str, array: NDArray[Any], data: NDArray[np.uint8], offset: int) -> dict[str, Any]:
+def _entry(name: str, array: AnyArray, data: NDArray[np.uint8], offset: int) -> dict[str, Any]:
     """Return the entry of an array in the head of a bundle."""
     return {
         "name": name,

@@ -17,12 +17,11 @@ from typing import Protocol
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.tables import to_numbers
 from flgpr.model.units import UNITS
+from flgpr.types import ArrayLike, FloatArray
 
-FloatArray = NDArray[np.float64]
 PLACES = ("longitude", "latitude", "easting", "northing")
 """Columns of a position on the Earth instead of x and y; degrees or metres."""
 _IDS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}

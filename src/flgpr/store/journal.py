@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.append_log import AppendLog, LogHeldError
 from flgpr.door import refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
+from flgpr.types import BoolArray, FloatArray
 
 JOURNAL = "journal.jsonl"
 _FORMAT = "flgpr-journal-1"
@@ -28,9 +28,9 @@ class WrittenScan(NamedTuple):
     """A scan that is on disk."""
 
     sha256: str  #: digest of its chunk
-    pose: NDArray[np.float64]  #: (6,): x, y, z, m, and heading, pitch, roll, rad
+    pose: FloatArray  #: (6,): x, y, z, m, and heading, pitch, roll, rad
     time: float  #: s; NaN where unknown
-    valid: NDArray[np.bool_]  #: (polarization, pair): whether all tones are finite
+    valid: BoolArray  #: (polarization, pair): whether all tones are finite
 
 
 class JournalError(ValueError):

@@ -9,24 +9,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flgpr.door import MOST_JSON, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.store.files import write_whole
 from flgpr.store.journal import difference
 from flgpr.store.run_store import CommittedFiles, read_manifest
+from flgpr.types import FloatArray
 
 MADE_OF = "made-of.json"
 """File that records what a store's scans depend on, by which the same call knows it again."""
 
 
 def describe_inputs(
-    frequency: NDArray[np.float64],
+    frequency: FloatArray,
     polarization: list[str],
-    tx_position: NDArray[np.float64],
-    rx_position: NDArray[np.float64],
+    tx_position: FloatArray,
+    rx_position: FloatArray,
     attrs: dict[str, Any],
     inputs: dict[str, Any] | None,
 ) -> dict[str, Any]:

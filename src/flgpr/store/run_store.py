@@ -19,7 +19,6 @@ from typing import Any, Literal
 import google_crc32c
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
@@ -27,6 +26,7 @@ from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import AXES, POSE_COMPONENTS, check_run
 from flgpr.store.store_layout import DIMS, MAX_MEMORY, ArrayLayout, check_declared
+from flgpr.types import AnyArray
 
 FORMAT = "flgpr-run"
 VERSION = 1
@@ -90,7 +90,7 @@ class _StoredArray(BackendArray):
             key, self.shape, indexing.IndexingSupport.OUTER, self.select
         )
 
-    def select(self, key: tuple[Any, ...]) -> NDArray[Any]:
+    def select(self, key: tuple[Any, ...]) -> AnyArray:
         """Return what ``key`` selects, a number, slice or list of numbers per dimension."""
         selected = [np.arange(length)[index] for length, index in zip(self.shape, key, strict=True)]
         positions = [np.atleast_1d(axis) for axis in selected]
@@ -111,7 +111,7 @@ class _StoredArray(BackendArray):
         # An axis that a single number was taken of is dropped, as NumPy does.
         return out.reshape([length for axis in selected for length in axis.shape])
 
-    def _chunk(self, number: tuple[int, ...]) -> NDArray[Any]:
+    def _chunk(self, number: tuple[int, ...]) -> AnyArray:
         """Read one chunk and check its checksum, if it has one."""
         key = "/".join([self._name, "c", *map(str, number)])
         layout = self._layout

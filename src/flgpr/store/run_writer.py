@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
@@ -46,6 +45,7 @@ from flgpr.store.run_store import (
     manifest_bytes,
 )
 from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -59,10 +59,10 @@ _SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
 class _Scan(NamedTuple):
     """A scan that waits to be written with others."""
 
-    signal: NDArray[np.complex64]
-    pose: NDArray[np.float64]
+    signal: ComplexArray
+    pose: FloatArray
     time: float
-    valid: NDArray[np.bool_]
+    valid: BoolArray
 
 
 class RunExistsError(FileExistsError):
@@ -146,10 +146,10 @@ class RunWriter:
         self._together = together
         self._waiting: list[_Scan] = []
         self._limits = limits or {}
-        self._frequency = np.asarray(frequency, dtype=np.float64)
+        self._frequency = floats(frequency)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
-        self._tx = np.asarray(tx_position, dtype=np.float64)
-        self._rx = np.asarray(rx_position, dtype=np.float64)
+        self._tx = floats(tx_position)
+        self._rx = floats(rx_position)
         try:
             self._attrs = parse_json(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:

@@ -23,13 +23,13 @@ from typing import Any, TypeGuard
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
 from flgpr.model.run import check_polarization
 from flgpr.store.files import write_whole
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, floats
 
 MAGIC = b"FLGPRSC1"
 RUN_FORMAT = "flgpr-live-run"
@@ -72,11 +72,11 @@ class Frame:
 class RunDescription:
     """What all scans of a run have in common."""
 
-    frequency: NDArray[np.float64]  #: tones, Hz
+    frequency: FloatArray  #: tones, Hz
     polarization: list[str]
     #: tx_position, rx_position: (pair, 3): antenna positions of each pair in the vehicle frame, m
-    tx_position: NDArray[np.float64]
-    rx_position: NDArray[np.float64]
+    tx_position: FloatArray
+    rx_position: FloatArray
     title: str = "run"  #: what to call the run
     #: further attributes of the run, such as ``georeference``
     attrs: dict[str, Any] = field(default_factory=dict)
@@ -113,9 +113,9 @@ class Scan:
     time: float  #: time of the scan, s; NaN where unknown
     #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown or
     #: cannot be a pose
-    pose: NDArray[np.float64] | None
+    pose: FloatArray | None
     #: (polarization, pair, frequency): received field over transmitted field
-    signal: NDArray[np.complex64]
+    signal: ComplexArray
 
 
 def describe_for_live(run: xr.Dataset) -> RunDescription:
@@ -133,10 +133,10 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
     """
     attrs = {name: run.attrs[name] for name in ("georeference", "source") if name in run.attrs}
     return RunDescription(
-        np.asarray(run["frequency"].values, dtype=np.float64),
+        floats(run["frequency"].values),
         [str(label) for label in run["polarization"].values],
-        np.asarray(run["tx_position"].values, dtype=np.float64),
-        np.asarray(run["rx_position"].values, dtype=np.float64),
+        floats(run["tx_position"].values),
+        floats(run["rx_position"].values),
         str(run.attrs.get("title", "run")),
         attrs,
     )
@@ -204,9 +204,9 @@ def parse_description(value: Any) -> RunDescription:
 
 def _description_of(value: dict[str, Any]) -> RunDescription:
     """Return the description in a JSON object, with numbers in their bounds."""
-    tx = np.asarray(value["tx_m"], dtype=np.float64).reshape(-1, 3)
-    rx = np.asarray(value["rx_m"], dtype=np.float64).reshape(-1, 3)
-    tones = np.asarray(value["frequency_hz"], dtype=np.float64)
+    tx = floats(value["tx_m"]).reshape(-1, 3)
+    rx = floats(value["rx_m"]).reshape(-1, 3)
+    tones = floats(value["frequency_hz"])
     _check_bound("tx_m", tx, _FARTHEST)
     _check_bound("rx_m", rx, _FARTHEST)
     _check_bound("frequency_hz", tones, _HIGHEST)
@@ -222,7 +222,7 @@ def _description_of(value: dict[str, Any]) -> RunDescription:
     return RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
 
 
-def _check_bound(name: str, numbers: NDArray[np.float64], most: float) -> None:
+def _check_bound(name: str, numbers: FloatArray, most: float) -> None:
     """Refuse numbers of which one is NaN or larger than ``most``."""
     if not numbers.size:
         return
@@ -332,7 +332,7 @@ def encode_scan(
     if math.isfinite(time):
         header["time"] = float(time)
     if pose is not None:
-        header["pose"] = [float(value) for value in np.asarray(pose, dtype=np.float64)]
+        header["pose"] = [float(value) for value in floats(pose)]
     if run_id is not None:
         header["run"] = run_id
     return encode_frame("scan", header, np.asarray(signal).astype("<c8").tobytes())
@@ -479,11 +479,11 @@ def pose_fault(frame: Frame) -> str:
     return f"pose must {rule}, got {_shortened(value)}" if rule else ""
 
 
-def _pose(value: Any) -> NDArray[np.float64] | None:
+def _pose(value: Any) -> FloatArray | None:
     """Return the pose in a header, or None if it is not finite or out of bounds."""
     if _broken_pose_rule(value):
         return None
-    return np.asarray(value, dtype=np.float64)
+    return floats(value)
 
 
 def _broken_pose_rule(value: Any) -> str:
@@ -492,7 +492,7 @@ def _broken_pose_rule(value: Any) -> str:
         return "be six numbers"
     if not all(_is_finite(component) for component in value):
         return "be six finite numbers"
-    pose = np.asarray(value, dtype=np.float64)
+    pose = floats(value)
     position = pose[:3]
     heading = pose[3]
     pitch_and_roll = pose[4:]

@@ -5,16 +5,16 @@ from __future__ import annotations
 import csv
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.budget import Budget
 from flgpr.door import read_named
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.tables import plain_text
 from flgpr.store.text import decode_text
+from flgpr.types import AnyArray, Arrays
 
 _MISSING = {"", "nan", "na", "null"}
 _COMMENT = "#%!"
@@ -40,7 +40,7 @@ class _Row(NamedTuple):
     cells: list[str]
 
 
-def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_text_table(path: Path, notes: list[str] | None = None) -> Arrays:
     """Read a text table of real or complex numbers.
 
     Columns are separated by semicolons, commas, tabs or blanks; complex numbers are ``a+bi``. A
@@ -74,7 +74,7 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDA
     blocks = _blocks(path, notes)
     if len(blocks) == 1:
         return _parse_lines(blocks[0][1], notes)
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: Arrays = {}
     for label, lines in blocks:
         for name, values in _parse_lines(lines, notes).items():
             arrays[f"{label}/{name}"] = values
@@ -139,7 +139,7 @@ def _without_last_mark(rows: list[_Row]) -> list[_Row]:
     return [row._replace(cells=row.cells[:-1]) for row in rows]
 
 
-def _parse_lines(lines: list[_Line], notes: list[str]) -> dict[str, NDArray[Any]]:
+def _parse_lines(lines: list[_Line], notes: list[str]) -> Arrays:
     """Return the arrays of one table, which a header may name."""
     rows = _rows(lines, notes)
     if not rows:
@@ -180,7 +180,7 @@ def _check_widths(rows: list[_Row], width: int) -> None:
             )
 
 
-def _unnamed_table(rows: list[_Row], columns: list[NDArray[Any] | None]) -> NDArray[Any]:
+def _unnamed_table(rows: list[_Row], columns: list[AnyArray | None]) -> AnyArray:
     """Return the columns of a table without a header as (row, column)."""
     numeric = [column for column in columns if column is not None]
     if len(numeric) == len(columns):
@@ -195,12 +195,12 @@ def _unnamed_table(rows: list[_Row], columns: list[NDArray[Any] | None]) -> NDAr
 
 
 def _named_columns(
-    names: list[str], rows: list[_Row], columns: list[NDArray[Any] | None], notes: list[str]
-) -> dict[str, NDArray[Any]]:
+    names: list[str], rows: list[_Row], columns: list[AnyArray | None], notes: list[str]
+) -> Arrays:
     """Return the columns that hold numbers, by name, and ``table`` if all do."""
     if all(column is None for column in columns):
         raise ValueError(f"no column holds numbers; {_HINT}")
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: Arrays = {}
     for k, (name, column) in enumerate(zip(names, columns, strict=True)):
         if column is not None:
             arrays[name] = column
@@ -280,7 +280,7 @@ def _number(cell: str) -> complex | None:
         return None
 
 
-def _column(cells: list[str]) -> NDArray[Any] | None:
+def _column(cells: list[str]) -> AnyArray | None:
     """Return a column as an array, real if no number has an imaginary part; None if one is none."""
     filled = [cell if cell.strip() else "nan" for cell in cells]
     try:

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.budget import VALUE, Budget
 from flgpr.model.bounds import shown_number
+from flgpr.types import AnyArray
 
 Decoder = Callable[[bytes], dict[str, Any]]
 _NUMBERS = {
@@ -199,7 +199,7 @@ class _Reader:
         own = VALUE * (_FREE_VALUES + 2 * len(data))
         self.budget = Budget(f"a message of {len(data)} bytes", min(own, MOST_MESSAGE))
 
-    def numbers(self, kind: str, count: int) -> NDArray[Any]:
+    def numbers(self, kind: str, count: int) -> AnyArray:
         """Return so many numbers of a NumPy type, from the next position that is aligned to it."""
         width = int(kind[1:])
         if count:

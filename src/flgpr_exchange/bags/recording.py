@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.budget import VALUE, Budget
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
@@ -25,6 +24,7 @@ from flgpr.formats.draft_mapping import draft_of_file
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.json_text import parse_json
 from flgpr.store.extras import optional
+from flgpr.types import AnyArray
 from flgpr_exchange.bags.cdr import MOST_MESSAGE, Decoder, message_decoder
 from flgpr_exchange.bags.container import MESSAGE, SCHEMA, McapContainer
 
@@ -121,7 +121,7 @@ class Recording:
         self._container = McapContainer(path, limit)
         self._series: dict[str, _Series] = {}
         self._transforms: dict[str, _Series] = {}  # their topics, whose messages may be damaged
-        self._columns: dict[str, NDArray[Any]] = {}
+        self._columns: dict[str, AnyArray] = {}
         self._field_of: dict[str, tuple[str, str]] = {}  # series and field of an array
         self._declared = _Declarations()
         self._undeclared = 0  # messages of channels that nothing declares
@@ -136,7 +136,7 @@ class Recording:
         lines = [_line_of(series) for series in self._series.values()]
         return lines or ["no messages"]
 
-    def read(self, name: str) -> NDArray[Any]:
+    def read(self, name: str) -> AnyArray:
         """Stack one field over all messages of its series.
 
         A field that is missing in a message, or of another length, is a ValueError.
@@ -189,7 +189,7 @@ class Recording:
         for label, column in columns.items():
             self._columns[_array_name(name, label)] = column[:row][order]
 
-    def _empty_columns(self, series: _Series, needed: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    def _empty_columns(self, series: _Series, needed: tuple[str, ...]) -> dict[str, AnyArray]:
         """Return an empty array for every field; where all are too large, for the needed alone."""
         fields = series.all_fields()
         bytes_of_message = sum(np.asarray(value).nbytes for value in fields.values())

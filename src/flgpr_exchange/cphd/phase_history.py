@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.geo.anchor import Anchor
@@ -27,9 +26,9 @@ from flgpr.model.phase import lengthen
 from flgpr.store.extras import MissingExtraError, optional
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
+from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
 from flgpr_exchange.cphd.tree import ADDED, TIME, Vectors, metadata_tree
 
-FloatArray = NDArray[np.float64]
 _ATMOSPHERE = ("TDTropoSRP", "TDIonoSRP")
 """Delays of a vector that the atmosphere makes."""
 _SCENE_HALF = 10.0  # m, half the side of the scene that is taken where none is given
@@ -42,8 +41,8 @@ _SWATH = 0.4  # of the unambiguous delay, to either side of the reference point
 class _Channel(NamedTuple):
     """A channel as it was read."""
 
-    signal: NDArray[Any]  # (scan, frequency)
-    vectors: NDArray[Any]  # (scan,) record of the vectors' parameters
+    signal: AnyArray  # (scan, frequency)
+    vectors: AnyArray  # (scan,) record of the vectors' parameters
 
 
 def write_cphd(
@@ -115,7 +114,7 @@ def write_cphd(
     return path
 
 
-def _vector_records(vectors: Vectors, dtype: np.dtype[Any], scans: int) -> NDArray[Any]:
+def _vector_records(vectors: Vectors, dtype: np.dtype[Any], scans: int) -> AnyArray:
     """Return the records (scan,) of a channel's vectors; parameters that it lacks are 0."""
     records = np.zeros(scans, dtype)
     for parameter, values in vectors.items():
@@ -218,7 +217,7 @@ def _scene_ahead(run: xr.Dataset) -> Grid:
 
 def _times(run: xr.Dataset) -> FloatArray:
     """Return the time (scan,) since the first scan, s; scan numbers where it does not increase."""
-    time = np.asarray(run["time"].values, dtype=np.float64)
+    time = floats(run["time"].values)
     if np.isfinite(time).all() and (np.diff(time) > 0).all():
         return time - time[0]
     return np.arange(time.size, dtype=np.float64)
@@ -231,7 +230,7 @@ def _channel(
     time: FloatArray,
     anchor: Anchor,
     center: FloatArray,
-) -> tuple[NDArray[np.complex64], Vectors]:
+) -> tuple[ComplexArray, Vectors]:
     """Return a channel's signal (scan, frequency) and its vectors.
 
     The path to the reference point ``center`` is taken off the signal.
@@ -418,7 +417,7 @@ def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
     return notes
 
 
-def _native(samples: NDArray[Any], vectors: NDArray[Any]) -> _Channel:
+def _native(samples: AnyArray, vectors: AnyArray) -> _Channel:
     """Return a channel in the machine's byte order, its samples as complex numbers."""
     if samples.dtype.names:
         signal = samples["real"].astype(np.float32) + 1j * samples["imag"].astype(np.float32)
@@ -427,10 +426,10 @@ def _native(samples: NDArray[Any], vectors: NDArray[Any]) -> _Channel:
     return _Channel(signal, vectors.astype(vectors.dtype.newbyteorder("=")))
 
 
-def _leg(vectors: NDArray[Any], name: str) -> FloatArray:
+def _leg(vectors: AnyArray, name: str) -> FloatArray:
     """Return the distance (scan,) of an antenna from the reference point, m."""
     offset = vectors[name] - vectors["SRPPos"]
-    return np.asarray(np.linalg.norm(offset, axis=1), dtype=np.float64)
+    return floats(np.linalg.norm(offset, axis=1))
 
 
 def _channel_order(
@@ -478,11 +477,11 @@ def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArr
         raise ValueError("all vectors must have the same tones, SC0 and SCSS change")
     if "flgpr_frequency" in added:
         return np.array(parse_json(added["flgpr_frequency"]), dtype=np.float64)
-    return np.asarray(start[0] + step[0] * np.arange(count), dtype=np.float64)
+    return floats(start[0] + step[0] * np.arange(count))
 
 
 def _geometry(
-    vectors_of_pair: dict[int, NDArray[Any]], anchor: Anchor | None
+    vectors_of_pair: dict[int, AnyArray], anchor: Anchor | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions (pair, 3) of transmitters and receivers, and poses (scan, 6)."""
     if anchor is None:

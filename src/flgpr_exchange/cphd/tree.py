@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
 from flgpr.store.extras import optional
+from flgpr.types import Arrays, FloatArray
 from flgpr_exchange.documents import document
 
-FloatArray = NDArray[np.float64]
-Vectors = dict[str, NDArray[Any]]
+Vectors = Arrays
 """Parameters of a channel's vectors (scan, ...), by their names in CPHD."""
 ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 TIME = "flgpr_time"

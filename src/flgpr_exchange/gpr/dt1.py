@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flgpr.types import AnyArray, FloatArray, IntArray
 from flgpr_exchange.gpr.parts import (
     FARTHEST,
     INTERVALS,
     MOST_SAMPLES,
     NANOSECOND,
     ZERO_ASSUMED,
-    FloatArray,
     Header,
     exact_floats,
     find_companion,
@@ -143,7 +142,7 @@ def _zero_point(head: Header, notes: list[str]) -> float:
 
 def _records(
     path: Path, head: Header, samples: int, stated: float | None, notes: list[str], limit: int
-) -> NDArray[Any]:
+) -> AnyArray:
     """Read the traces with their headers.
 
     Byte order and sample type are those that the trace headers bear out.
@@ -255,7 +254,7 @@ def _fixes(path: Path, header_words: FloatArray, notes: list[str]) -> Fixes:
     return nmea_fixes(older or newer, len(header_words), notes, _trace_numbers(header_words[:, 0]))
 
 
-def _trace_numbers(values: FloatArray) -> NDArray[np.int64] | None:
+def _trace_numbers(values: FloatArray) -> IntArray | None:
     """Return the traces' own numbers, if that is what the header words are."""
     if not np.isfinite(values).all():
         return None

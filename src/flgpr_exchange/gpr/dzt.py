@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 from flgpr_exchange.gpr.antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr_exchange.gpr.dzx import DzxContent, read_dzx
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     NANOSECOND,
-    FloatArray,
     equal_steps,
     exact_floats,
     find_companion,
@@ -115,13 +115,13 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     }
 
 
-def _heads(raw: bytes) -> NDArray[Any]:
+def _heads(raw: bytes) -> AnyArray:
     """Return the words of the headers of all channels; those that are not there are zero."""
     whole = raw.ljust(_MOST_CHANNELS * _HEADER, b"\0")
     return np.frombuffer(whole, words_type(_WORDS, _HEADER), _MOST_CHANNELS)
 
 
-def _check_head(head: NDArray[Any], notes: list[str]) -> None:
+def _check_head(head: AnyArray, notes: list[str]) -> None:
     """Refuse a first header of no such file; note what is unusual in one."""
     tag, samples, bits, channels = (
         int(head[name]) for name in ("tag", "samples", "bits", "channels")
@@ -137,9 +137,7 @@ def _check_head(head: NDArray[Any], notes: list[str]) -> None:
         notes.append(f"its tag is {tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
 
 
-def _time(
-    count: int, per_second: float, needed: bool, notes: list[str]
-) -> NDArray[np.float64] | None:
+def _time(count: int, per_second: float, needed: bool, notes: list[str]) -> FloatArray | None:
     """Return the traces' clock (trace,), s, by the header's rate, where that is ``needed``."""
     plausible = np.isfinite(per_second) and _RATES[0] <= per_second <= _RATES[1]
     if per_second != 0 and not plausible:
@@ -150,7 +148,7 @@ def _time(
     return np.arange(count) / per_second
 
 
-def _delays(heads: NDArray[Any], notes: list[str]) -> FloatArray:
+def _delays(heads: AnyArray, notes: list[str]) -> FloatArray:
     """Return the delays (channel, sample), s, by each channel's own header."""
     first = heads[0]
     samples = int(first["samples"])
@@ -182,7 +180,7 @@ def _delays(heads: NDArray[Any], notes: list[str]) -> FloatArray:
     return delays
 
 
-def _delay_of(head: NDArray[Any], first: NDArray[Any], channel: int) -> FloatArray | None:
+def _delay_of(head: AnyArray, first: AnyArray, channel: int) -> FloatArray | None:
     """Return the delays (sample,), s, that a channel's header states; None without a window."""
     samples = int(first["samples"])
     position, window = float(head["position"]), float(head["range"])
@@ -194,7 +192,7 @@ def _delay_of(head: NDArray[Any], first: NDArray[Any], channel: int) -> FloatArr
             f"channel {channel} must have {samples} samples of {first['bits']} bits as the first, "
             f"got {head['samples']} of {head['bits']}"
         )
-    return np.asarray(position * NANOSECOND + np.arange(samples) * interval, dtype=np.float64)
+    return floats(position * NANOSECOND + np.arange(samples) * interval)
 
 
 def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -> FloatArray | None:
@@ -244,7 +242,7 @@ def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> F
     return distance
 
 
-def _marks(mark_words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
+def _marks(mark_words: IntArray, dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
     """Return the traces with a mark.
 
     Their second word differs from the usual one, or the DZX marks them.
@@ -263,7 +261,7 @@ def _marks(mark_words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> 
     return tuple(sorted({*marked.tolist(), *dzx.marks}))
 
 
-def _frequencies(heads: NDArray[Any], notes: list[str]) -> tuple[float | None, ...]:
+def _frequencies(heads: AnyArray, notes: list[str]) -> tuple[float | None, ...]:
     """Return the nominal frequency of each channel's antenna, Hz, by its name in the header."""
     names = [cell.split(b"\0")[0].decode("latin-1").strip() for cell in heads["antenna"].tolist()]
     quoted = ", ".join(map(repr, names))

@@ -12,11 +12,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flgpr.budget import Budget
-from flgpr_exchange.gpr.parts import (
-    FloatArray,
-    length_unit,
-    read_companion,
-)
+from flgpr.types import FloatArray
+from flgpr_exchange.gpr.parts import length_unit, read_companion
 
 _MOST_WAYPOINTS = 1_000_000
 _MOST_MEMORY = 300 * 10**6  # bytes that all elements may take: 3 million of them

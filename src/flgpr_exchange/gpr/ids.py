@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flgpr.types import AnyArray
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     ZERO_ASSUMED,
@@ -170,7 +170,7 @@ def _header_records(raw: bytes, size: int) -> tuple[dict[bytes, bytes], int]:
     return records, start
 
 
-def _with_sign(samples: NDArray[Any], notes: list[str]) -> NDArray[Any]:
+def _with_sign(samples: AnyArray, notes: list[str]) -> AnyArray:
     """Return counts (trace, sample) as signed or unsigned numbers: a wrong sign makes leaps."""
     unsigned = samples.view("<u2")
     is_signed = _mean_leap(samples) <= _mean_leap(unsigned)
@@ -178,7 +178,7 @@ def _with_sign(samples: NDArray[Any], notes: list[str]) -> NDArray[Any]:
     return samples if is_signed else unsigned
 
 
-def _mean_leap(samples: NDArray[Any]) -> float:
+def _mean_leap(samples: AnyArray) -> float:
     """Return the mean difference of a sample from the one before."""
     steps = np.diff(samples.astype(np.int32), axis=1)
     return float(np.abs(steps).mean())

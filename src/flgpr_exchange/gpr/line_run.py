@@ -17,11 +17,11 @@ from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import make_run
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import ComplexArray, FloatArray, IntArray
 from flgpr_exchange.gpr.files import NOT_READ, READERS, read_gpr
 from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError
 from flgpr_exchange.gpr.places import doubts_of_fixes, options_that_place, trace_poses
 
-FloatArray = NDArray[np.float64]
 _BLOCK = 512  # traces that are transformed at a time
 _LOWEST = 1e6  # Hz, below which no run has tones
 _NYQUIST_SHARE = 0.9  # of the Nyquist frequency, which recorders' filters leave
@@ -362,10 +362,10 @@ def _replaced(
 def _signal(
     section: GprSection,
     channel: int,
-    traces: NDArray[np.int64],
+    traces: IntArray,
     delay: FloatArray,
     band: tuple[float, float],
-) -> tuple[NDArray[np.complex64], FloatArray]:
+) -> tuple[ComplexArray, FloatArray]:
     """Return the signal (scan, tone) of some traces, and its tones, Hz.
 
     A signal that is too large is refused before it is computed.
@@ -382,7 +382,7 @@ def _signal(
 
 def _spectra(
     traces: NDArray[np.floating], delay: FloatArray, band: tuple[float, float]
-) -> tuple[NDArray[np.complex64], FloatArray]:
+) -> tuple[ComplexArray, FloatArray]:
     """Return the spectra (trace, frequency) of traces, and their tones, Hz.
 
     They are transformed in blocks, for a transform of all at once takes many times their memory.

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flgpr.types import FloatArray
 from flgpr_exchange.gpr.antennas import noted_frequency
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     ZERO_ASSUMED,
-    FloatArray,
     Header,
     channel_offsets,
     equal_steps,

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
+from flgpr.types import FloatArray, IndexArray
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     NANOSECOND,
-    FloatArray,
     between_neighbours,
     exact_floats,
     first_bytes,
@@ -322,7 +322,7 @@ def _first_points(
 
 
 def _fixes(
-    positions: FloatArray, known: NDArray[np.intp], block: dict[str, Any], notes: list[str]
+    positions: FloatArray, known: IndexArray, block: dict[str, Any], notes: list[str]
 ) -> FloatArray:
     """Return the fixes (fix, 4) of the traces whose positions (trace, 3) are ``known``.
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from flgpr.door import Folder, open_named, refuse_linked_companion
 from flgpr.store.text import decode_text
+from flgpr.types import AnyArray, BoolArray, FloatArray, floats
 
-FloatArray = NDArray[np.float64]
 NANOSECOND = 1e-9
 FOOT = 0.3048
 INTERVALS = (1e-13, 1e-6)
@@ -348,7 +348,7 @@ def read_records(
     notes: list[str],
     limit: int,
     end: int = 0,
-) -> NDArray[Any]:
+) -> AnyArray:
     """Read records of one length.
 
     Parameters
@@ -377,7 +377,7 @@ def read_records(
     return np.fromfile(path, dtype=kind, count=count, offset=start)
 
 
-def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating[Any]]:
+def exact_floats(samples: AnyArray, notes: list[str]) -> NDArray[np.floating[Any]]:
     """Return samples as floating point in which every count is exact.
 
     Parameters
@@ -414,7 +414,7 @@ def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating
     return real
 
 
-def float64(values: NDArray[Any]) -> FloatArray:
+def float64(values: AnyArray) -> FloatArray:
     """Return header words as float64; a signalling NaN becomes a quiet one, without a warning."""
     with np.errstate(invalid="ignore"):
         return values.astype(np.float64)
@@ -487,7 +487,7 @@ def measured_distance(
         filled = filled[0] - filled
         steps = -steps
     _note_motion(steps, where, notes)
-    return np.asarray(filled, dtype=np.float64)
+    return floats(filled)
 
 
 def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray | None:
@@ -513,7 +513,7 @@ def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray 
     return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
 
 
-def between_neighbours(values: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+def between_neighbours(values: FloatArray, usable: BoolArray) -> FloatArray:
     """Return values (trace, column), those that are not usable between those before and behind.
 
     Parameters
@@ -629,12 +629,10 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
             f"by up to {-np.diff(rising).min():.6g} s: not used"
         )
         return None
-    return np.asarray(rising, dtype=np.float64)
+    return floats(rising)
 
 
-def interleaved_channels(
-    traces: NDArray[Any], stated: int, entry: str, notes: list[str]
-) -> NDArray[Any]:
+def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: list[str]) -> AnyArray:
     """Return traces (scan, channel, sample) of a file whose header states several channels.
 
     Some recorders write the channels of a place one after the other, others a file for each. The
@@ -681,7 +679,7 @@ def interleaved_channels(
     return traces[: scans * stated].reshape(scans, stated, -1)
 
 
-def _change_by_channel(traces: NDArray[Any], channels: int) -> bool:
+def _change_by_channel(traces: AnyArray, channels: int) -> bool:
     """Return whether traces (trace, sample) change as those of so many channels side by side."""
     some = np.nan_to_num(traces[:_MOST_COMPARED].astype(np.float64))
     to_next = np.abs(np.diff(some, axis=0)).mean(axis=1)

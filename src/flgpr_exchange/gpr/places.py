@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
@@ -14,8 +13,8 @@ from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
+from flgpr.types import BoolArray, FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
 _MOST_HEADINGS = 4000  # fixes of a course, whose computation takes the square of their number
 _LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
@@ -31,7 +30,7 @@ def trace_poses(
     anchor: Anchor | None,
     topography: bool,
     notes: list[str],
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Return the traces that have a pose, and their poses.
 
     Parameters
@@ -91,7 +90,7 @@ def trace_poses(
 
 def _poses_by_fixes(
     section: GprSection, height: float, anchor: Anchor, topography: bool, notes: list[str]
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Return the traces between the receiver's first and last position, and their poses."""
     if len(section.fixes) < 2:
         raise ValueError(
@@ -217,9 +216,7 @@ def _plausible_fixes(
     return trace[used], position[used]
 
 
-def _near_by_distance(
-    section: GprSection, trace: FloatArray, position: FloatArray
-) -> NDArray[np.bool_]:
+def _near_by_distance(section: GprSection, trace: FloatArray, position: FloatArray) -> BoolArray:
     """Return which positions (fix, 3), m, are as near to others as the traces' distance allows.
 
     The others are the next two of each side.

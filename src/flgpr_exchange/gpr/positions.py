@@ -25,13 +25,8 @@ from flgpr.formats.nmea import (
     position_of,
     sentences_of,
 )
-from flgpr_exchange.gpr.parts import (
-    DAY,
-    FloatArray,
-    find_companion,
-    is_header_line,
-    read_companion,
-)
+from flgpr.types import BoolArray, FloatArray, IndexArray
+from flgpr_exchange.gpr.parts import DAY, find_companion, is_header_line, read_companion
 
 NO_FIXES: FloatArray = np.empty((0, 4))
 _CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
@@ -373,7 +368,7 @@ def settle_fixes(
     return Fixes(table[:, :4], table[:, 4])
 
 
-def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> NDArray[np.bool_]:
+def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> BoolArray:
     """Return which positions (fix, 5) lie on the Earth and on one of ``count`` traces.
 
     0 N 0 E is what recorders write without a position. ``total`` positions are in the file.
@@ -436,7 +431,7 @@ def _on_own_lines(
     return settled
 
 
-def _restarts(trace: FloatArray) -> NDArray[np.intp]:
+def _restarts(trace: FloatArray) -> IndexArray:
     """Return where trace numbers begin anew.
 
     There they fall, and the next one does not go on from before the fall.

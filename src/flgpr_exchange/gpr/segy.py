@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.types import AnyArray, Float32Array
 from flgpr_exchange.gpr.parts import (
     FOOT,
     INTERVALS,
@@ -66,7 +67,7 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
 
 
 def _entries(
-    table: NDArray[Any], is_ibm: bool, stated: int, interval: float, metre: float, notes: list[str]
+    table: AnyArray, is_ibm: bool, stated: int, interval: float, metre: float, notes: list[str]
 ) -> dict[str, Any]:
     """Return the entries of a section of traces at an interval, s.
 
@@ -96,7 +97,7 @@ def _entries(
     }
 
 
-def _channels_of(table: NDArray[Any]) -> int:
+def _channels_of(table: AnyArray) -> int:
     """Return how many channels trace headers count in each record (bytes 9-16); 0 if none."""
     channel = table["channel"]
     count = int(channel.max())
@@ -108,9 +109,7 @@ def _channels_of(table: NDArray[Any]) -> int:
     return count if is_one_record and (channel == expected).all() else 0
 
 
-def _leave_dead_out(
-    table: NDArray[Any], traces: NDArray[np.floating[Any]], notes: list[str]
-) -> None:
+def _leave_dead_out(table: AnyArray, traces: NDArray[np.floating[Any]], notes: list[str]) -> None:
     """Make traces (trace, sample) NaN that their headers call dead or dummy."""
     dead = np.isin(table["identification"], _DEAD)
     if dead.any():
@@ -120,9 +119,7 @@ def _leave_dead_out(
         )
 
 
-def _check_trace_headers(
-    table: NDArray[Any], samples: int, interval: float, notes: list[str]
-) -> None:
+def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: list[str]) -> None:
     """Add notes of what the trace headers state otherwise, and of what of it is not applied.
 
     ``interval`` is in s.
@@ -170,7 +167,7 @@ def _unit_of_length(raw: bytes, order: str, notes: list[str]) -> float:
     return FOOT if system == 2 else 1.0
 
 
-def _ibm(ibm_words: NDArray[Any]) -> NDArray[np.float32]:
+def _ibm(ibm_words: AnyArray) -> Float32Array:
     """Return IBM's floating point as IEEE's.
 
     It has a sign, an exponent of 16 less 64 and 24 bits of fraction.

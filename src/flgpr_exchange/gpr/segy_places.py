@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flgpr.types import AnyArray, FloatArray
 from flgpr_exchange.gpr.parts import (
-    FloatArray,
     between_neighbours,
     float64,
     gather_note,
@@ -41,7 +40,7 @@ class HeaderGeometry(NamedTuple):
     gather: str = ""  # what a survey is whose antennas move apart
 
 
-def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
+def geometry_of(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeometry:
     """Return where the traces are, and how far apart their antennas.
 
     Parameters
@@ -65,7 +64,7 @@ def geometry_of(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGe
     return placed._replace(gather=_gather(table, metre, notes))
 
 
-def _stated_offset(table: NDArray[Any], metre: float, notes: list[str]) -> float | None:
+def _stated_offset(table: AnyArray, metre: float, notes: list[str]) -> float | None:
     """Return the distance from source to receiver, m, where it is the same in all traces.
 
     By the standard it is in the unit of lengths; radars write it scaled as the coordinates are, or
@@ -95,7 +94,7 @@ def _stated_offset(table: NDArray[Any], metre: float, notes: list[str]) -> float
     return None
 
 
-def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> HeaderGeometry:
+def _line_geometry(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeometry:
     """Return distance along the line, or fixes, and the antennas' separation, if stated."""
     coordinates = _changing_coordinates(table, notes)
     if not coordinates:
@@ -126,14 +125,14 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> Heade
     return HeaderGeometry(settled, Fixes(), separation)
 
 
-def _scale_of(table: NDArray[Any]) -> FloatArray:
+def _scale_of(table: AnyArray) -> FloatArray:
     """Return the factors (trace,) of the coordinates, by their scalar (bytes 71-72)."""
     scalar = float64(table["scalar"])
     # By the standard a negative scalar divides; 0 counts as 1.
     return np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
 
 
-def _coordinates(table: NDArray[Any], name: str, notes: list[str] | None = None) -> FloatArray:
+def _coordinates(table: AnyArray, name: str, notes: list[str] | None = None) -> FloatArray:
     """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit.
 
     Some programs write floats where the standard has whole numbers: those are told by what they
@@ -159,7 +158,7 @@ def _coordinates(table: NDArray[Any], name: str, notes: list[str] | None = None)
     return floats
 
 
-def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
+def _gather(table: AnyArray, metre: float, notes: list[str]) -> str:
     """Return what a survey is whose source and receiver move apart by their coordinates.
 
     It is empty for a line.
@@ -187,7 +186,7 @@ def _separations(source: FloatArray, group: FloatArray, metre: float) -> FloatAr
     return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * metre, dtype=np.float64)
 
 
-def _changing_coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, FloatArray]:
+def _changing_coordinates(table: AnyArray, notes: list[str]) -> dict[str, FloatArray]:
     """Return the coordinates (trace, 2) that change along the line, by their names."""
     coordinates = {}
     for name, description in _COORDINATES.items():

@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
+from flgpr.types import FloatArray, floats
 from flgpr_exchange.gpr.channels import channels_run, common_band
 from flgpr_exchange.gpr.line_run import ReasonedBand
 
-FloatArray = NDArray[np.float64]
 _CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
 
 
@@ -102,7 +101,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     ValueError
         If there are fewer than two marks, or the spacing is not positive.
     """
-    marks = np.unique(np.asarray(section.marks, dtype=np.float64))
+    marks = np.unique(floats(section.marks))
     if marks.size < 2:
         raise ValueError(
             f"{section.path}: distances from marks need two marks or more, got {marks.size}"

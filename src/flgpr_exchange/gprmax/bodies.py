@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.bodies.signature import Body
 from flgpr.simulate.scene.scene import Target
+from flgpr.types import FloatArray
 from flgpr_exchange.gprmax.grid import CellGrid
 
 Medium = float | Literal["metal"]

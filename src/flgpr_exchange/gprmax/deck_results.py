@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, Folder
 from flgpr.json_text import canonical_json, parse_json
+from flgpr.types import Complex128Array, ComplexArray
 from flgpr_exchange.gprmax.output import GprmaxOutput, read_gprmax
 
 FORMAT = "flgpr-gprmax-1"
@@ -126,7 +126,7 @@ class GprmaxRun:
     def __len__(self) -> int:
         return len(self.manifest["pose"])
 
-    def scan(self, index: int) -> NDArray[np.complex64]:
+    def scan(self, index: int) -> ComplexArray:
         """Put a scan together.
 
         Parameters
@@ -212,14 +212,14 @@ class GprmaxRun:
                 f"{output.path}: must last {grid['time_window']:g} s, got {duration:g} s"
             )
 
-    def _field(self, output: GprmaxOutput, terms: list[Any]) -> NDArray[np.complex128]:
+    def _field(self, output: GprmaxOutput, terms: list[Any]) -> Complex128Array:
         """Return the weighted sum (frequency,) of components of the field at receivers."""
         total = np.zeros(self.frequency.size, dtype=np.complex128)
         for name, component, weight in terms:
             total += weight * output.spectrum(name, f"E{component}", self.frequency)
         return total
 
-    def _moment(self, output: GprmaxOutput) -> NDArray[np.complex128]:
+    def _moment(self, output: GprmaxOutput) -> Complex128Array:
         """Return the spectrum of the dipole's current moment, A·m per Hz.
 
         It is the current, at half steps, times a cell's edge.

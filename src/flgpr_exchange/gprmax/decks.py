@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.subsurface import buried_clutter
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.world import World, draw_track, draw_world
+from flgpr.types import AnyArray, FloatArray
 from flgpr_exchange.gprmax.deck_results import FORMAT
 from flgpr_exchange.gprmax.grid import (
     CellGrid,
@@ -213,7 +212,7 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Cell
     return _make_grid(first, cell, shape)
 
 
-def _make_grid(first: FloatArray, cell: float, shape: NDArray[Any]) -> CellGrid:
+def _make_grid(first: FloatArray, cell: float, shape: AnyArray) -> CellGrid:
     """Return a grid whose first node lies at a place, m."""
     x, y, z = (float(v) for v in first)
     i, j, k = (int(n) for n in shape)

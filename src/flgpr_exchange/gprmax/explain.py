@@ -7,11 +7,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.printable import printable
+from flgpr.types import FloatArray
 from flgpr_exchange.gprmax.deck_results import MANIFEST, deck_texts
 from flgpr_exchange.gprmax.output import (
     GprmaxReceiver,
@@ -143,7 +143,7 @@ def _receiver_line(receiver: GprmaxReceiver) -> str:
     return line + (f", {bad} values not finite" if bad else "")
 
 
-def _coordinates(position: NDArray[np.float64]) -> str:
+def _coordinates(position: FloatArray) -> str:
     """Return a position in words."""
     return "(" + ", ".join(f"{coordinate:.3f}" for coordinate in position) + ") m"
 

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.model import make_run
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 from flgpr_exchange.gprmax.output import GprmaxOutput, fourier_integral, read_gprmax
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -210,7 +208,7 @@ def _check_alike(
         )
 
 
-def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> NDArray[np.complex128]:
+def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> Complex128Array:
     """Return the spectrum (frequency,) of the source.
 
     It is its current moment where the file states the length, else its current.
@@ -233,7 +231,7 @@ def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> NDAr
 
 def _signal(
     output: GprmaxOutput, setup: GprmaxSetup, labels: list[str], tones: FloatArray
-) -> NDArray[np.complex64]:
+) -> ComplexArray:
     """Return the signal (polarization, pair, frequency) of one scan."""
     source = _source(output, setup, tones)
     # Times j, a scatterer at path L gives exp(-j2πfL/c) as in every run.

@@ -7,11 +7,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.soil import VACUUM_PERMITTIVITY
+from flgpr.types import ArrayLike, BoolArray, Complex128Array, FloatArray, floats
 
 
 class GridPoint(NamedTuple):
@@ -36,7 +35,7 @@ class CellGrid(NamedTuple):
     @property
     def size(self) -> FloatArray:
         """Edges of the box, m, shape (3,)."""
-        return np.asarray(self.shape, dtype=np.float64) * self.cell
+        return floats(self.shape) * self.cell
 
     @property
     def time_step(self) -> float:
@@ -45,7 +44,7 @@ class CellGrid(NamedTuple):
 
     def local(self, point: ArrayLike) -> FloatArray:
         """Return points (..., 3) of the lane in the box's own coordinates, m."""
-        return np.asarray(point, dtype=np.float64) - np.asarray(self.origin)
+        return floats(point) - np.asarray(self.origin)
 
     def contains(self, point: ArrayLike, reach: float = 0.0) -> bool:
         """Return whether a point lies inside the absorbing layers, with all around it.
@@ -71,7 +70,7 @@ class CellGrid(NamedTuple):
         sum to the vector's component along it.
         """
         in_cells = self.local(point) / self.cell
-        vector = np.asarray(direction, dtype=np.float64)
+        vector = floats(direction)
         points = []
         for axis, component in enumerate("xyz"):
             size = vector[axis]
@@ -103,7 +102,7 @@ def _cubic(position: float) -> list[tuple[int, float]]:
     return [(first + k - 1, weight) for k, weight in enumerate(weights)]
 
 
-def rectangles(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+def rectangles(mask: BoolArray) -> list[tuple[int, int, int, int]]:
     """Return rectangles that cover the true cells of a mask, each cell once.
 
     Parameters
@@ -151,9 +150,9 @@ class RelaxingMedium(NamedTuple):
     error_real: float
     error_loss: float
 
-    def __call__(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+    def __call__(self, frequency: ArrayLike) -> Complex128Array:
         """Return the complex permittivity at frequencies (Hz), in their shape."""
-        omega = 2 * np.pi * np.asarray(frequency, dtype=np.float64)
+        omega = 2 * np.pi * floats(frequency)
         total = self.permittivity - 1j * self.conductivity / (omega * VACUUM_PERMITTIVITY)
         relaxing: Any = 0
         for delta, tau in self.poles:
@@ -212,9 +211,7 @@ def _relative_error(medium: RelaxingMedium) -> float:
     return max(medium.error_real / _TOLERANCE_REAL, medium.error_loss / _TOLERANCE_LOSS)
 
 
-def _fit_terms(
-    f: NDArray[np.float64], eps: NDArray[np.complex128], times: tuple[float, ...]
-) -> RelaxingMedium:
+def _fit_terms(f: FloatArray, eps: Complex128Array, times: tuple[float, ...]) -> RelaxingMedium:
     """Fit a medium with poles at given relaxation times, s."""
     omega = 2 * np.pi * f
     # ε∞ is 1 plus a term, so that no term may be negative.

@@ -16,13 +16,12 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.formats.array_file import LIMIT
 from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.formats.child import parts_elsewhere
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
-FloatArray = NDArray[np.float64]
 _MERGED = (
     "this is a merged B-scan: give the scans' own results, "
     "or import it by a mapping that flgpr info drafts"
@@ -37,15 +36,15 @@ class GprmaxReceiver:
     """What was recorded at a node: ``fields`` by component ("Ex" and so on), V/m or A/m."""
 
     name: str
-    position: NDArray[np.float64]
-    fields: dict[str, NDArray[np.float64]]
+    position: FloatArray
+    fields: dict[str, FloatArray]
 
 
 @dataclass(frozen=True)
 class Excitation:
     """What drove a source, as gprMax 4 stores it: current in A, and the dipole's length in m."""
 
-    samples: NDArray[np.float64]
+    samples: FloatArray
     start: float
     length: float
 
@@ -59,14 +58,12 @@ class GprmaxOutput:
     title: str  #: of the model
     time_step: float  #: s; the electric field's first sample is at time 0
     steps: int
-    cell: NDArray[np.float64]  #: edges of a cell, m
+    cell: FloatArray  #: edges of a cell, m
     receivers: dict[str, GprmaxReceiver]  #: by name
-    sources: list[tuple[str, NDArray[np.float64]]]  #: type and position (m) of every source
+    sources: list[tuple[str, FloatArray]]  #: type and position (m) of every source
     excitation: Excitation | None = None  #: of the first source, where the file holds it
 
-    def current(
-        self, waveform: str, centre: float, frequency: NDArray[np.float64]
-    ) -> NDArray[np.complex128]:
+    def current(self, waveform: str, centre: float, frequency: FloatArray) -> Complex128Array:
         """Compute the Fourier integral of a waveform of unit amplitude.
 
         Parameters
@@ -87,9 +84,7 @@ class GprmaxOutput:
         values = pulse(waveform, centre, start + self.time_step * np.arange(self.steps))
         return fourier_integral(values, self.time_step, frequency, start)
 
-    def spectrum(
-        self, receiver: str, component: str, frequency: NDArray[np.float64]
-    ) -> NDArray[np.complex128]:
+    def spectrum(self, receiver: str, component: str, frequency: FloatArray) -> Complex128Array:
         """Compute the Fourier integral of a receiver's electric field.
 
         Parameters
@@ -189,7 +184,7 @@ def _read(path: Path, limit: int) -> GprmaxOutput:
             receivers[name] = receiver
         sources = []
         for group in _numbered(file, "srcs"):
-            position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
+            position = floats(_attribute(group, "Position", path))
             sources.append((attribute_text(group.attrs.get("Type", "")), position))
         return GprmaxOutput(
             path,
@@ -197,7 +192,7 @@ def _read(path: Path, limit: int) -> GprmaxOutput:
             attribute_text(file.attrs.get("Title", "")),
             time_step,
             steps,
-            np.asarray(cell, dtype=np.float64),
+            floats(cell),
             receivers,
             sources,
             _excitation(file, limit),
@@ -242,7 +237,7 @@ def _numbers(item: Any, limit: int) -> FloatArray:
             f"got shape {item.shape} of {item.dtype}"
         )
     check_dataset(item.name, item)
-    return np.asarray(item[()], dtype=np.float64)
+    return floats(item[()])
 
 
 def _excitation(file: Any, limit: int) -> Excitation | None:
@@ -269,16 +264,16 @@ def _receiver(group: Any, steps: int, path: Path, limit: int) -> GprmaxReceiver:
                 f"{path}: {group.name}/{name} must hold {steps} values, got the shape {shape}"
             )
         fields[name] = _numbers(group[name], limit)
-    position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
+    position = floats(_attribute(group, "Position", path))
     return GprmaxReceiver(attribute_text(group.attrs.get("Name", group.name)), position, fields)
 
 
 def fourier_integral(
-    values: NDArray[np.float64],
+    values: FloatArray,
     time_step: float,
-    frequency: NDArray[np.float64],
+    frequency: FloatArray,
     start: float = 0.0,
-) -> NDArray[np.complex128]:
+) -> Complex128Array:
     """Compute the Fourier integral of samples.
 
     Parameters
@@ -302,7 +297,7 @@ def fourier_integral(
     return np.asarray(out, dtype=np.complex128) * time_step
 
 
-def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
+def pulse(kind: str, frequency: float, time: ArrayLike) -> FloatArray:
     """Evaluate a waveform of unit amplitude as gprMax defines it.
 
     Parameters
@@ -326,7 +321,7 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
     """
     if not frequency > 0:
         raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
-    t = np.asarray(time, dtype=np.float64)
+    t = floats(time)
     if kind == "ricker":
         width = (np.pi * frequency) ** 2
         late = t - np.sqrt(2) / frequency

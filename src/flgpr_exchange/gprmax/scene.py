@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.bodies.rims import Profile
 from flgpr.simulate.bodies.signature.table import find_body
 from flgpr.simulate.ground.roughness import surface_heights
 from flgpr.simulate.scene.scene import Scene, SceneObject, Target
 from flgpr.simulate.scene.world import World
+from flgpr.types import AnyArray, FloatArray
 from flgpr_exchange.gprmax.bodies import (
     Materials,
     Medium,
@@ -131,7 +129,7 @@ def _ground(
     return lines, rough
 
 
-def _surface_steps(scene: Scene, grid: CellGrid, seed: int) -> tuple[NDArray[Any], float]:
+def _surface_steps(scene: Scene, grid: CellGrid, seed: int) -> tuple[AnyArray, float]:
     """Return the surface's heights in cells (i, j), and the rms of the exact ones, m."""
     surface = scene.surface
     rough = surface.rms_height + surface.unevenness > 0

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.geotiff import disk_errors
@@ -23,6 +22,7 @@ from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value
+from flgpr.types import FloatArray
 from flgpr_exchange.documents import document
 
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
@@ -154,7 +154,7 @@ def _write_layer(frame: Any, path: Path, layer: str) -> None:
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
 
 
-def corners(lane: Lane) -> NDArray[np.float64]:
+def corners(lane: Lane) -> FloatArray:
     """Return the corners of a lane at its mean ground, in order around it.
 
     Parameters

@@ -12,9 +12,9 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
+from flgpr.types import ArrayLike, FloatArray, floats
 from flgpr_exchange.documents import document
 
 #: colours of viridis, evenly spaced
@@ -152,7 +152,7 @@ def graduated(column: str, values: ArrayLike) -> Graduated:
     Graduated
         The style.
     """
-    edges = _class_edges(np.asarray(values, dtype=np.float64))
+    edges = _class_edges(floats(values))
     classes = []
     for number, (low, high) in enumerate(pairwise(edges.tolist()), start=1):
         share = number / (edges.size - 1)
@@ -163,7 +163,7 @@ def graduated(column: str, values: ArrayLike) -> Graduated:
     return Graduated(column, classes)
 
 
-def _class_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _class_edges(values: FloatArray) -> FloatArray:
     """Return the edges of classes of as many finite values each, at least two edges."""
     finite = values[np.isfinite(values)]
     if not finite.size:

@@ -23,6 +23,7 @@ from flgpr.door import MOST_JSON, Folder, read_named
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
+from flgpr.types import AnyArray, Arrays, FloatArray, IntArray
 
 VERSION = "1.2.5"
 """Version of the specification that is written."""
@@ -142,8 +143,8 @@ class SigmfRecording:
         self._note_extensions()
         self._samples = self._find_samples(meta, path)
         self._starts = self._find_captures()
-        self._arrays: dict[str, NDArray[Any]] = {}
-        self._of_sweeps: dict[str, NDArray[Any]] = {}
+        self._arrays: Arrays = {}
+        self._of_sweeps: Arrays = {}
         self._units: dict[str, str] = {}
         self._unread: list[str] = []
         self._take_entries("global", [self._global])
@@ -193,7 +194,7 @@ class SigmfRecording:
             infos.append(ArrayInfo(name, values.shape, str(values.dtype), unit))
         return infos
 
-    def read(self, name: str) -> NDArray[Any]:
+    def read(self, name: str) -> AnyArray:
         """Read one of ``arrays``; samples whose digest is another than stated are a ValueError."""
         for arrays in (self._of_sweeps, self._arrays):
             if name in arrays:
@@ -276,7 +277,7 @@ class SigmfRecording:
             raise ValueError(f"core:sha512 must be 128 hexadecimal digits, got {digest!r:.200}")
         return digest.lower()
 
-    def _find_captures(self) -> NDArray[np.int64]:
+    def _find_captures(self) -> IntArray:
         """Return the first sample of every capture (capture,), and keep those that have any."""
         starts = [self._start(capture) for capture in self._captures]
         if starts != sorted(starts):
@@ -404,7 +405,7 @@ class SigmfRecording:
                 self._units[f"sweeps/{key}"] = self._units[name]
         return tones
 
-    def _read_samples(self) -> NDArray[Any]:
+    def _read_samples(self) -> AnyArray:
         """Read all samples, and check their digest if the metadata state one."""
         samples = self._samples
         memory = math.prod(samples.shape) * samples.value.itemsize
@@ -517,7 +518,7 @@ def _count(content: Mapping[str, Any], key: str, default: int | None, least: int
     return int(value)
 
 
-def _column_of(column: list[Any]) -> NDArray[Any] | None:
+def _column_of(column: list[Any]) -> AnyArray | None:
     """Return the values of an entry as an array with a row for each object.
 
     It is None where they are neither finite numbers nor short texts, or differ in their shape.
@@ -577,7 +578,7 @@ def _seconds(text: str) -> float:
     return math.nan if moment.tzinfo is None else moment.timestamp()
 
 
-def _coordinates(point: Any) -> NDArray[np.float64]:
+def _coordinates(point: Any) -> FloatArray:
     """Return longitude and latitude, degrees, and height, m, if any, of a point of GeoJSON.
 
     There are none where it is no such point.

@@ -20,7 +20,8 @@ from sklearn.svm import SVC
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import AnyArray, FloatArray, floats
+
 _FINER = 0.01
 _REMEMBERED = 2**29
 """Most bytes of kernel matrices that stay in memory; more are computed anew in every round."""
@@ -103,7 +104,7 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             raise ValueError(f"tol must be positive, got {self.tol!r}")
         if not self.max_iter >= 1:
             raise ValueError(f"max_iter must be at least 1, got {self.max_iter!r}")
-        samples = np.asarray(X, dtype=np.float64)
+        samples = floats(X)
         self.groups_ = _checked_groups(self.groups, samples.shape[1])
         self.gamma_ = self._widths(samples)
         self._solve(samples, np.asarray(y))
@@ -121,7 +122,7 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             widths.append(1 / spread if spread > 0 else 1.0)
         return np.array(widths)
 
-    def _solve(self, X: FloatArray, y: NDArray[Any]) -> None:
+    def _solve(self, X: FloatArray, y: AnyArray) -> None:
         """Go through rounds of machine and weights until the weights stand still."""
         kernels = _Kernels(X, self.groups_, self.gamma_)
         weights = np.full(len(self.groups_), 1 / len(self.groups_))
@@ -167,7 +168,7 @@ class MultipleKernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[
             score += weight * (kernel @ self.dual_coef_)
         return score
 
-    def predict(self, X: ArrayLike) -> NDArray[Any]:
+    def predict(self, X: ArrayLike) -> AnyArray:
         """Return the class on whose side a sample lies."""
         positive = self.decision_function(X) > 0
         return self.classes_[positive.astype(int)]

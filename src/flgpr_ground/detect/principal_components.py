@@ -12,13 +12,13 @@ from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.detect.deflection import NeymanPearsonDetector
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
 from flgpr.kernels.moments import check_samples
+from flgpr.types import ArrayLike, FloatArray
 
 
 class PrincipalComponentDetector(BaseEstimator):  # type: ignore[misc]
@@ -54,7 +54,7 @@ class PrincipalComponentDetector(BaseEstimator):  # type: ignore[misc]
         self.forms_ = (_with_determinant(trained.forms_[0]),)
         return self
 
-    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
+    def decision_function(self, X: ArrayLike) -> FloatArray:
         """Return the log-likelihood ratios of whitened samples."""
         check_is_fitted(self)
         return self.forms_[0](check_samples(self, X, reset=False))

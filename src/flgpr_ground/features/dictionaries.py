@@ -6,19 +6,18 @@ All of it works with one thread, so that sums keep their order: equal input give
 from __future__ import annotations
 
 import warnings
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.cluster import KMeans
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.jit.threads import blas_on_one_thread
+from flgpr.types import AnyArray, FloatArray, floats
 from flgpr_ground.features.patch_descriptors import split_grid
 
-FloatArray = NDArray[np.float64]
 _LEAST_VARIANCE = 1e-6  # of a principal direction, as a share of the first one's
 _STARTS = 3  # of k-means, of which the best counts
 _ROUNDS = 100  # of k-means and of expectation maximisation at most
@@ -87,7 +86,7 @@ def learn_words(descriptors: FloatArray, count: int, seed: int) -> FloatArray:
         # Fewer different examples than words: some words are then the same.
         warnings.simplefilter("ignore", ConvergenceWarning)
         means.fit(descriptors)
-    return np.asarray(means.cluster_centers_, dtype=np.float64)
+    return floats(means.cluster_centers_)
 
 
 def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture:
@@ -110,9 +109,9 @@ def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture
         warnings.simplefilter("ignore", ConvergenceWarning)
         mixture.fit(descriptors)
     return Mixture(
-        np.asarray(mixture.weights_, dtype=np.float64),
-        np.asarray(mixture.means_, dtype=np.float64),
-        np.sqrt(np.asarray(mixture.covariances_, dtype=np.float64)),
+        floats(mixture.weights_),
+        floats(mixture.means_),
+        np.sqrt(floats(mixture.covariances_)),
     )
 
 
@@ -182,7 +181,7 @@ def fisher_vectors(descriptors: FloatArray, mixture: Mixture) -> FloatArray:
     return gradients.reshape(*gradients.shape[:-3], -1)
 
 
-def improved_fisher_vectors(vectors: NDArray[Any]) -> FloatArray:
+def improved_fisher_vectors(vectors: AnyArray) -> FloatArray:
     """Return the signed square roots of Fisher vectors (..., component), scaled to a norm of one.
 
     See Perronnin, Sánchez & Mensink, ECCV 2010, Sec. 3.1 and 3.2. A vector of zeros stays so.

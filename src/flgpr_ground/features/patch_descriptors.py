@@ -5,13 +5,11 @@ HOG, LBP and dense local descriptors as computer vision has them, on magnitudes 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray
+
 _EPSILON = 1e-5  # of norms, so that a region without a gradient stays zero
 _CLIP = 0.2  # largest component of a unit vector before it is scaled again
 _NEIGHBOURS = 8  # of a pixel in a local binary pattern, at a distance of one pixel
@@ -23,7 +21,7 @@ LOCAL_BINS = 8
 """Directions of its histograms (Lowe 2004)."""
 
 
-def normalize_by_border(patches: NDArray[Any], known: NDArray[np.bool_]) -> FloatArray:
+def normalize_by_border(patches: AnyArray, known: BoolArray) -> FloatArray:
     """Bring patches to zero mean and unit deviation of their borders.
 
     The border is what lies outside of the central half, both ways: there the ground is, not what
@@ -146,7 +144,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / norm)
 
 
-def local_binary_patterns(patches: FloatArray) -> NDArray[np.int64]:
+def local_binary_patterns(patches: FloatArray) -> IntArray:
     """Return the rotation-invariant uniform local binary pattern of every inner pixel.
 
     See Ojala, Pietikäinen & Mäenpää, IEEE Trans. Pattern Analysis and Machine Intelligence 24(7),

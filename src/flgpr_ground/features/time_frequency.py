@@ -11,12 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.types import Complex128Array, FloatArray
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -59,7 +57,7 @@ def range_wavenumbers(
 
 
 def spectrograms(
-    profiles: ComplexArray, offsets: FloatArray, wavenumbers: FloatArray, width: float
+    profiles: Complex128Array, offsets: FloatArray, wavenumbers: FloatArray, width: float
 ) -> FloatArray:
     """Compute the energy of range profiles by range and frequency.
 

@@ -8,7 +8,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
+from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
+from flgpr.types import FloatArray, floats
 
 METRICS = ("minkowski", "euclidean", "manhattan", "chebyshev")
 METHODS = ("largest", "mean", "median")
@@ -60,7 +61,7 @@ class MixtureScorer(StoredScorer):
         """Return the scorer of a fitted mixture of any shape of covariance."""
         mixture = estimator.mixture_
         count, features = mixture.means_.shape
-        roots = np.asarray(mixture.precisions_cholesky_, dtype=np.float64)
+        roots = floats(mixture.precisions_cholesky_)
         if mixture.covariance_type == "tied":
             roots = np.broadcast_to(roots, (count, features, features))
         elif mixture.covariance_type == "diag":

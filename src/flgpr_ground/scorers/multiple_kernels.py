@@ -7,8 +7,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from flgpr.detect.scorers.checks import Checked, FloatArray, IntArray, StoredScorer, refuse_unless
+from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
 from flgpr.detect.scorers.kernel_machines import rbf_values, score_in_blocks
+from flgpr.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

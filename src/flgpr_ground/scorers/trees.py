@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.detect.scorers.checks import Checked, FloatArray, IntArray, StoredScorer, refuse_unless
+from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
+from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 _LEAF = -1
 _LARGEST_DEPTH = 4096  # nodes on the way to a leaf, more than any forest of alarms has
@@ -31,7 +31,7 @@ class Trees:
     split: FloatArray  #: (n_nodes,) threshold, 0 in a leaf
     value: FloatArray  #: (n_nodes,) what a leaf adds
 
-    def total(self, X: NDArray[Any]) -> FloatArray:
+    def total(self, X: AnyArray) -> FloatArray:
         """Return the sums of the leaves that samples reach, over all trees.
 
         Parameters
@@ -63,7 +63,7 @@ class Trees:
         The children of a tree count from its own first node.
         """
         names = ("left", "right", "feature", "split", "value")
-        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+        columns: dict[str, list[AnyArray]] = {name: [] for name in names}
         first = []
         count = 0
         for tree in trees:
@@ -75,7 +75,7 @@ class Trees:
             columns["right"].append(np.where(leaf, _LEAF, right + count))
             columns["feature"].append(np.where(leaf, 0, tree["feature"]))
             columns["split"].append(np.where(leaf, 0.0, tree["split"]))
-            columns["value"].append(np.asarray(tree["value"], dtype=np.float64))
+            columns["value"].append(floats(tree["value"]))
             count += len(leaf)
         return cls(
             np.array(first, dtype=np.int64),
@@ -282,13 +282,13 @@ def _path_lengths(tree: Any) -> FloatArray:
     return np.asarray(depth + _mean_path_length(tree.n_node_samples))
 
 
-def _mean_path_length(count: NDArray[Any]) -> FloatArray:
+def _mean_path_length(count: AnyArray) -> FloatArray:
     """Return the mean depth of an unsuccessful search among ``count`` examples.
 
     This is c(n) = 2H(n - 1) - 2(n - 1)/n, Eq. 1 of Liu, Ting & Zhou 2008, with the harmonic number
     H(i) ≈ ln i + γ; of two examples it is 1, as in scikit-learn.
     """
-    n = np.asarray(count, dtype=np.float64)
+    n = floats(count)
     several = np.maximum(n, 3.0)
     harmonic = np.log(several - 1) + np.euler_gamma
     length = 2 * harmonic - 2 * (several - 1) / several

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr import system
@@ -22,6 +21,7 @@ from flgpr.door import Folder, open_own, refuse_links
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr.simulate.bodies.signature.table import SignatureTable
+from flgpr.types import ComplexArray
 from flgpr_ground.signatures.dipoles import solve_box
 from flgpr_ground.signatures.revolution import solve_round
 
@@ -87,7 +87,7 @@ def build_table(
     return SignatureTable(body, values.reshape(*shape, *values.shape[1:]).astype(np.complex64))
 
 
-def _read_piece(folder: Path, piece: _Piece) -> NDArray[np.complex64]:
+def _read_piece(folder: Path, piece: _Piece) -> ComplexArray:
     """Return a stored piece; a file that holds something else is a ValueError."""
     data = Folder(folder).read(piece.file)
     shape, dtype, head = npy_header(io.BytesIO(data))
@@ -130,7 +130,7 @@ def _solve_and_store(body: Body, folder: Path, piece: _Piece) -> None:
     incomplete.rename(folder / piece.file)
 
 
-def solve_piece(body: Body, soil: int, frequency: int) -> NDArray[np.complex64]:
+def solve_piece(body: Body, soil: int, frequency: int) -> ComplexArray:
     """Solve a body at one node of soil and tone.
 
     Parameters

@@ -21,18 +21,15 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import sici
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.signature.body import Body
-
-SingleArray = NDArray[np.complex64]
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, Float32Array, FloatArray
 
 # Directions of all waves together that are weaker than this, relative to a single wave, are not
 # solved for.
@@ -52,7 +49,7 @@ class Lattice(NamedTuple):
 
     cell: float  #: edge of a cell, m
     #: (x, y, z, 3): that for fields along x, y and z; the soil's where there is no body
-    permittivity: ComplexArray
+    permittivity: Complex128Array
 
 
 class Waves(NamedTuple):
@@ -64,7 +61,7 @@ class Waves(NamedTuple):
 
 def scattering_amplitudes(
     lattice: Lattice, soil: complex, wavenumber: float, waves: Waves
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the scattering amplitudes F of a body, m.
 
     A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``,
@@ -102,7 +99,7 @@ def scattering_amplitudes(
     return np.asarray(4 * k**2 * lattice.cell**3 * total).reshape(2, half, 2, half)
 
 
-def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
+def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> ComplexArray:
     """Return the square root of the polarizability over the cell's volume (3, x, y, z).
 
     It is that of Clausius and Mossotti, with the radiative reaction of a filtered cell (Gay-Balmaz
@@ -117,7 +114,7 @@ def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
     return np.ascontiguousarray(np.sqrt(polarizability), dtype=np.complex64)
 
 
-def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArray]:
+def filtered_green(size: complex, count: int) -> tuple[Complex128Array, Complex128Array]:
     """Return the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice.
 
     With ``g = e^{-jkR}/R`` and the delta function δ without the wavenumbers above π:
@@ -160,7 +157,7 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
     return np.concatenate([at_zero, isotropic]), np.concatenate([at_zero, radial])
 
 
-def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArray]]:
+def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[ComplexArray]]:
     """Return the Fourier transform of the Green tensor over the lags of a lattice.
 
     Parameters
@@ -182,7 +179,7 @@ def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArra
     isotropic, radial = filtered_green(size, int(square.max()) + 1)
     diagonal = isotropic[square]
     line = radial[square] / np.maximum(square, 1)
-    out: list[list[SingleArray]] = [[None] * 3 for _ in range(3)]  # type: ignore[list-item]
+    out: list[list[ComplexArray]] = [[None] * 3 for _ in range(3)]  # type: ignore[list-item]
     for a in range(3):
         for b in range(a, 3):
             component = line * grid[a] * grid[b]
@@ -195,7 +192,7 @@ def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArra
     return out
 
 
-def _symbol(component: ComplexArray, shape: tuple[int, ...], odd: list[bool]) -> SingleArray:
+def _symbol(component: Complex128Array, shape: tuple[int, ...], odd: list[bool]) -> ComplexArray:
     """Return the transform of one component, given for lags that are not negative.
 
     z is counted downwards.
@@ -211,7 +208,7 @@ def _symbol(component: ComplexArray, shape: tuple[int, ...], odd: list[bool]) ->
     return np.ascontiguousarray(component @ matrix.T, dtype=np.complex64)
 
 
-def _lag_sum(angle: NDArray[Any], odd: bool) -> FloatArray:
+def _lag_sum(angle: AnyArray, odd: bool) -> FloatArray:
     """Return the matrix that sums a function over lags of either sign.
 
     The function is given at lags that are not negative, and even or odd.
@@ -235,7 +232,7 @@ class ClassSystem:
     """
 
     def __init__(
-        self, scale: SingleArray, symbols: list[list[SingleArray]], parity: tuple[int, int]
+        self, scale: ComplexArray, symbols: list[list[ComplexArray]], parity: tuple[int, int]
     ) -> None:
         self.scale = scale
         self.symbols = symbols
@@ -247,7 +244,7 @@ class ClassSystem:
         self._down = np.exp(-angle).astype(np.complex64)
         self._up = (np.exp(angle.T) / length).astype(np.complex64)
 
-    def apply(self, vector: SingleArray) -> SingleArray:
+    def apply(self, vector: ComplexArray) -> ComplexArray:
         """Return the left-hand side for one vector (3·x·y·z,)."""
         field = vector.reshape(self.shape) * self.scale
         spectra = [self._spectrum(field[b], b) for b in range(3)]
@@ -260,14 +257,14 @@ class ClassSystem:
             out[a] = self._field(total, a)
         return vector - (out * self.scale).ravel()
 
-    def _spectrum(self, field: SingleArray, component: int) -> SingleArray:
+    def _spectrum(self, field: ComplexArray, component: int) -> ComplexArray:
         """Return the spectrum of one component of a field; real matrices act on real views."""
         nx, ny, nz = field.shape
         in_x = self._forward[0][component == 0][0] @ field.reshape(nx, -1).view(np.float32)
         in_y = self._forward[1][component == 1][0] @ in_x.reshape(-1, ny, 2 * nz)
         return np.asarray(in_y.view(np.complex64) @ self._down)
 
-    def _field(self, spectrum: SingleArray, component: int) -> SingleArray:
+    def _field(self, spectrum: ComplexArray, component: int) -> ComplexArray:
         """Return the field of one component of a spectrum."""
         in_z = (spectrum @ self._up).view(np.float32)
         in_y = self._forward[1][component == 1][1] @ in_z
@@ -275,7 +272,7 @@ class ClassSystem:
         return np.asarray(in_x.view(np.complex64).reshape(self.shape[1:]))
 
 
-def _transforms(count: int, parity: int) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+def _transforms(count: int, parity: int) -> list[tuple[Float32Array, Float32Array]]:
     """Return the matrices to and from the spectrum along an axis.
 
     The first two are for components of this parity, the others for those of the other.
@@ -302,8 +299,8 @@ def _couplings(parity: tuple[int, int]) -> list[list[int]]:
 
 
 def _wave_columns(
-    lattice: Lattice, scale: SingleArray, k: complex, waves: Waves, parity: tuple[int, int]
-) -> SingleArray:
+    lattice: Lattice, scale: ComplexArray, k: complex, waves: Waves, parity: tuple[int, int]
+) -> ComplexArray:
     """Return what of each wave belongs to a class, times s: (3·x·y·z, 2·wave), H before V."""
     nx, ny, nz = scale.shape[1:]
     kappa = waves.transverse
@@ -330,9 +327,7 @@ def _wave_columns(
     return out.reshape(scale.size, -1)
 
 
-def _by_parity(
-    wavenumber: NDArray[Any], coordinate: NDArray[Any], parity: int
-) -> list[SingleArray]:
+def _by_parity(wavenumber: AnyArray, coordinate: AnyArray, parity: int) -> list[ComplexArray]:
     """Return what of ``e^{-jkx}`` has this parity, then the other (coordinate, wave)."""
     phase = np.outer(coordinate, wavenumber)
     even = np.cos(phase).astype(np.complex64)
@@ -340,7 +335,7 @@ def _by_parity(
     return [even, odd] if parity > 0 else [odd, even]
 
 
-def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
+def _project(system: ClassSystem, columns: ComplexArray) -> Complex128Array:
     """Return ``aᵀ·M⁻¹·a`` of all columns, from one block Krylov space.
 
     The space grows until all residuals are small. With ``x ≈ M⁻¹·a`` of least residual the value is
@@ -373,7 +368,7 @@ def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
     return np.asarray(once + once.T - (twice + twice.T) / 2)
 
 
-def _directions(columns: SingleArray) -> SingleArray:
+def _directions(columns: ComplexArray) -> ComplexArray:
     """Return fewer columns that nearly span these, each as long as it matters."""
     stride = max(1, columns.shape[0] // _SAMPLE)
     sample = columns[::stride].astype(complex)
@@ -383,7 +378,7 @@ def _directions(columns: SingleArray) -> SingleArray:
     return np.asarray(columns @ mixing[:, strong].astype(np.complex64))
 
 
-def _orthonormal(block: SingleArray, basis: SingleArray, least: float) -> SingleArray:
+def _orthonormal(block: ComplexArray, basis: ComplexArray, least: float) -> ComplexArray:
     """Return orthonormal directions of a block, outside a basis, longer than ``least``."""
     for _ in range(2):  # once more for what rounding leaves
         block = block - basis @ (basis.conj().T @ block)
@@ -405,7 +400,7 @@ def solve_box(
     separations: ArrayLike = (0.0,),
     cells_per_wavelength: float = 9.0,
     most_cells: int = 400_000,
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the scattering amplitudes of a box in homogeneous soil, m, for waves from the air.
 
     A wave that comes at θ from the vertical in air has the horizontal wavenumber ``k0·sinθ`` in the
@@ -537,7 +532,7 @@ def _shares(edges: list[float], cell: float) -> FloatArray:
     return np.maximum(overlap, 0) / cell
 
 
-def _average(media: ComplexArray, shares: list[FloatArray], along: int) -> ComplexArray:
+def _average(media: Complex128Array, shares: list[FloatArray], along: int) -> Complex128Array:
     """Return the harmonic mean along one axis of the arithmetic means over the others."""
     for axis in range(3):
         if axis != along:
@@ -545,6 +540,6 @@ def _average(media: ComplexArray, shares: list[FloatArray], along: int) -> Compl
     return np.asarray(1 / _weigh(shares[along], 1 / media, along))
 
 
-def _weigh(share: FloatArray, values: ComplexArray, axis: int) -> ComplexArray:
+def _weigh(share: FloatArray, values: Complex128Array, axis: int) -> Complex128Array:
     """Return the means of values along an axis, by the shares of every cell."""
     return np.moveaxis(np.tensordot(share, values, (1, axis)), 0, axis)

@@ -24,14 +24,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from scipy.special import jv
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import reflection
 from flgpr.simulate.bodies.signature.body import Body
+from flgpr.types import BoolArray, Complex128Array, FloatArray, IndexArray
 
 _GUARD = 4  # cells between the body and the absorbing layers
 _ABSORBER = 9  # cells of each absorbing layer
@@ -47,12 +46,12 @@ class YeeGrid:
     """Yee grid on the half plane: nodes in complex coordinates, permittivity of every cell."""
 
     #: rho, z: nodes, m; imaginary parts absorb. ``rho[0]`` is the axis
-    rho: ComplexArray
-    z: ComplexArray
-    permittivity: ComplexArray  #: (rho cell, z cell): NaN in metal
-    inside: NDArray[np.bool_]  #: (rho cell, z cell): cells of the body
+    rho: Complex128Array
+    z: Complex128Array
+    permittivity: Complex128Array  #: (rho cell, z cell): NaN in metal
+    inside: BoolArray  #: (rho cell, z cell): cells of the body
     #: permittivity without the body: the soil's, and 1 above the surface if the grid holds it
-    ground: ComplexArray
+    ground: Complex128Array
 
 
 def _nodes_between(edges: Sequence[float], cell: float) -> FloatArray:
@@ -68,7 +67,7 @@ def _nodes_between(edges: Sequence[float], cell: float) -> FloatArray:
     return np.concatenate(nodes)
 
 
-def _absorber(cell: float, first: float, wavenumber: float) -> ComplexArray:
+def _absorber(cell: float, first: float, wavenumber: float) -> Complex128Array:
     """Return the nodes outside the body, from its face outwards, m.
 
     Guard cells grow from the body's last cell on; absorbing cells come after them.
@@ -191,7 +190,7 @@ class ModalSolver:
             options={"SymmetricMode": True},
         )
 
-    def waves(self, transverse: ComplexArray, mode: int) -> ComplexArray:
+    def waves(self, transverse: Complex128Array, mode: int) -> Complex128Array:
         """Return the fields of downgoing waves on the body's edges.
 
         Parameters
@@ -212,7 +211,7 @@ class ModalSolver:
         )
         return np.concatenate([horizontal, vertical], axis=1)
 
-    def answer(self, transverse: ComplexArray) -> ComplexArray:
+    def answer(self, transverse: Complex128Array) -> Complex128Array:
         """Return ``T[test, incident]``, m, for all pairs of downgoing waves, H before V.
 
         Parameters
@@ -240,7 +239,7 @@ class ModalSolver:
         coefficients = weight[strong, None] * mixing[strong] * scale
         return (test.T @ source) @ coefficients
 
-    def _source(self, incident: ComplexArray) -> ComplexArray:
+    def _source(self, incident: Complex128Array) -> Complex128Array:
         """Return the source P on the body's edges for incident fields there."""
         right = np.zeros((self._count, incident.shape[1]), complex)
         right[self._body] = self.k0**2 * self._contrast[:, None] * incident
@@ -252,13 +251,13 @@ class ModalSolver:
 
 
 def wave_modes(
-    transverse: ComplexArray,
+    transverse: Complex128Array,
     wavenumber: complex,
     rho: FloatArray,
     z: FloatArray,
-    kind: NDArray[np.intp],
+    kind: IndexArray,
     mode: int,
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return one azimuthal mode of downgoing plane waves along x, as components on edges.
 
     ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with
@@ -343,7 +342,7 @@ class _Edges:
         upright[0 if mode == 0 else 1 : -1] = True
         self.used = np.concatenate([along.ravel(), around.ravel(), upright.ravel()])
 
-    def average(self, cells: ComplexArray) -> ComplexArray:
+    def average(self, cells: Complex128Array) -> Complex128Array:
         """Return the mean of a quantity over the cells around each edge, weighted by area.
 
         It is NaN where any of the cells is.
@@ -357,18 +356,18 @@ class _Edges:
         around = (level[:-1] * dr[:-1] + level[1:] * dr[1:]) / (dr[:-1] + dr[1:])
         return np.concatenate([level[1:-1].ravel(), around.ravel(), upright.ravel()])
 
-    def touching(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def touching(self, cells: BoolArray) -> BoolArray:
         """Return the edges with at least one of these cells around them."""
         return self.average(cells.astype(complex)).real > 0
 
 
-def _dual(nodes: ComplexArray) -> ComplexArray:
+def _dual(nodes: Complex128Array) -> Complex128Array:
     """Return the width of the dual cell about every node."""
     step = np.diff(nodes)
     return np.concatenate([step[:1] / 2, (step[1:] + step[:-1]) / 2, step[-1:] / 2])
 
 
-def _difference(nodes: ComplexArray) -> Any:
+def _difference(nodes: Complex128Array) -> Any:
     """Return the matrix of difference quotients from nodes to cells."""
     step = 1 / np.diff(nodes)
     return sp.diags([-step, step], [0, 1], shape=(step.size, nodes.size))
@@ -434,7 +433,7 @@ def solve_round(
     separations: FloatArray,
     depths: FloatArray,
     cells_per_wavelength: float = 8.0,
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the scattering amplitudes of a round body in the ground, m.
 
     The field in air is ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of
@@ -487,7 +486,7 @@ def solve_round(
     return out
 
 
-def _modes_sum(answer: ComplexArray, mode: int, separation: FloatArray) -> ComplexArray:
+def _modes_sum(answer: Complex128Array, mode: int, separation: FloatArray) -> Complex128Array:
     """Return the sum of the modes ±m (sine, separation, 4).
 
     T of HH and VV is even in m, that of HV odd.
@@ -505,8 +504,8 @@ def _modes_sum(answer: ComplexArray, mode: int, separation: FloatArray) -> Compl
 class Path(NamedTuple):
     """Nodes of the integral over horizontal wavenumbers κ, rad/m, and weights of dκ."""
 
-    transverse: ComplexArray
-    weight: ComplexArray
+    transverse: Complex128Array
+    weight: Complex128Array
 
 
 def spectral_path(wavenumber: complex, radius: float) -> Path:
@@ -541,8 +540,8 @@ def spectral_path(wavenumber: complex, radius: float) -> Path:
 
 
 def with_surface(
-    answer: ComplexArray, path: Path, mode: int, soil: complex, wavenumber: float, depth: float
-) -> ComplexArray:
+    answer: Complex128Array, path: Path, mode: int, soil: complex, wavenumber: float, depth: float
+) -> Complex128Array:
     """Return a body's answer S with the surface above it, for one azimuthal mode.
 
     With Weyl's integral an upgoing wave of the body meets the surface, comes back with the

@@ -12,12 +12,12 @@ import xarray as xr
 from pydantic import Field, model_validator
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Arrays
 from flgpr.kernels.moments import ledoit_wolf_moments
 from flgpr.screen import select
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
+from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.clusters import subset
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr.types import Arrays, FloatArray, floats
 from flgpr_ground.stages.run_views import check_images, kinds_change
 
 _EDGE = 1e-9  # m; a pixel whose centre lies on a border lies within it
@@ -227,7 +227,7 @@ def _inverse(covariance: FloatArray) -> FloatArray:
 
     HV and VH may be copies.
     """
-    return np.asarray(np.linalg.pinv(covariance, rcond=1e-10, hermitian=True), dtype=np.float64)
+    return floats(np.linalg.pinv(covariance, rcond=1e-10, hermitian=True))
 
 
 def _around(view: xr.DataArray, centre: Any, half: tuple[float, float]) -> _Pixels:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 
 from flgpr.engine import PlannedPass
-from flgpr.stages import ComplexArray, Table
+from flgpr.model.bounds import AtLeastOne
+from flgpr.stages import Table
 from flgpr.stages.standing import StandingField, StandingSettings, standing_pass
+from flgpr.types import AnyArray, Complex128Array, ComplexArray
 
 _MOST = 30  # iterations
 _MISFIT = 1e-5  # of the matrix's norm, at which the iterations end
@@ -23,7 +23,7 @@ class LowRankSettings(StandingSettings):
     It is learnt from at most ``most`` scans, spread evenly over the run.
     """
 
-    rank: Annotated[int, Field(ge=1)] = 2
+    rank: AtLeastOne = 2
 
 
 class LowRank(StandingField):
@@ -46,7 +46,7 @@ class LowRank(StandingField):
             standing_pass("low-rank", scans, self.settings.most, self._data_before, self._subspaces)
         ]
 
-    def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+    def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without their projection on the subspace."""
         basis = self.setup.results["low-rank"]["field"]
         gain = np.einsum("pkf,pkrf->pkr", data, basis.conj())
@@ -71,7 +71,7 @@ class LowRank(StandingField):
         return basis
 
 
-def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
+def low_rank_part(matrix: AnyArray) -> Complex128Array:
     """Return the part of low rank of a matrix.
 
     Parameters

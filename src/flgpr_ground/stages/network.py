@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
-from pydantic import Field
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Arrays
 from flgpr.features import cut_regions
+from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.screen.views import grid_of
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
+from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray, floats
 from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
 _BATCH = 256  # chips that are scored at once
 _FLOOR = 1e-3  # of magnitudes in units of the background
-Count = Annotated[int, Field(ge=1)]
-Chips = NDArray[np.float32]
+Chips = Float32Array
 
 
 class NetworkSettings(Table):
@@ -40,12 +38,12 @@ class NetworkSettings(Table):
     reach: Positive = 0.5  #: farthest maximum from a mine that still shows it
     clear: Positive = 1.0  #: least distance of clutter's maxima from all targets
     radius: Positive = 0.5  #: distance between maxima
-    jitter: Annotated[float, Field(ge=0)] = 0.1  #: by up to which mines are moved
-    channels: tuple[Count, Count, Count] = (16, 24, 32)  #: of the three convolutions
-    networks: Count = 3  #: whose scores are averaged; they begin with different weights
-    epochs: Count = 20
+    jitter: NotNegative = 0.1  #: by up to which mines are moved
+    channels: tuple[AtLeastOne, AtLeastOne, AtLeastOne] = (16, 24, 32)  #: of the three convolutions
+    networks: AtLeastOne = 3  #: whose scores are averaged; they begin with different weights
+    epochs: AtLeastOne = 20
     rate: Positive = 1e-3  #: step of the optimizer
-    decay: Annotated[float, Field(ge=0)] = 1e-2  #: of the weights
+    decay: NotNegative = 1e-2  #: of the weights
     seed: int = 0
 
 
@@ -128,7 +126,7 @@ class ChipNetwork(FeatureStage):
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
-def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
+def weights_of(learnt: Mapping[str, AnyArray]) -> list[Arrays]:
     """Return the weights of every network that was learnt, by name."""
     by_number: dict[int, Arrays] = {}
     for key in learnt:
@@ -138,7 +136,7 @@ def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
     return [by_number[number] for number in sorted(by_number)]
 
 
-def run_network(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
+def run_network(x: Chips, weights: Mapping[str, AnyArray]) -> FloatArray:
     """Run a network.
 
     Parameters
@@ -160,7 +158,7 @@ def run_network(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
         x = np.einsum("ncyxvu,ocvu->noyx", windows, kernel, optimize=True)
         x = np.maximum(x + bias, 0)
     mean = x.mean(axis=(2, 3))
-    return np.asarray(mean @ weights["last"] + weights["bias"], dtype=np.float64)
+    return floats(mean @ weights["last"] + weights["bias"])
 
 
 def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed: int) -> Arrays:

@@ -16,13 +16,13 @@ import xarray as xr
 from pydantic import Field, model_validator
 
 from flgpr.detect.scorers.checks import Checked
-from flgpr.engine import Arrays
 from flgpr.features import cut_regions
 from flgpr.model import Grid
 from flgpr.screen import select
 from flgpr.screen.views import grid_of
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
+from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
+from flgpr.types import Arrays, FloatArray
 from flgpr_ground.features.dictionaries import (
     Mixture,
     Whitening,

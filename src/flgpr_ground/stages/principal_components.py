@@ -12,15 +12,14 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import LinearQuadraticForm, PrincipalComponentDetector
-from flgpr.engine import Accumulator, Arrays, append_accumulator
+from flgpr.engine import Accumulator, append_accumulator
 from flgpr.features import clean_pixels, clutter_cuts, stack_channels
 from flgpr.model import ground_points, lane_to_scan
-from flgpr.stages import FloatArray, Positive, Table
+from flgpr.stages import Positive, Table
 from flgpr.stages.forms import (
     MOST_FORMS,
     FormMap,
@@ -29,6 +28,7 @@ from flgpr.stages.forms import (
     target_cuts,
 )
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
+from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
 
 
 class ComponentSettings(SampleSettings):
@@ -67,7 +67,7 @@ class ComponentMap(FormMap):
         """Return the number of intervals."""
         return len(settings.edges) - 1
 
-    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+    def map(self, image: xr.DataArray) -> Float32Array:
         """Return the log-likelihood ratio about every pixel (y, x); NaN beyond the edges."""
         stack, _ = stack_channels(image.isel(subband=0, drop=True), self.settings.polarizations)
         ratio = np.full(stack.shape[1:], np.nan, np.float32)
@@ -113,9 +113,7 @@ class ComponentMap(FormMap):
         return learnt, {"looks_at_mines": looks, "clutter_samples": len(value)}
 
 
-def interval_samples(
-    band: xr.DataArray, mines: FloatArray, settings: ComponentSettings
-) -> dict[str, NDArray[Any]]:
+def interval_samples(band: xr.DataArray, mines: FloatArray, settings: ComponentSettings) -> Arrays:
     """Take range cuts at mines, and of the clutter away from them, in each interval of range.
 
     A mine's cut may reach beyond the interval in which the mine lies, a cut of clutter may not: its
@@ -154,8 +152,8 @@ def interval_samples(
 def _trained(
     settings: ComponentSettings,
     interval: tuple[float, float],
-    target: NDArray[Any],
-    clutter: NDArray[Any],
+    target: AnyArray,
+    clutter: AnyArray,
 ) -> LinearQuadraticForm:
     """Return the log-likelihood ratio of an interval, or refuse too few looks or samples."""
     nearest, farthest = interval

@@ -11,8 +11,9 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.screen import local_maxima
-from flgpr.stages import FloatArray, TrainingView
+from flgpr.stages import TrainingView
 from flgpr.stages.too_few import Change
+from flgpr.types import FloatArray
 
 
 def maxima_in_lane(lane: TrainingView, level: FloatArray, radius: float) -> FloatArray:

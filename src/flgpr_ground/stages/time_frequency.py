@@ -7,13 +7,13 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.engine import Arrays
 from flgpr.features import range_wavenumbers, reflection_features, spectrograms
 from flgpr.model import SPEED_OF_LIGHT, vehicle_to_scan
-from flgpr.stages import FeatureStage, FloatArray, Positive, Setup, Table
+from flgpr.model.bounds import NotNegative
+from flgpr.stages import FeatureStage, Positive, Setup, Table
+from flgpr.types import Arrays, Complex128Array, ComplexArray, FloatArray, IntArray
 
 _NAMES = ("level", "second", "distance", "shift", "bandwidth", "entropy")
 _GIGAHERTZ = ("shift", "bandwidth")
@@ -31,7 +31,7 @@ class TimeFrequencySettings(Table):
 
     polarizations: tuple[str, ...] = ("HH", "VV")
     subband: str | None = None
-    across: Annotated[float, Field(ge=0)] = 0.15
+    across: NotNegative = 0.15
     search: Positive = 0.25
     gate: tuple[Positive, Positive] = (0.1, 0.35)
     width: Positive = 0.06
@@ -134,12 +134,12 @@ class TimeFrequency(FeatureStage):
 
     def _profiles(
         self,
-        channel: NDArray[np.complex64],
-        row: NDArray[np.int64],
-        column: NDArray[np.int64],
+        channel: ComplexArray,
+        row: IntArray,
+        column: IntArray,
         half: int,
         side: int,
-    ) -> NDArray[np.complex128]:
+    ) -> Complex128Array:
         """Return the profiles (alarm, range): the column with the brightest pixel near the middle.
 
         Pixels are taken as they are, as the phase turns too fast between them to interpolate.

@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.engine import Arrays, Engine
+from flgpr.engine import Engine
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
 from flgpr.progress import Track
@@ -25,6 +25,7 @@ from flgpr.recipe.schema import Recipe, recipe_text
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, world_description
 from flgpr.stages.masks import MaskedSuppression
 from flgpr.store import open_run
+from flgpr.types import Arrays
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world

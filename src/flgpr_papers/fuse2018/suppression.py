@@ -18,8 +18,8 @@ from flgpr.clutter import (
     fallen_back,
     suppress_by_model,
 )
-from flgpr.engine import Arrays
 from flgpr.stages.masks import Aperture, MaskedSuppression, OperatorOn
+from flgpr.types import Arrays
 from flgpr_papers.fuse2018.lanes import Frames, trained
 
 BoolArray = NDArray[np.bool_]

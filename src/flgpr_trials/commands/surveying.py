@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.door import read_named
 from flgpr.model import check_truth
@@ -14,6 +13,7 @@ from flgpr.model.faults import faults_of
 from flgpr.store.files import existing
 from flgpr.store.outputs import write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
+from flgpr.types import BoolArray, FloatArray
 from flgpr_trials.commands.planning import CREW_COLUMNS, RegisterLine
 from flgpr_trials.commands.registering import default_register
 from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened
@@ -96,7 +96,7 @@ def register_survey(
 
 
 def _survey_entry(
-    plan_line: RegisterLine, offset: NDArray[np.float64], left_out: int, text: str
+    plan_line: RegisterLine, offset: FloatArray, left_out: int, text: str
 ) -> RegisterLine:
     """Return the register entry of a survey: its plan, how far targets lie off it, and the truth.
 
@@ -115,7 +115,7 @@ def _survey_entry(
 
 def _read_sheet(
     sheet: PathLike, planned: pd.DataFrame, within: float
-) -> tuple[pd.DataFrame, NDArray[np.float64]]:
+) -> tuple[pd.DataFrame, FloatArray]:
     """Read what was emplaced, and how far each target lies from its plan, m.
 
     Targets have the positions and depths that the crew recorded.
@@ -159,7 +159,7 @@ def _recorded_rows(sheet: pd.DataFrame, plan: pd.DataFrame) -> pd.DataFrame:
     return sheet.set_axis(names).loc[planned_names]
 
 
-def _ticked(recorded: pd.DataFrame) -> NDArray[np.bool_]:
+def _ticked(recorded: pd.DataFrame) -> BoolArray:
     """Return by target whether it was emplaced; the crew must say yes or no."""
     # A spreadsheet turns a tick of 1 into 1.0.
     ticks = recorded["emplaced"].fillna("").astype(str).str.strip().str.lower()
@@ -171,7 +171,7 @@ def _ticked(recorded: pd.DataFrame) -> NDArray[np.bool_]:
 
 def _recorded_values(
     name: str, plan: pd.DataFrame, recorded: pd.DataFrame, within: float
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return a coordinate of all targets, m: the crew's to a millimetre, or the planned one."""
     cells = recorded[f"emplaced_{name}_m"]
     planned = plan[name].set_axis(cells.index)

@@ -9,11 +9,10 @@ from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Arrays = Mapping[str, NDArray[Any]]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from flgpr.types import AnyArray, FloatArray
+
+Arrays = Mapping[str, AnyArray]
 
 
 class Checked:
@@ -32,7 +31,7 @@ class Checked:
         shape: Sequence[int | None],
         *types: type[np.generic],
         finite: bool = True,
-    ) -> NDArray[Any]:
+    ) -> AnyArray:
         """Return an array of one of several ``types``, by default float64, of finite numbers.
 
         None in ``shape`` allows any length of an axis. Without ``finite``, infinity may be among
@@ -157,7 +156,7 @@ class StoredScorer(ABC):
     def taken(cls, checked: Checked, features: int) -> Self:
         """Return the scorer of settings and arrays for so many features, which may be more."""
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, AnyArray]:
         """Return the arrays that the scores depend on."""
         return {name: value for name, value in held_fields(self) if isinstance(value, np.ndarray)}
 

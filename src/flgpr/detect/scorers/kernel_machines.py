@@ -7,7 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
+from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
+from flgpr.types import FloatArray
 
 KERNELS = ("linear", "rbf", "laplacian", "poly", "sigmoid")
 _VALUES_AT_ONCE = 2**22  # of a kernel matrix, in memory

@@ -7,7 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from flgpr.detect.scorers.checks import Checked, FloatArray, StoredScorer, refuse_unless
+from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
+from flgpr.types import FloatArray
 
 
 @dataclass(frozen=True)

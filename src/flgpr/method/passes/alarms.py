@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.engine import Arrays, bundle_groups
+from flgpr.engine import bundle_groups
 from flgpr.method.imaged_run import table_arrays
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import select
+from flgpr.types import Arrays
 
 
 class Maxima(Pass):

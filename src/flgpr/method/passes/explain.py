@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays
 from flgpr.method.cache_key import features_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
-from flgpr.stages import FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 
 class Explain(Pass):
@@ -38,7 +35,7 @@ class Explain(Pass):
         """Return the looks so far."""
         return self._sums.state()
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the looks of the block that follows."""
         self._sums.merge(dict(state))
 

@@ -8,18 +8,16 @@ column is a stage such as ``stages/tracking.py``, and its row in ``stages/__init
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.cache_key import features_key
 from flgpr.method.imaged_run import ImagedRun, table_arrays
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
+from flgpr.types import AnyArray, Arrays, IndexArray
 
 
 class Features(Pass):
@@ -48,7 +46,7 @@ class Features(Pass):
         """Return the sums of the alarms that the block may see."""
         return self._sums.state()
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the sums of the block that follows."""
         self._sums.merge(state)
 
@@ -57,7 +55,7 @@ class Features(Pass):
         return table_arrays(self._sums.table())
 
 
-def alarms_near(lane: ImagedRun, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
+def alarms_near(lane: ImagedRun, alarms: pd.DataFrame, block: range) -> IndexArray:
     """Return the numbers of the alarms that a scan of the block may see."""
     scans = lane.imager.scans[block.start : block.stop]
     y_of_block = lane.setup.run["pose"].values[scans, 1]

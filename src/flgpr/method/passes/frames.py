@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays, concatenate
+from flgpr.engine import concatenate
 from flgpr.method.imaged_run import ImagedRun, table_arrays
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import frame_alarms
-from flgpr.stages import FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 
 class FrameAlarms(Pass):
@@ -60,7 +58,7 @@ class FrameAlarms(Pass):
         """Return the alarms so far, by frame."""
         return concatenate(self._frames)
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Append the alarms of the block that follows."""
         if state:
             self._frames.append(dict(state))

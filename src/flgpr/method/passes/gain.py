@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background, shared_level
-from flgpr.engine import Arrays
 from flgpr.method.cache_key import background_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.signature import background_estimator
 from flgpr.method.passes.traversal import Pass
-from flgpr.stages import FloatArray
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 
 class _GainBackground(Pass):
@@ -55,7 +52,7 @@ class SmoothGain(_GainBackground):
         """Return the sum of the smoothed magnitudes."""
         return self._estimator.second_sums()
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the sum of the block that follows."""
         self._estimator.take_second(dict(state))
 
@@ -91,7 +88,7 @@ class RowGain(_GainBackground):
         """Return the sum of the medians."""
         return {"total": self._total, "count": self._count}
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the sum of the block that follows."""
         self._total += state["total"]
         self._count += state["count"]
@@ -117,7 +114,7 @@ GAIN_BACKGROUND: dict[str, type[Pass]] = {"smooth": SmoothGain, "rows": RowGain,
 """The methods of estimating a gain background, by the name that a recipe gives them."""
 
 
-def _background(first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
+def _background(first: Mapping[str, AnyArray], level: FloatArray) -> Arrays:
     """Return the result of the pass for a level that is broadcast over the image."""
     gain = np.broadcast_to(level, first["signature"].shape).astype(np.float32)
     if not (gain > 0).all():

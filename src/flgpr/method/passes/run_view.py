@@ -8,17 +8,16 @@ ranges, as the recipe has it. ``Steps.view_sums`` (``method/steps.py``) chooses 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays, bundle_groups, group_of
+from flgpr.engine import bundle_groups, group_of
 from flgpr.method.cache_key import view_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.screen import RunViewSums
+from flgpr.types import AnyArray, Arrays
 
 _AS_LEARNT = "as_learnt"
 
@@ -57,7 +56,7 @@ class RunView(Pass):
             return self._sums.state()
         return self._sums.state() | bundle_groups({_AS_LEARNT: self._as_learnt.state()})
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the looks of the block that follows."""
         as_learnt = group_of(state, _AS_LEARNT)
         self._sums.merge({name: state[name] for name in state if "|" not in name})
@@ -99,7 +98,7 @@ class PlainRunView(Pass):
         """Return the looks of the rows that the block reaches."""
         return self._sums.state()
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the looks of the block that follows."""
         self._sums.merge(dict(state))
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
-
-from numpy.typing import NDArray
 
 from flgpr.clutter import BackgroundEstimator
-from flgpr.engine import Arrays
 from flgpr.method.cache_key import background_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
+from flgpr.types import AnyArray, Arrays
 
 
 class SelfSignaturePass(Pass):
@@ -44,7 +41,7 @@ class SelfSignaturePass(Pass):
         """Return the totals of Eq. 2 and the gains of the scans so far."""
         return self._estimator.first_sums(exact)
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the totals and gains of the block that follows."""
         self._estimator.take_first(dict(state))
 

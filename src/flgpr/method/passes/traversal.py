@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
-from numpy.typing import NDArray
-
-from flgpr.engine import Accumulator, Arrays, PlannedPass, bundle_groups, group_of
+from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
+from flgpr.types import AnyArray, Arrays
 
 
 class Pass:
@@ -49,7 +48,7 @@ class Pass:
         """
         return {}
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the state of the block that follows."""
 
     def result(self) -> Arrays:
@@ -89,7 +88,7 @@ def traversal(lane: ImagedRun, kinds: Sequence[type[Pass]], block: range | None)
     def state(exact: bool) -> Arrays:
         return _joined({name: member.state(exact) for name, member in passes.items()})
 
-    def merge(state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(state: Mapping[str, AnyArray]) -> None:
         for name, member in passes.items():
             member.merge(state if len(passes) == 1 else group_of(state, name))
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.engine import Arrays
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.traversal import Pass
 from flgpr.method.unlike import MEASURED, SIZES, chosen_scans, size_number
+from flgpr.types import AnyArray, Arrays
 
 
 class LaneClutter(Pass):
@@ -52,11 +50,11 @@ class LaneClutter(Pass):
         """Return the sums; none where no scan of the block is looked at."""
         return dict(self._sums)
 
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Add the sums of the block that follows."""
         self._merge(state)
 
-    def _merge(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+    def _merge(self, arrays: Mapping[str, AnyArray]) -> None:
         """Add sums to those so far."""
         for name, array in arrays.items():
             self._sums[name] = self._sums[name] + array if name in self._sums else np.array(array)

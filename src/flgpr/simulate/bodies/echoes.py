@@ -8,15 +8,21 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.jit.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.ground.roughness import HeightField
 from flgpr.simulate.radar.spread import ArrayState, antenna_terms
 from flgpr.simulate.scene.scene import Soil
+from flgpr.types import (
+    AnyArray,
+    Complex128Array,
+    ComplexArray,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+)
 
 
 @dataclass
@@ -29,14 +35,14 @@ class Echoes:
 
     path: list[FloatArray] = field(default_factory=list)
     position: list[FloatArray] = field(default_factory=list)
-    spectrum: list[ComplexArray] = field(default_factory=list)
+    spectrum: list[Complex128Array] = field(default_factory=list)
     weight: list[FloatArray] = field(default_factory=list)
 
     def add(
         self,
         path: FloatArray,
         position: FloatArray,
-        spectrum: NDArray[Any],
+        spectrum: AnyArray,
         weight: FloatArray | None = None,
     ) -> None:
         """Add an echo.
@@ -97,7 +103,7 @@ class LayeredGround:
         self.media = soil.media(frequency)
         self.real = [float(eps[0].real) for eps in soil.media(centre)]
 
-    def layer(self, depth: FloatArray) -> NDArray[np.intp]:
+    def layer(self, depth: FloatArray) -> IndexArray:
         """Return the index of the layer that holds each depth, m."""
         return np.searchsorted(self.tops[1:], depth, side="left").astype(np.intp)
 
@@ -105,11 +111,11 @@ class LayeredGround:
         """Return the index of the layer that holds a depth, m."""
         return int(self.layer(np.array(depth)))
 
-    def reflection(self, sine: float) -> ComplexArray:
+    def reflection(self, sine: float) -> Complex128Array:
         """Return the reflection of the ground from above, H and V (2, frequency)."""
         return np.stack(reflection(sine, 1.0, self.media[0]))
 
-    def entry_squared(self, sine: float, layer: int) -> ComplexArray:
+    def entry_squared(self, sine: float, layer: int) -> Complex128Array:
         """Return the transmission t² into a layer and out of it, H and V.
 
         It is the product of Fresnel's coefficients over all interfaces above, squared: by
@@ -136,7 +142,7 @@ class LayeredGround:
             total[1] *= 2 * np.sqrt(upper * lower) * q1 / (lower * q1 + upper * q2)
         return total**2
 
-    def dispersion(self, sine: float, depth: float) -> ComplexArray:
+    def dispersion(self, sine: float, depth: float) -> Complex128Array:
         """Return attenuation and phase of the way to a depth and back, beyond the ray's path.
 
         The ray's path is that at the real index of the band's middle (:meth:`ray`).
@@ -212,7 +218,7 @@ def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
     return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
 
-def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
+def rotated(copolar: AnyArray, angle: float) -> AnyArray:
     """Return HH, VV and cross of an echo whose edge is turned about the ray.
 
     Parameters
@@ -231,7 +237,7 @@ def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
     return np.stack([hh, vv, cross])
 
 
-def antenna_gains(points: FloatArray, array: ArrayState) -> NDArray[np.float32]:
+def antenna_gains(points: FloatArray, array: ArrayState) -> Float32Array:
     """Return the antennas' gains over distance towards points, without the beam's narrowing.
 
     Parameters
@@ -274,7 +280,7 @@ def antenna_gains(points: FloatArray, array: ArrayState) -> NDArray[np.float32]:
     return gain
 
 
-def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDArray[np.complex64]:
+def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> ComplexArray:
     """Sum echoes over all pairs and tones.
 
     Parameters

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import ComplexArray
 from flgpr.model.refraction import reflection
+from flgpr.types import ArrayLike, Complex128Array
 
 Profile = Sequence[tuple[float, float]]
 
@@ -107,7 +106,7 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
     return rims
 
 
-def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexArray:
+def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> Complex128Array:
     """Return the scattering amplitude that multiplies a rim's coefficients, m.
 
     ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the
@@ -136,7 +135,7 @@ def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexAr
 
 def layered_reflection(
     sine: ArrayLike, wavenumber: ArrayLike, media: Sequence[ArrayLike], thickness: Sequence[float]
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return the reflection of a stack of plane layers for H and V, by recursion from the bottom.
 
     Parameters
@@ -173,7 +172,7 @@ def layered_reflection(
 
 def layers_strength(
     sine: float, wavenumber: ArrayLike, soil: ArrayLike, layers: Sequence[tuple[float, float]]
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the coefficients of the near rim of a body of dielectric layers.
 
     The volume integral of the body's currents in its layers' own fields (Born's approximation, with

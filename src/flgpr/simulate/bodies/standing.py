@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies import rims as bodies
 from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, bisectors, incidence, rotated
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import SceneObject, Target
+from flgpr.types import Complex128Array, FloatArray
 
 _COPOLAR = np.array([1.0, 1.0, 0.0])
 # Reflection of H and V by a perfectly conducting wall.
@@ -59,7 +59,7 @@ def add_standing(echoes: Echoes, target: Target, ground: LayeredGround, array: A
 
 def _standing_reflections(
     target: Target, ground: LayeredGround, sine: float
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[Complex128Array, Complex128Array]:
     """Return what a standing target's wall and top reflect of what metal does, H and V."""
     if target.dielectric is None:
         return np.ones((2, 1), complex), np.ones((2, 1), complex)
@@ -75,7 +75,7 @@ def _standing_reflections(
     return wall, top
 
 
-def _without_cross(copolar: ComplexArray) -> ComplexArray:
+def _without_cross(copolar: Complex128Array) -> Complex128Array:
     """Return HH, VV and a cross amplitude of zero."""
     return np.concatenate([copolar, np.zeros((1, copolar.shape[1]))])
 
@@ -86,7 +86,7 @@ def _add_ring_point(
     reach: float,
     towards: FloatArray,
     z: float,
-    spectrum: ComplexArray,
+    spectrum: Complex128Array,
     array: ArrayState,
 ) -> None:
     """Add an echo in air from the point of a ring that lies ``reach`` (m) towards the radar."""
@@ -191,7 +191,7 @@ def _add_post(
 
 def bush_scatterers(
     scene_object: SceneObject, seed: int, count: int = 24
-) -> tuple[FloatArray, ComplexArray]:
+) -> tuple[FloatArray, Complex128Array]:
     """Draw a bush's twigs.
 
     Parameters

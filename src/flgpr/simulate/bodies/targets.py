@@ -7,9 +7,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies import rims as bodies
 from flgpr.simulate.bodies.echoes import (
     Echoes,
@@ -23,6 +21,7 @@ from flgpr.simulate.bodies.signature import FREQUENCY, SEPARATION, SINE, find_ta
 from flgpr.simulate.bodies.standing import add_standing
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Target
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 
 # Times the table's 1.5 cm: up to here the gap's echo is taken as linear in its thickness.
 _WIDEST_GAP = 1.5
@@ -114,7 +113,7 @@ def _aspect(azimuth: FloatArray, target: Target) -> FloatArray:
     return azimuth - (math.pi / 2 - target.heading)
 
 
-def mean_amplitude(target: Target, ground: LayeredGround, array: ArrayState) -> ComplexArray:
+def mean_amplitude(target: Target, ground: LayeredGround, array: ArrayState) -> Complex128Array:
     """Return a level body's amplitude in the ground, HH and VV (2, frequency), m.
 
     It is the mean over the array's pairs of the signature table's, without the way through the
@@ -148,8 +147,8 @@ def mean_amplitude(target: Target, ground: LayeredGround, array: ArrayState) -> 
 
 
 def _principal_weights(
-    weight: FloatArray, spectra: NDArray[np.complex64]
-) -> Iterator[tuple[FloatArray, NDArray[np.complex64]]]:
+    weight: FloatArray, spectra: ComplexArray
+) -> Iterator[tuple[FloatArray, ComplexArray]]:
     """Yield few weights (pair,) and spectra whose products sum to ``Σ_n weight[n]·spectra[n]``.
 
     The nodes' weights differ little from pair to pair, so that few principal components hold them.
@@ -164,7 +163,7 @@ def _principal_weights(
 
 def _taper(
     target: Target, sine: float, ground: LayeredGround, layer: int, array: ArrayState
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the relative growth of the wave per metre of ground range, both ways (2, frequency).
 
     Tables are for plane waves. Over a body at hand range, pattern and transmission change, and the
@@ -294,7 +293,7 @@ def _aspect_weights(aspect: FloatArray, aspects: FloatArray) -> tuple[FloatArray
 @lru_cache(maxsize=256)
 def _basis(
     target: Target, ground: LayeredGround, layer: int
-) -> tuple[FloatArray, NDArray[np.complex64], NDArray[np.complex64]]:
+) -> tuple[FloatArray, ComplexArray, ComplexArray]:
     """Return a target's aspects, its amplitudes in this ground, and their slopes in the sine."""
     aspects, amplitudes = _amplitudes(target, ground.media[layer], ground.frequency)
     amplitudes = amplitudes * _ANTENNAS
@@ -304,8 +303,8 @@ def _basis(
 
 
 def _amplitudes(
-    target: Target, permittivity: ComplexArray, frequency: FloatArray
-) -> tuple[FloatArray, NDArray[np.complex64]]:
+    target: Target, permittivity: Complex128Array, frequency: FloatArray
+) -> tuple[FloatArray, ComplexArray]:
     """Return aspects and amplitudes (aspect, sine, separation, 4, frequency) of a target's body.
 
     Without a body of its own it is the generic one of metal or plastic.
@@ -377,7 +376,7 @@ def _add_rims(echoes: Echoes, target: Target, ground: LayeredGround, array: Arra
 
 def _strength(
     rim: bodies.Rim, target: Target, sine: float, ground: LayeredGround, layer: int
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the coefficients H and V (2, frequency) of a rim.
 
     They are those of a metal wedge, or of a dielectric body's layers.
@@ -390,7 +389,7 @@ def _strength(
     return near_rim if rim.is_near else -near_rim
 
 
-def _cover_factor(sine: float, target: Target, ground: LayeredGround) -> ComplexArray:
+def _cover_factor(sine: float, target: Target, ground: LayeredGround) -> Complex128Array:
     """Return the factor (2, frequency) of waves between a metal top and the surface.
 
     They bounce on their way to the far rim and back. Each bounce ``r21·Γ·e^{-2jqd}`` starts
@@ -407,7 +406,7 @@ def _cover_factor(sine: float, target: Target, ground: LayeredGround) -> Complex
     fitting = min(2 * target.radius / max(shift, 1e-9), 1e3)
     complete = math.floor(fitting)
     next_bounce = bounce ** (complete + 1)
-    factor: ComplexArray = (1 - next_bounce) / (1 - bounce) + (fitting - complete) * next_bounce
+    factor: Complex128Array = (1 - next_bounce) / (1 - bounce) + (fitting - complete) * next_bounce
     return factor**2
 
 

@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground import inclusions
 from flgpr.simulate.scene.scene import Scene
+from flgpr.types import Complex128Array, ComplexArray, FloatArray, IndexArray
 
 # Corner frequencies over the band's middle for which shapes of growth are made.
 _CORNERS = np.geomspace(0.02, 50.0, 28)
@@ -31,7 +30,7 @@ _NODES = 64
 _DEPTHS = 48
 
 
-def shape_index(first: int, corner: FloatArray) -> NDArray[np.intp]:
+def shape_index(first: int, corner: FloatArray) -> IndexArray:
     """Return the number of the shape whose corner frequency is nearest, from ``first`` on."""
     step = math.log(_CORNERS[1] / _CORNERS[0])
     nearest = np.round(np.log(corner / _CORNERS[0]) / step)
@@ -166,7 +165,7 @@ class BuriedSpectra:
             path += np.clip(depth, top, bottom) * vertical - top * vertical
         return path
 
-    def transmission(self, depth: FloatArray, sine: FloatArray) -> ComplexArray:
+    def transmission(self, depth: FloatArray, sine: FloatArray) -> Complex128Array:
         """Return t12² into the layer that holds each depth.
 
         Returns
@@ -183,9 +182,7 @@ class BuriedSpectra:
         high = self._entry[layer, cell + 1]
         return np.asarray(low * (1 - fraction) + high * fraction)
 
-    def weights(
-        self, shape: NDArray[np.intp], depth: FloatArray, sine: FloatArray
-    ) -> NDArray[np.complex64]:
+    def weights(self, shape: IndexArray, depth: FloatArray, sine: FloatArray) -> ComplexArray:
         """Return the weights (point, rank) of the functions."""
         eps = self._ground.real[0]
         # The depth at which the tabulated incidence has the same loss.
@@ -198,7 +195,7 @@ class BuriedSpectra:
         return np.asarray(low + fraction * (high - low))
 
 
-def _entry_table(ground: LayeredGround) -> ComplexArray:
+def _entry_table(ground: LayeredGround) -> Complex128Array:
     """Return t12² (layer, sine, 3) at the band's middle: of HH, VV and their geometric mean."""
     middle = ground.frequency.size // 2
     at_middle = LayeredGround(ground.soil, None, ground.frequency[middle : middle + 1])

@@ -8,12 +8,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincinv, ndtr
 
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Patch, Surface
+from flgpr.types import Complex128Array, ComplexArray, FloatArray, IntArray
 
 TILE = 1.0
 """Edge of a tile, m."""
@@ -44,7 +43,7 @@ def cell_counts(count: float) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=16)
-def _cell_corners(cells: tuple[int, int]) -> NDArray[np.int64]:
+def _cell_corners(cells: tuple[int, int]) -> IntArray:
     """Return the lower corners (cell, 2) of all cells, in cells."""
     across, along = cells
     grid = np.meshgrid(np.arange(across), np.arange(along), indexing="ij")
@@ -66,7 +65,7 @@ class Scatterers(NamedTuple):
     xy: FloatArray  #: (point, 2) positions, m
     #: (point, 3), to be multiplied by sqrt(σ⁰) of HH, of VV and of HH; its mean square is the area
     #: per scatterer, m²
-    amplitude: NDArray[np.complex64]
+    amplitude: ComplexArray
 
 
 class SurfaceField:
@@ -149,7 +148,7 @@ class SurfaceField:
             power *= 10 ** (patch.gain_db / 10 * np.clip(2 - 2 * distance, 0, 1))
         return Scatterers(xy, z * np.sqrt(power)[:, None].astype(np.float32))
 
-    def _unit_amplitudes(self, rng: np.random.Generator) -> NDArray[np.complex64]:
+    def _unit_amplitudes(self, rng: np.random.Generator) -> ComplexArray:
         """Draw complex Gaussian amplitudes (point, 3): HH and VV of mean square one, and cross."""
         white = rng.standard_normal((self.per_tile, 6), dtype=np.float32)
         z = white.view(np.complex64) / np.float32(math.sqrt(2))
@@ -192,7 +191,7 @@ class _Texture:
         gaussian = low * (1 - fy) + high * fy
         return np.asarray(np.interp(gaussian, self._grid, self._power))
 
-    def _waves_along(self, tile: int, axis: int) -> ComplexArray:
+    def _waves_along(self, tile: int, axis: int) -> Complex128Array:
         """Return the waves (node, mode) at the nodes of a tile along x (0) or y (1)."""
         nodes = tile * TILE + np.linspace(0, TILE, self._nodes)
         phase = self._phase if axis == 0 else 0.0

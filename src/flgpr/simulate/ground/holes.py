@@ -6,14 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.inclusions import disc_flash
 from flgpr.simulate.ground.roughness import bragg_factors
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Patch, Scene, Target
+from flgpr.types import ArrayLike, Complex128Array, FloatArray
 
 
 class Hole(NamedTuple):
@@ -33,7 +32,7 @@ class Hole(NamedTuple):
     cap: float
     target: int | None = None
 
-    def fill(self, soil: ComplexArray, frequency: FloatArray) -> ComplexArray:
+    def fill(self, soil: Complex128Array, frequency: FloatArray) -> Complex128Array:
         """Return the permittivity of the fill by refractive mixing (Birchak et al. 1974).
 
         The solids and water of the soil thin out with its density, and the water added takes the
@@ -52,7 +51,7 @@ class Hole(NamedTuple):
         return np.asarray(np.where(index.real > 1, index, 1.0) ** 2)
 
 
-def water(frequency: ArrayLike) -> ComplexArray:
+def water(frequency: ArrayLike) -> Complex128Array:
     """Return the permittivity of fresh water at 20 °C at frequencies in Hz.
 
     A Debye relaxation (Ulaby, Moore & Fung 1986, App. E).
@@ -118,7 +117,7 @@ def hole_patches(scene: Scene, holes: tuple[Hole, ...]) -> tuple[Patch, ...]:
 
 def hole_factor(
     hole: Hole, depth: float, sine: float, ground: LayeredGround
-) -> tuple[float, ComplexArray]:
+) -> tuple[float, Complex128Array]:
     """Compute how a hole changes the path to a point in it, against the undisturbed soil.
 
     Parameters

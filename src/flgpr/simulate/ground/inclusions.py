@@ -8,9 +8,8 @@ those in air, rad/m.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray
 
 _FULL = np.sqrt(4 * np.pi)
 
@@ -96,7 +95,7 @@ def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[Floa
 
 def root(
     radius: ArrayLike, body: complex, soil: ArrayLike, wavenumber: float
-) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+) -> tuple[Complex128Array, Complex128Array, FloatArray]:
     """Return a thin cylinder's amplitude in soil per metre of length, and where it saturates.
 
     Born's integral with the field inside a thin cylinder: unchanged along it, ``2ε_s/(ε + ε_s)``
@@ -177,7 +176,7 @@ def volume_backscatter(
 
 def disc_flash(
     radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side: float = 1.0
-) -> ComplexArray:
+) -> Complex128Array:
     """Return one flash of a level disc's transform ``2J_1(x)/x``, x = 2k0·a·sinθ, for large x.
 
     Parameters
@@ -197,7 +196,7 @@ def disc_flash(
 
 def lens(
     radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float
-) -> ComplexArray:
+) -> Complex128Array:
     """Return the amplitude of a thin flat disc's near flash at sinθ = 1 (Born), m.
 
     That of the far flash is its conjugate. Radius and thickness are in m; the contrast is the

@@ -9,20 +9,19 @@ that all layers can be summed over their points at once.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lstsq, qr
 
 from flgpr.model import heading_matrix
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.field import Scatterers, SurfaceField
 from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Surface
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from flgpr.simulate.ground.shadow import Shadows
@@ -51,8 +50,8 @@ class PointEchoes(NamedTuple):
 
     points: FloatArray
     extra: FloatArray
-    coefficient: NDArray[np.complex64]
-    basis: NDArray[Any]
+    coefficient: ComplexArray
+    basis: AnyArray
 
 
 class ScanView:
@@ -98,7 +97,7 @@ class ScanView:
         self.corners = in_vehicle @ self._turn.T + pose[:2]
         self.centre = array.position.mean(axis=0)
 
-    def inside(self, xy: FloatArray) -> NDArray[np.bool_]:
+    def inside(self, xy: FloatArray) -> BoolArray:
         """Return which places (point, 2) of the lane frame lie in the footprint."""
         in_vehicle = (xy - self.pose[:2]) @ self._turn
         x = in_vehicle[:, 0]
@@ -220,13 +219,13 @@ class Skeleton:
             self._tones, self.functions = _choose_tones(rows)
         self.nodes = frequency[self._tones]
 
-    def values(self, echoes: PointEchoes) -> NDArray[np.complex64]:
+    def values(self, echoes: PointEchoes) -> ComplexArray:
         """Return the amplitudes (point, 3, rank) of a layer's scatterers at the nodes."""
         at_nodes = echoes.basis[:, :, self._tones].astype(np.complex64)
         channels = [echoes.coefficient[..., c] @ at_nodes[:, c] for c in range(3)]
         return np.stack(channels, axis=1)
 
-    def _rows(self, echoes: PointEchoes) -> NDArray[Any]:
+    def _rows(self, echoes: PointEchoes) -> AnyArray:
         """Return spectra times beams (row, frequency) of some points of a layer.
 
         The rows of each polarization have mean square one.
@@ -237,7 +236,7 @@ class Skeleton:
         size = np.sqrt(np.mean(np.abs(rows) ** 2, axis=(0, 2), keepdims=True))
         return (rows / (size + 1e-300)).reshape(-1, self._frequency.size)
 
-    def _samples(self, echoes: PointEchoes) -> tuple[NDArray[Any], FloatArray]:
+    def _samples(self, echoes: PointEchoes) -> tuple[AnyArray, FloatArray]:
         """Return spectra (sample, 3, frequency) and two-way cosines (sample,) off the axis.
 
         Samples take one pair after the other.
@@ -258,7 +257,7 @@ class Skeleton:
         return np.einsum("irc,rcf->icf", echoes.coefficient[chosen], echoes.basis), cosine
 
 
-def _choose_tones(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[Any]]:
+def _choose_tones(rows: AnyArray) -> tuple[IndexArray, AnyArray]:
     """Return tones (rank,) and functions (rank, frequency) that carry rows to the tolerance.
 
     ``rows`` are (row, frequency).
@@ -278,7 +277,7 @@ def _choose_tones(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[Any]]:
 
 def sum_layers(
     layers: Iterable[ScattererLayer], view: ScanView, spreader: Spreader, skeleton: Skeleton
-) -> NDArray[np.complex64]:
+) -> ComplexArray:
     """Sum the echoes of all layers over pairs and tones.
 
     Parameters

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Surface
+from flgpr.types import ArrayLike, Complex128Array, FloatArray
 
 UNEVEN_LENGTH = 0.5
 """Outer scale of the uneven ground, m.
@@ -204,8 +203,8 @@ def _spectrum(wavenumber: FloatArray, length: float, hurst: float) -> FloatArray
 
 
 def bragg_factors(
-    cosine: FloatArray, sine: FloatArray, eps: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
+    cosine: FloatArray, sine: FloatArray, eps: Complex128Array
+) -> tuple[Complex128Array, Complex128Array]:
     """Return α of HH and VV in small perturbation.
 
     Parameters

@@ -8,15 +8,14 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from flgpr.jit.compiled import njit
 from flgpr.jit.threads import share
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import SceneObject, Target
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 
 _NODES = 5  # frequencies at which the shadow on a body is known; linear between them
 _PAIRS = 8  # pairs over which a shadow is averaged
@@ -120,7 +119,7 @@ class Shadows:
         self._strips = np.array([s[:5] for s in strips]).reshape(-1, 5)
         self._foliage = np.array([s.foliage for s in strips])
 
-    def darken(self, values: NDArray[np.complex64], points: FloatArray, nodes: FloatArray) -> None:
+    def darken(self, values: ComplexArray, points: FloatArray, nodes: FloatArray) -> None:
         """Multiply amplitudes by the two-way factors of all strips, in place.
 
         Parameters
@@ -150,13 +149,13 @@ class Shadows:
         )
         share(len(points), shade, alone=len(points) <= _MANY)
 
-    def factors(self, points: FloatArray, nodes: FloatArray) -> NDArray[np.complex64]:
+    def factors(self, points: FloatArray, nodes: FloatArray) -> ComplexArray:
         """Return the two-way factors (point, node) of the field at points (point, 3)."""
         out = np.ones((len(points), 1, len(nodes)), np.complex64)
         self.darken(out, points, nodes)
         return out[:, 0]
 
-    def body_factor(self, point: FloatArray) -> ComplexArray:
+    def body_factor(self, point: FloatArray) -> Complex128Array:
         """Return the two-way factor (frequency,) of the field at one point (3,) for every tone."""
         f = self._frequency
         nodes = np.geomspace(f[0], f[-1], _NODES) if f.size > 1 else f

@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """Permittivity of vacuum, F/m."""
 
 
-def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.complex128]:
+def mironov(frequency: ArrayLike, clay: float, moisture: float) -> Complex128Array:
     """Return the permittivity ε' - jε'' of a mineral soil with bound and free water.
 
     The refractive mixing model of Mironov, Kosolapova & Fomin 2009, for 0.045-26.5 GHz, 0-76 % clay
@@ -47,7 +48,7 @@ def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.co
     """
     _in_range("clay", clay, 0.0, 76.0)
     _in_range("moisture", moisture, 0.0, 0.5)
-    f = np.asarray(frequency, dtype=np.float64)
+    f = floats(frequency)
     dry_n = 1.634 - 0.539e-2 * clay + 0.2748e-4 * clay**2
     dry_k = 0.03952 - 0.04038e-2 * clay
     # Up to this moisture the clay binds all water.
@@ -66,8 +67,8 @@ def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.co
 
 
 def _water_index(
-    f: NDArray[np.float64], static: float, relaxation: float, conductivity: float
-) -> NDArray[np.complex128]:
+    f: FloatArray, static: float, relaxation: float, conductivity: float
+) -> Complex128Array:
     """Return the refractive index n - jk of soil water: a Debye relaxation and ohmic loss."""
     omega = 2 * np.pi * f
     debye = 4.9 + (static - 4.9) / (1 + 1j * omega * relaxation)
@@ -96,7 +97,7 @@ def topp(moisture: float, loss_tangent: float = 0.05) -> complex:
 
 def peplinski(
     frequency: ArrayLike, sand: float, clay: float, moisture: float, bulk_density: float = 1.5
-) -> NDArray[np.complex128]:
+) -> Complex128Array:
     """Return a soil's permittivity by the semi-empirical model of Peplinski, Ulaby & Dobson 1995.
 
     It holds from 0.3 to 1.3 GHz. Its effective conductivity turns negative for sand with little
@@ -126,7 +127,7 @@ def peplinski(
     _in_range("sand", sand, 0.0, 100.0)
     _in_range("clay", clay, 0.0, 100.0 - sand)
     _in_range("moisture", moisture, 0.0, 0.55)
-    f = np.asarray(frequency, dtype=np.float64)
+    f = floats(frequency)
     grain = 2.66  # density of the solids, g/cm³
     alpha = 0.65
     s = sand / 100
@@ -165,7 +166,7 @@ def peplinski_conductivity(sand: float, clay: float, bulk_density: float = 1.5) 
 
 def fixed(
     frequency: ArrayLike, permittivity: float, loss_tangent: float, conductivity: float
-) -> NDArray[np.complex128]:
+) -> Complex128Array:
     """Return the permittivity for a given ε', loss tangent and ohmic conductivity.
 
     Parameters
@@ -177,7 +178,7 @@ def fixed(
     conductivity : float
         Ohmic conductivity, S/m.
     """
-    f = np.asarray(frequency, dtype=np.float64)
+    f = floats(frequency)
     loss = permittivity * loss_tangent + conductivity / (2 * np.pi * f * VACUUM_PERMITTIVITY)
     return np.asarray(permittivity - 1j * loss)
 

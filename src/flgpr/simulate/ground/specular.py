@@ -9,10 +9,8 @@ amplitude (Ament 1953).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.bodies.rims import layered_reflection
 from flgpr.simulate.ground.layers import through_grass
@@ -22,6 +20,7 @@ from flgpr.simulate.radar.coupling import beam, path_transfer, port_directions
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Surface
 from flgpr.simulate.scene.scene_tables import Grass
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 
 _LEAST_SINE = 1e-9  # below it every plane holds the ray: one is chosen
 # Places in the first Fresnel zone, in its radii: the echo comes from all of it.
@@ -61,7 +60,7 @@ class SpecularEcho:
         self._terrain = terrain
         self._side_db = side_db
 
-    def __call__(self, array: ArrayState) -> NDArray[np.complex64]:
+    def __call__(self, array: ArrayState) -> ComplexArray:
         """Return the echo (4, pair, frequency), HH, HV, VH and VV, as the array's antennas take it.
 
         A pair with an antenna below the mean surface has none.
@@ -86,7 +85,7 @@ class SpecularEcho:
         total = patterns * path_transfer(array, distance, frequency, across, along)
         return total.reshape(4, *total.shape[2:]).astype(np.complex64)
 
-    def reflection(self, cosine: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def reflection(self, cosine: FloatArray) -> tuple[Complex128Array, Complex128Array]:
         """Return what the rough, grown ground reflects of H and of V (ray, frequency).
 
         Parameters
@@ -157,7 +156,9 @@ class _Mirrored:
         self._arriving = (_dot(arriving, ahead), _dot(arriving, normal))
         self._taken_along = np.einsum("pjc,pc->jp", taken, arriving)
 
-    def products(self, h: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    def products(
+        self, h: Complex128Array, v: Complex128Array
+    ) -> tuple[Complex128Array, Complex128Array]:
         """Return the products of ports across and along the path (tx, rx, pair, frequency).
 
         ``h`` and ``v`` (pair, frequency) are the ground's reflection.

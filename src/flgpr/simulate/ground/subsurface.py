@@ -8,9 +8,7 @@ from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground import inclusions
 from flgpr.simulate.ground.buried_spectra import (
@@ -32,6 +30,7 @@ from flgpr.simulate.ground.layers import PointEchoes, ScanView, ScattererLayer, 
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.scene_tables import Roots, Stones
+from flgpr.types import Complex128Array, ComplexArray, FloatArray, IndexArray
 
 _ROOT_STEP = 0.02  # m between the points of a root
 _COPOLAR = np.array([1.0, 1.0, 0.0])
@@ -47,10 +46,10 @@ class Buried(NamedTuple):
 
     xy: FloatArray
     depth: FloatArray
-    round: NDArray[np.complex64]
-    axial: NDArray[np.complex64]
+    round: ComplexArray
+    axial: ComplexArray
     axis: FloatArray
-    shape: NDArray[np.intp]
+    shape: IndexArray
     reach: FloatArray
 
 
@@ -218,9 +217,9 @@ def _draw_places(rng: np.random.Generator, count: int, ix: int, iy: int) -> Floa
 def _points(
     xy: FloatArray,
     depth: FloatArray,
-    amplitude: ComplexArray | FloatArray,
-    shape: NDArray[np.intp],
-    axial: ComplexArray | FloatArray | None = None,
+    amplitude: Complex128Array | FloatArray,
+    shape: IndexArray,
+    axial: Complex128Array | FloatArray | None = None,
     axis: FloatArray | None = None,
     reach: FloatArray | None = None,
 ) -> Buried:
@@ -284,7 +283,7 @@ class SubsurfaceLayer:
 
 def _polarized(
     buried: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra
-) -> NDArray[np.complex64]:
+) -> ComplexArray:
     """Return amplitudes (point, 3) of HH, VV and cross, with t12² of each.
 
     The axial amplitude counts by the axis's direction across the ray in the soil.
@@ -369,8 +368,8 @@ class HoleLayer:
         return PointEchoes(points.reshape(-1, 3), extra, coefficient, self._spectra.basis)
 
     def _edge_amplitudes(
-        self, index: int, sine: float, entry: ComplexArray, side: float
-    ) -> ComplexArray:
+        self, index: int, sine: float, entry: Complex128Array, side: float
+    ) -> Complex128Array:
         """Return amplitudes (3, 3) of one side's edges: both ends of the wall, and the cap."""
         hole = self._holes[index]
         contrast = self._contrast[index]

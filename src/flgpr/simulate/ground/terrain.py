@@ -10,13 +10,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flgpr.jit.compiled import njit
 from flgpr.model import Lane, heading_matrix
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
+from flgpr.types import ArrayLike, FloatArray
 
 _MODES = 96
 # Nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms.

@@ -11,11 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.radar.spread import ArrayState
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 
 _SAME_PLACE = 1e-3  # m: nearer antennas are one, which has no direct wave
 # m: horns couple no more strongly than at this distance, for they are about as large and nearer than
@@ -76,7 +75,7 @@ def beam(array: ArrayState, ray: FloatArray, frequency: FloatArray, side_db: flo
 
 def path_transfer(
     array: ArrayState, distance: FloatArray, frequency: FloatArray, across: Any, along: Any
-) -> ComplexArray:
+) -> Complex128Array:
     """Return what a path passes on, from ports to ports.
 
     Horns are far from each other, 0.5 m or more. A dipole's field is the closed form of a short dipole, near
@@ -103,7 +102,7 @@ def path_transfer(
     return np.asarray(math.sqrt(4 * math.pi) * total * np.exp(-turn) / r)
 
 
-def direct_wave(array: ArrayState, frequency: FloatArray, side_db: float) -> NDArray[np.complex64]:
+def direct_wave(array: ArrayState, frequency: FloatArray, side_db: float) -> ComplexArray:
     """Return the wave that goes straight from each pair's transmitter to its receiver.
 
     Parameters

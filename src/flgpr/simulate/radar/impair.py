@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.scene.draw import stream
+from flgpr.types import Complex128Array, ComplexArray, FloatArray, IndexArray
 
 _KNOT = 6  # scans between the knots of slow drift
 _SIGNATURE_REACH = 2.2  # of the far edge of the ground in view: just beyond its last echo; assumed
@@ -60,7 +59,7 @@ class Impairments:
         self._disturbance_db = rng.uniform(*self.errors.interference_db, count)
         self._interference_start = stream(seed, "interference starts").random(count)
 
-    def apply(self, signal: NDArray[np.complex64], scan: int) -> NDArray[np.complex64]:
+    def apply(self, signal: ComplexArray, scan: int) -> ComplexArray:
         """Return a scan's signal with the errors of that scan.
 
         Parameters
@@ -102,7 +101,7 @@ class Impairments:
         level = self.errors.clutter_to_noise_db
         return 0.0 if level is None else float(self.reference / 10 ** (level / 10))
 
-    def _draw_signature(self) -> NDArray[np.complex64]:
+    def _draw_signature(self) -> ComplexArray:
         """Draw fixed echoes within the vehicle and its antennas (4, pair, frequency).
 
         They come at every range and decay as the clutter does.
@@ -123,12 +122,12 @@ class Impairments:
         power = self.reference * 10 ** ((self.errors.self_signature_db or 0.0) / 10)
         return np.asarray(spectrum * math.sqrt(power), dtype=np.complex64)
 
-    def _drift(self, scan: int) -> NDArray[np.complex64]:
+    def _drift(self, scan: int) -> ComplexArray:
         """Return the slow relative change of the self-signature (4, pair, 1)."""
         drift = slow_change(self.seed, "drift", scan, (4, self.pairs, 1), _KNOT)
         return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
 
-    def bursts(self, scan: int) -> NDArray[np.complex64]:
+    def bursts(self, scan: int) -> ComplexArray:
         """Return the pulsed interference of a scan (4, pair, frequency).
 
         It is a row of neighbouring tones, of random phases, in some of the sweeps: a pulse lasts
@@ -152,12 +151,12 @@ class Impairments:
         bursts[:, sweeps] = level[:, None] * inside * np.exp(1j * phase)
         return bursts
 
-    def direct_drift(self, scan: int) -> NDArray[np.complex64]:
+    def direct_drift(self, scan: int) -> ComplexArray:
         """Return the slow relative change of the direct wave (4, pair, 1)."""
         drift = slow_change(self.seed, "direct wave", scan, (4, self.pairs, 1), _KNOT)
         return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
 
-    def interference_levels(self, scan: int) -> tuple[NDArray[np.intp], FloatArray]:
+    def interference_levels(self, scan: int) -> tuple[IndexArray, FloatArray]:
         """Return which tones continuous interference disturbs in a scan, and how strongly.
 
         Returns
@@ -181,9 +180,7 @@ class Impairments:
         inside = tones < self.frequency.size
         return tones[inside], level_db[inside]
 
-    def _noise(
-        self, shape: tuple[int, ...], rng: np.random.Generator, scan: int
-    ) -> NDArray[np.complex64]:
+    def _noise(self, shape: tuple[int, ...], rng: np.random.Generator, scan: int) -> ComplexArray:
         """Draw thermal noise and the continuous interference of a scan (4, pair, frequency)."""
         white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
         noise = white * np.float32(math.sqrt(self.noise_power / 2))
@@ -288,7 +285,7 @@ class AntennaErrors:
         level = np.array([errors.antenna_gain_db, errors.antenna_phase, errors.antenna_delay])
         self._level = level.reshape(3, 1, 1, 1)
 
-    def apply(self, signal: NDArray[np.complex64], scan: int) -> NDArray[np.complex64]:
+    def apply(self, signal: ComplexArray, scan: int) -> ComplexArray:
         """Return the channels HH, HV, VH, VV (4, pair, frequency) as the antennas pass them on."""
         if self._leak is not None:
             signal = self._mix(signal)
@@ -303,7 +300,7 @@ class AntennaErrors:
                 channels.append(signal[2 * i + j] * sent[:, i] * taken[:, j])
         return np.stack(channels)
 
-    def ports(self, scan: int) -> ComplexArray | None:
+    def ports(self, scan: int) -> Complex128Array | None:
         """Return the transfer of the ports in a scan, None where there is no error.
 
         Returns
@@ -324,7 +321,7 @@ class AntennaErrors:
         turned = np.exp(1j * (phase - 2 * np.pi * self.frequency * delay))
         return np.asarray(self._fixed_transfer * 10 ** (gain_db / 20) * turned)
 
-    def _mix(self, signal: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    def _mix(self, signal: ComplexArray) -> ComplexArray:
         """Return the channels with the leakages of every antenna between its polarizations."""
         leak = np.asarray(self._leak)
         # V radiated when H is fed, and H when V is.
@@ -344,7 +341,7 @@ class AntennaErrors:
             mixed.append(v + r_vh * h)
         return np.stack(mixed).astype(np.complex64)
 
-    def _draw_leakage(self) -> ComplexArray:
+    def _draw_leakage(self) -> Complex128Array:
         """Draw the leakages (side, antenna, port, frequency).
 
         Where they do not depend on frequency the last axis has one entry.
@@ -357,7 +354,7 @@ class AntennaErrors:
             return np.asarray(level * np.exp(phase))[..., None]
         return level * random_response(rng, self._shape, self.frequency, bandwidth)
 
-    def _draw_imbalance(self) -> ComplexArray:
+    def _draw_imbalance(self) -> Complex128Array:
         """Draw V over H that all transmitting, and that all receiving, antennas have in common.
 
         Each port has half of it.
@@ -371,7 +368,7 @@ class AntennaErrors:
         ports = np.stack([1 / half, half], axis=1)
         return np.broadcast_to(ports[:, None, :, None], (*self._shape, 1))
 
-    def _draw_ringing(self) -> ComplexArray:
+    def _draw_ringing(self) -> Complex128Array:
         """Draw the response of every port's resonances (side, antenna, port, frequency)."""
         errors = self.errors
         if errors.ringing_db is None or not errors.ringing_frequencies:
@@ -387,7 +384,7 @@ class AntennaErrors:
         return 1 + (size[..., None] * resonances).sum(axis=-2)
 
 
-def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> ComplexArray:
+def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> Complex128Array:
     """Return the response of a damped resonance, one at its centre f0 (narrow-band).
 
     It rings as ``exp(-π·f0·t/Q)``.
@@ -411,7 +408,7 @@ def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> Comp
 
 def random_response(
     rng: np.random.Generator, shape: tuple[int, ...], frequency: FloatArray, bandwidth: float
-) -> ComplexArray:
+) -> Complex128Array:
     """Draw smooth complex Gaussian functions of frequency with mean square one.
 
     They are sums of echoes whose delays are distributed exponentially, so that the correlation
@@ -442,7 +439,9 @@ def random_response(
     return np.asarray(total / math.sqrt(2 * _TAPS))
 
 
-def slow_change(seed: int, name: str, scan: int, shape: tuple[int, ...], knot: int) -> ComplexArray:
+def slow_change(
+    seed: int, name: str, scan: int, shape: tuple[int, ...], knot: int
+) -> Complex128Array:
     """Return complex Gaussian numbers of mean square one that change slowly from scan to scan.
 
     Parameters

@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from flgpr.jit.compiled import njit
 from flgpr.jit.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import FloatArray
+from flgpr.types import AnyArray, ComplexArray, Float32Array, FloatArray, IndexArray
 
 WIDTH = 4  # taps of the window; with twofold oversampling the error is 4e-4, rms
 _TABLE = 1024  # steps of the tabulated window in a bin
@@ -39,8 +38,8 @@ class ArrayState:
     """Where the antennas of a scan stand and look, in the lane frame."""
 
     position: FloatArray  #: (antenna, 3): transmitters before receivers, in a sweep's middle, m
-    tx: NDArray[np.intp]  #: (pair,): antennas that transmit
-    rx: NDArray[np.intp]  #: (pair,): antennas that receive
+    tx: IndexArray  #: (pair,): antennas that transmit
+    rx: IndexArray  #: (pair,): antennas that receive
     boresight: FloatArray  #: (3,): unit vector along the middle of the beams
     horizontal: FloatArray  #: (3,): unit vector along the H dipoles
     vertical: FloatArray  #: (3,): unit vector along the V dipoles
@@ -285,12 +284,12 @@ class Spreader:
     def __call__(
         self,
         points: FloatArray,
-        values: NDArray[np.complex64],
-        functions: NDArray[Any],
+        values: ComplexArray,
+        functions: AnyArray,
         array: ArrayState,
         extra: FloatArray | None = None,
         nodes: FloatArray | None = None,
-    ) -> NDArray[np.complex64]:
+    ) -> ComplexArray:
         """Return ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``.
 
         Parameters
@@ -326,9 +325,7 @@ class Spreader:
             total += echoes * self._sweep_phase(points[chosen], array)
         return total
 
-    def _groups_of_equal_rate(
-        self, points: FloatArray, array: ArrayState
-    ) -> Iterator[NDArray[np.intp]]:
+    def _groups_of_equal_rate(self, points: FloatArray, array: ArrayState) -> Iterator[IndexArray]:
         """Yield the indices of points whose echoes share the quadratic phase of a sweep in motion.
 
         At rest these are all points at once.
@@ -349,7 +346,7 @@ class Spreader:
         """Number of tones times their spacing, Hz."""
         return self.per_metre * SPEED_OF_LIGHT / self.bins * self.count
 
-    def _sweep_phase(self, points: FloatArray, array: ArrayState) -> NDArray[np.complex64]:
+    def _sweep_phase(self, points: FloatArray, array: ArrayState) -> ComplexArray:
         """Return the phase (pair, frequency) that the mean rate of the path leaves beyond a delay.
 
         It is ``κ²·Δf·ΔL/(K·c)`` cycles, κ counting tones from the middle one.
@@ -372,13 +369,13 @@ class Spreader:
     def _sum(
         self,
         points: FloatArray,
-        values: NDArray[np.complex64],
-        functions: NDArray[Any],
+        values: ComplexArray,
+        functions: AnyArray,
         array: ArrayState,
         extra: FloatArray,
         exponents: FloatArray,
-        chosen: NDArray[np.intp],
-    ) -> NDArray[np.complex64]:
+        chosen: IndexArray,
+    ) -> ComplexArray:
         """Return the sum over the chosen points, without the phase of a sweep in motion."""
         ranks = len(functions)
         kinds = 4 if array.dipoles else 3
@@ -426,9 +423,7 @@ class Spreader:
             )
         return self._to_tones(profile, kinds, functions)
 
-    def _to_tones(
-        self, profile: NDArray[np.float32], kinds: int, functions: NDArray[Any]
-    ) -> NDArray[np.complex64]:
+    def _to_tones(self, profile: Float32Array, kinds: int, functions: AnyArray) -> ComplexArray:
         """Return the spectra (kind, pair, frequency) of profiles (pair, bin, 2·lane).
 
         Each rank's tones are multiplied by their function.
@@ -475,7 +470,7 @@ def _path_rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> F
     return np.asarray(-(ray @ drift) / np.linalg.norm(ray, axis=1))
 
 
-def _beam_table(exponents: FloatArray, lanes: int) -> NDArray[np.float32]:
+def _beam_table(exponents: FloatArray, lanes: int) -> Float32Array:
     """Return amplitudes cos^(n/2) over the cosine from 0 to 1 and one step more (step, lane).
 
     The exponents are repeated over the lanes.
@@ -485,7 +480,7 @@ def _beam_table(exponents: FloatArray, lanes: int) -> NDArray[np.float32]:
     return (cosine[:, None] ** half_exponent).astype(np.float32)
 
 
-def _window(bins: int, tone: NDArray[np.intp]) -> tuple[NDArray[np.float32], FloatArray]:
+def _window(bins: int, tone: IndexArray) -> tuple[Float32Array, FloatArray]:
     """Return Kaiser-Bessel taps by fraction of a bin, and the correction of every tone."""
     ratio = bins / tone.size
     # Beatty, Nishimura & Pauly 2005: the best β for this width and oversampling.

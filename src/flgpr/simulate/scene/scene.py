@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
 from flgpr.door import read_named
 from flgpr.model import Lane
-from flgpr.model.bounds import Angle, Decibels, NotNegative, Positive
+from flgpr.model.bounds import Angle, Decibels, Moderate, NotNegative, Positive, Share
 from flgpr.model.faults import parse_entries, preset_names
 from flgpr.simulate.bodies.rims import Profile, cylinder
 from flgpr.simulate.bodies.signature.table import body_size
@@ -31,8 +30,8 @@ from flgpr.simulate.scene.scene_tables import (
     Terrain,
 )
 from flgpr.toml_text import parse_toml
+from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray, floats
 
-Share = Annotated[float, Field(ge=0, le=1)]
 Percent = Annotated[float, Field(ge=0, le=100)]
 Size = Annotated[float, Field(gt=0, le=100)]
 Stride = Annotated[float, Field(ge=0.001, le=10_000)]
@@ -59,9 +58,9 @@ class Soil(SceneTable):
     permittivity: Annotated[float, Field(ge=1, le=1000)] = 3.0
     conductivity: Annotated[float, Field(ge=0, le=1000)] = 0.0
     #: overrides the model's loss when given
-    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = None
+    loss_tangent: Moderate | None = None
 
-    def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
+    def media(self, frequency: ArrayLike) -> list[Complex128Array]:
         """Return the complex permittivity of every layer, the half-space last.
 
         Parameters
@@ -74,7 +73,7 @@ class Soil(SceneTable):
         list of ndarray of complex
             From the top down, each in the shape of ``frequency``.
         """
-        f = np.asarray(frequency, dtype=np.float64)
+        f = floats(frequency)
         moistures = [layer.moisture for layer in self.layers]
         moistures.append(self.moisture)
         return [self._permittivity(f, moisture) for moisture in moistures]
@@ -96,10 +95,10 @@ class Soil(SceneTable):
         above.append(remaining)
         return above
 
-    def _permittivity(self, f: NDArray[np.float64], moisture: float) -> NDArray[np.complex128]:
+    def _permittivity(self, f: FloatArray, moisture: float) -> Complex128Array:
         """Return the complex permittivity of a layer of the given moisture at frequencies ``f``."""
         if self.model == "mironov":
-            eps: NDArray[Any] = soils.mironov(f, self.clay, moisture)
+            eps: AnyArray = soils.mironov(f, self.clay, moisture)
         elif self.model == "peplinski":
             eps = soils.peplinski(f, self.sand, self.clay, moisture)
         elif self.model == "topp":
@@ -121,12 +120,12 @@ class Surface(SceneTable):
     #: spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come
     #: on top of these (ISO 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the
     #: exponential correlation alone
-    unevenness: Annotated[float, Field(ge=0, le=1)] = 0.0
+    unevenness: Share = 0.0
     waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
     #: rms tilt of the larger scale, rad
     slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(5)
     cross_db: Decibels = -12.0  #: HV under HH, dB
-    correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
+    correlation: Share = 0.65  #: correlation of HH and VV
     #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh
     #: clutter
     texture_shape: Annotated[float, Field(ge=0.01)] | None = 4.0
@@ -256,7 +255,7 @@ class SceneObject(SceneTable):
     x: float  #: m
     y: float  #: m
     radius: Size = 0.05  #: m
-    height: Annotated[float, Field(ge=0, le=100)] = 0.0  #: m; height above the ground there
+    height: Moderate = 0.0  #: m; height above the ground there
     rcs_db: Decibels | None = None  #: cross section at 1 GHz of a bush or fiducial, dBsm
 
 
@@ -299,10 +298,10 @@ class Track(SceneTable):
     step: tuple[Stride, Stride] = (1.0, 3.0)  #: least and greatest distance between scans, m
     #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading
     #: follows it
-    wander: Annotated[float, Field(ge=0, le=100)] = 0.0
+    wander: Moderate = 0.0
     wander_length: Annotated[float, Field(ge=0.01)] = 20.0
-    attitude: Annotated[float, Field(ge=0, le=1)] = 0.0  #: rms pitch and roll, rad
-    bounce: Annotated[float, Field(ge=0, le=100)] = 0.0  #: rms change of height, m
+    attitude: Share = 0.0  #: rms pitch and roll, rad
+    bounce: Moderate = 0.0  #: rms change of height, m
     #: positions at which the vehicle stands, m, and how many scans it takes there besides its own
     stops: tuple[tuple[float, NonNegativeInt], ...] = ()
     departures: tuple[Departure, ...] = ()  #: where it leaves the lane and re-enters

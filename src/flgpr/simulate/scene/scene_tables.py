@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from flgpr.model.bounds import Decibels, Entries, NotNegative, Positive
+from flgpr.model.bounds import Decibels, Entries, Moderate, NotNegative, Positive, Share
 
 
 def _ascending(span: tuple[float, float]) -> tuple[float, float]:
@@ -18,7 +18,6 @@ def _ascending(span: tuple[float, float]) -> tuple[float, float]:
 
 
 Length = Annotated[float, Field(ge=1e-3, le=1000)]
-Moderate = Annotated[float, Field(ge=0, le=100)]
 Steepness = Annotated[float, Field(gt=-0.5, lt=0.5)]
 Span = Annotated[tuple[float, float], AfterValidator(_ascending)]
 
@@ -84,10 +83,10 @@ class Grass(SceneTable):
     #: frequency it grows with. Between 0 of SMOS's low vegetation (Fernandez-Moran et al. 2017) and
     #: 0.05 of grassland (Wigneron et al. 2017); growth is 0 for large and 3 for small particles, 1
     #: is assumed
-    albedo: Annotated[float, Field(ge=0, le=1)] = 0.02
+    albedo: Share = 0.02
     growth: Annotated[float, Field(ge=0, le=3)] = 1.0
     cross_db: Decibels = -7.0  #: HV under HH, dB
-    correlation: Annotated[float, Field(ge=0, le=1)] = 0.2  #: correlation of HH and VV
+    correlation: Share = 0.2  #: correlation of HH and VV
     texture_shape: Positive | None = 3.0  #: as of the surface
     texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: as of the surface
     density: Positive | None = None  #: scatterers per m²; None takes half of the surface's
@@ -169,7 +168,7 @@ class Holes(SceneTable):
     """Holes dug and filled again, over targets and for nothing."""
 
     on: bool = True  #: False takes them out, whatever the rest says
-    over: Annotated[float, Field(ge=0, le=1)] = 0.0  #: share of the buried targets that lie in one
+    over: Share = 0.0  #: share of the buried targets that lie in one
     empty: NotNegative = 0.0  #: holes with nothing in them per m² of the lane
     margin: Span = (0.03, 0.12)  #: by how much the hole over a target is wider than it, m
     #: radius, depth: least and greatest radius and depth of the empty ones, m

@@ -18,10 +18,10 @@ from flgpr.model import (
     check_truth,
     empty_table,
 )
-from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Departure, Patch, Scene, SceneObject, Target, TargetDraw
+from flgpr.types import FloatArray, floats
 
 EVEN: dict[str, dict[str, bool]] = {
     table: {"on": False} for table in ("stones", "roots", "lenses", "heterogeneity")
@@ -304,7 +304,7 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
     # In this order: the random numbers fix the track of a seed.
     pose[:, 2] = height + rng.normal(0, track.bounce, y.size)
     pose[:, 4:] = rng.normal(0, track.attitude, (y.size, 2))
-    return np.asarray(pose, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
+    return floats(pose), floats(seconds)
 
 
 def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -341,7 +341,7 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
         raise ValueError(
             f"track must hold at least one scan, got none from {position:g} m to {end:g} m"
         )
-    return np.asarray(y, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
+    return floats(y), floats(seconds)
 
 
 def _departure_at(scene: Scene, position: float) -> Departure | None:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from flgpr.model.bounds import Entries
 from flgpr.model.faults import load_preset, preset_names
+from flgpr.types import ArrayLike, BoolArray, Complex128Array
 
 _PRESETS = resources.files("flgpr.simulate.bodies.signature") / "bodies"
 Length = Annotated[float, Field(gt=0.001, le=1.0)]
@@ -83,7 +83,7 @@ class Body(Entries):
                     greatest = max(greatest, float(eps))
         return greatest
 
-    def inside(self, half_width: ArrayLike, drop: ArrayLike) -> NDArray[np.bool_]:
+    def inside(self, half_width: ArrayLike, drop: ArrayLike) -> BoolArray:
         """Return whether points lie in the body.
 
         Parameters
@@ -97,7 +97,7 @@ class Body(Entries):
 
     def permittivity(
         self, half_width: ArrayLike, drop: ArrayLike, soil: complex
-    ) -> NDArray[np.complex128]:
+    ) -> Complex128Array:
         """Return the relative permittivity at points, NaN in metal and the soil's outside.
 
         Parameters

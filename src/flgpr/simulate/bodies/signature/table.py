@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from flgpr.archive import Archive
 from flgpr.door import read_named
 from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import no_preset
 from flgpr.simulate.bodies.signature.body import Body, load_body, packaged_bodies
+from flgpr.types import Complex128Array, ComplexArray, FloatArray
 
 _LOSS_REACH = 0.06  # of the loss tangent, to which the first order holds
 FORMAT = "flgpr-signature-1"
@@ -47,7 +46,7 @@ class SignatureTable:
     #: VH)/2 in m, as ``solve_round`` gives them. Round bodies have one aspect, square ones those of
     #: an eighth of a turn, other boxes those of a quarter; boxes have one depth, infinity: the
     #: surface's multiples are left out
-    values: NDArray[np.complex64]
+    values: ComplexArray
 
     @property
     def aspects(self) -> FloatArray:
@@ -55,8 +54,8 @@ class SignatureTable:
         return ASPECT[: self.values.shape[3]]
 
     def at(
-        self, frequency: FloatArray, permittivity: ComplexArray, depth: float
-    ) -> NDArray[np.complex64]:
+        self, frequency: FloatArray, permittivity: Complex128Array, depth: float
+    ) -> ComplexArray:
         """Return the signature for given tones, soil and depth.
 
         Below the table's frequencies amplitudes fall as f², above them they stay. Between nodes
@@ -103,8 +102,8 @@ class SignatureTable:
         return np.asarray(total * fade, dtype=np.complex64)
 
     def _permittivity_weights(
-        self, frequency: FloatArray, permittivity: ComplexArray
-    ) -> ComplexArray:
+        self, frequency: FloatArray, permittivity: Complex128Array
+    ) -> Complex128Array:
         """Return the weights (table frequency, table permittivity) of the table's soils."""
         at_nodes = np.interp(FREQUENCY, frequency, permittivity.real)
         real = np.clip(at_nodes, PERMITTIVITY[0], PERMITTIVITY[-1])
@@ -143,12 +142,12 @@ class SignatureTable:
         return [(deep, path), (added * fade, path + 2 * at_least)]
 
 
-def _along(phase: ComplexArray) -> ComplexArray:
+def _along(phase: Complex128Array) -> Complex128Array:
     """Return phases (permittivity, frequency, sine) along the axes of a table's values."""
     return phase[:, :, None, :, None, None]
 
 
-def _excess_loss(permittivity: ComplexArray) -> FloatArray:
+def _excess_loss(permittivity: Complex128Array) -> FloatArray:
     """Return a soil's loss tangent over that of the table at its permittivity.
 
     It is at most 0.06 either way.

@@ -1,15 +1,16 @@
-"""Full-wave lanes, their twins, plain or with the ground's echo, and training lanes."""
+"""Full-wave lanes and their twins, plain or with the ground's echo, their images in chips, and their scale."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.model import Lane, Sensor, load_sensor
-from flgpr.proving_ground import load_ground
+from flgpr.imaging import ScanImager
+from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, Sensor, lane_to_scan, load_sensor
 from flgpr.simulate import Scene, Simulator
 from flgpr.store import open_run, read_table, sample_lane
 from full_wave_lanes import declared, scene_of
@@ -28,7 +29,15 @@ SURFACES = {  # rms height and correlation length, m
     "rms 6 mm, correlated over 5 cm": (0.006, 0.05),
 }
 OWN = "rms 6 mm, the lane's"
-WITH_OWN_ECHOES = OWN + ", with the full-wave lane's early echoes"
+BANDS = {
+    "B0": (0.45e9, 0.60e9),
+    "B1": (0.60e9, 0.80e9),
+    "B2": (0.80e9, 1.05e9),
+    "F0": (0.45e9, 1.5e9),
+}
+CHIP_BANDS = 3  # the first three are those of `fused`; the last is that of C_HH
+CHIP = np.stack([*np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]), np.zeros((3, 3))], axis=-1)
+CHIP = CHIP.reshape(-1, 3)
 
 
 class LaneData(NamedTuple):
@@ -95,7 +104,7 @@ def solved_scene(number: int, targets: bool = True) -> Scene:
 
     The ground scatters as its heights do: without larger tilts and without a texture of its own.
     """
-    common = declared(Path(__file__).parents[1] / "full_wave_2.toml")
+    common = declared(Path(__file__).parent / "full_wave_2.toml")
     scene = scene_of(common, common["lanes"][number - 1])
     surface = scene.surface.model_copy(update={"slope": 0.0, "texture_shape": None})
     changes = {"surface": surface}
@@ -113,13 +122,45 @@ def solved_twin(number: int, seed: int, echo: bool = False, targets: bool = True
     return LaneData(run, SOLVED_LANE, real.targets, real.blocked)
 
 
-def known_lanes(count: int, ground: str = "full-wave-1", echo: bool = False) -> list[LaneData]:
-    """Return the first training lanes of a full-wave track, plain or with the ground's echo."""
-    lanes = []
-    for lane in load_ground(False, ground).lanes.values():
-        if lane.part == "train" and len(lanes) < count:
-            sensor = with_echo(lane.sensor) if echo else lane.sensor
-            run = Simulator(lane.scene, sensor, lane.seed).run()
-            truth = lane.truth()
-            lanes.append(LaneData(run, lane.lane, truth, truth[["x", "y"]]))
-    return lanes
+def scale_of(run: xr.Dataset) -> tuple[float, float]:
+    """Return the data's scale, and its standard deviation over pairs (dB), by the direct wave.
+
+    The field of a short vertical dipole at another beside it is known (near field included). Data
+    and closed form are compared at the delay of the direct wave, under a Hann window, in VV. Pairs
+    nearer than 0.4 m are left out, which the solver's cells do not resolve, and pairs farther than
+    1.5 m, near whose delay the ground's echo lies.
+    """
+    frequency = run["frequency"].values
+    tx = run["tx_position"].values
+    rx = run["rx_position"].values
+    signal = run["signal"].sel(polarization="VV").values
+    window = np.hanning(frequency.size)
+    k = 2 * np.pi * frequency / SPEED_OF_LIGHT
+    ratios = []
+    for pair in range(len(tx)):
+        off = rx[pair] - tx[pair]
+        r = np.linalg.norm(off)
+        if not 0.4 < r < 1.5:
+            continue
+        cosine = off[2] / r
+        along = 2 * cosine**2 * (1 / (1j * k * r) + 1 / (1j * k * r) ** 2)
+        across = (1 - cosine**2) * (1 + 1 / (1j * k * r) + 1 / (1j * k * r) ** 2)
+        # j times the field over the current moment; the free-space impedance is 376.7 ohm.
+        field = 376.73 * k / (4 * np.pi * r) * (across - along)
+        closed = (window * field).sum()
+        focused = (window * signal[:, pair] * np.exp(1j * k * r)).sum(axis=-1)
+        ratios.append(np.abs(focused) / np.abs(closed))
+    decibel = 20 * np.log10(np.array(ratios))
+    return float(10 ** (np.median(decibel) / 20)), float(decibel.std())
+
+
+def chips_at(run: xr.Dataset, scan: int, places: np.ndarray, signal=None) -> np.ndarray:
+    """Return chips (place, polarization, band, pixel) of a scan's image at places of the lane."""
+    imager = ScanImager(run, Grid.spanning((-1.4, 1.4), (1.2, 5.84), 0.1), BANDS, "hann", 1e-4)
+    points = lane_to_scan(
+        np.column_stack([places, np.zeros(len(places))]), run["pose"].values[scan]
+    )
+    operator = imager.operator_on(scan, (points[:, None] + CHIP).reshape(-1, 3), imager.subbands)
+    image = operator.adjoint(imager.signal(scan) if signal is None else signal)
+    chips = image.reshape(*image.shape[:2], len(places), len(CHIP))
+    return np.moveaxis(chips, 2, 0)

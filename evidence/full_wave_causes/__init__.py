@@ -1,1 +1,0 @@
-"""Lanes, experiments and tables of `why_full_wave.py`."""
