@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -46,13 +47,13 @@ def outstanding_alarms(alarms: pd.DataFrame, lane: Lane, border: float) -> pd.Da
 
 
 def alarm_sentence(
-    alarm: dict[str, Any], lane: Lane, border: float, gives_odds: bool = False
+    alarm: Mapping[Hashable, Any], lane: Lane, border: float, gives_odds: bool = False
 ) -> str:
     """Return why an alarm stands out, and what speaks against it.
 
     Parameters
     ----------
-    alarm : dict
+    alarm : mapping
         Its row of the table of alarms.
     lane : Lane
         The lane.
