@@ -18,7 +18,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from flgpr.live.vehicle import Vehicle
+from flgpr.model.vehicle import Vehicle
 
 from flgpr.commands.simulate import simulate_lane
 from flgpr.live.feeding import feed
@@ -64,7 +64,7 @@ options = LiveOptions(
     folder / "out",
     folder / "incoming",
     lane=folder / "lane-lane.toml",
-    vehicle=Vehicle(15 / 3.6, front=0.5),
+    vehicle=Vehicle(speed=15 / 3.6, front=0.5),
 )
 report = LiveRun(options, lambda line: events.append(json.loads(line))).run()
 for name, value in report.counts.items():

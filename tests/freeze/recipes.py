@@ -36,6 +36,7 @@ SECTION = {name: 2.1 if name in PACKAGED_LANE else 6.0 for name in RECIPES}
 KILLED = ("flsar2004", "fuse2018", "wang2007")
 """Recipes that are killed and resumed by two workers; ``systems`` shares the work of all others."""
 TABLES = ("alarms", "features", "view")
+_VEHICLE = ("speed", "reaction", "deceleration", "front", "stopping_distance")
 _TIMES = ("arrived", "latency", "latency_ms", "margin_m", "in_time")
 """Entries of live events that hold times, or follow from them."""
 
@@ -214,9 +215,12 @@ def live_digests(folder: Path) -> dict[str, str]:
 
 
 def events(folder: Path) -> list[dict]:
-    """Read the events of a live run without their times."""
+    """Read the events of a live run without their times, and of the vehicle what results knew of it."""
     lines = (folder / "live.jsonl").read_text().splitlines()
     told = [json.loads(line) for line in lines]
+    for one in told:
+        if "vehicle" in one:
+            one["vehicle"] = {name: one["vehicle"][name] for name in _VEHICLE}
     return [{name: one[name] for name in one if name not in _TIMES} for one in told]
 
 

@@ -454,9 +454,9 @@ def test_verdicts_are_bounded(tmp_path):
 def test_live_events_are_never_waited_for(tmp_path, damage):
     (tmp_path / "outside").mkdir()
     path = tmp_path / "live.jsonl"
-    path.write_bytes(b'{"event": "start", "value": NaN}\n' + DEEP + b"\n")
+    path.write_bytes(b'{"event": "note", "value": NaN}\n' + DEEP + b"\n")
     good = LiveFile(tmp_path).after(0)
-    assert good["events"] == [{"event": "start", "value": None}]
+    assert good["events"] == [{"event": "note", "value": None}]
     assert good["bad"] == 1
     damage(path, tmp_path / "outside")
     with memory_within(SMALL):

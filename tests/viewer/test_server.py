@@ -268,10 +268,10 @@ def test_live_events_come_line_by_line(tmp_path, serving):
             lines.write('arm","x":1.0}\n')
         second = json.loads(ask(viewer, f"data/live?after={first['next']}").body)
         assert second["events"] == [{"event": "alarm", "x": 1.0}]
-        file.write_text('{"event":"start"}\n')
+        file.write_text('{"event":"note"}\n')
         again = json.loads(ask(viewer, f"data/live?after={second['next']}").body)
         assert again["restarted"]
-        assert again["events"] == [{"event": "start"}]
+        assert again["events"] == [{"event": "note"}]
         assert ask(viewer, "data/live?after=-1").status == 404
     lines = ('{"event":"view","halves":"' + "A" * 1000 + '"}\n') * 9000
     file.write_text(lines)

@@ -70,9 +70,9 @@ def test_live_events_are_read_from_where_the_last_answer_ended(tmp_path):
     live = LiveFile(tmp_path)
     assert live.after(0)["age"] is None
     path = tmp_path / "live.jsonl"
-    path.write_text('{"event":"start"}\nnonsense\n{"event":"sc')
+    path.write_text('{"event":"note"}\nnonsense\n{"event":"sc')
     first = live.after(0)
-    assert (first["events"], first["bad"]) == ([{"event": "start"}], 1)
+    assert (first["events"], first["bad"]) == ([{"event": "note"}], 1)
     with path.open("a") as file:
         file.write('an"}\n')
     assert live.after(first["next"])["events"] == [{"event": "scan"}]
