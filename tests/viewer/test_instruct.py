@@ -89,7 +89,7 @@ def test_amber_comes_before_red_by_the_warning(tell):
     """A driver at the advised speed has the warning until BRAKE; one who keeps to it as it falls never sees BRAKE."""
     table = numbers()
     lefts = np.arange(2.0, 60, 0.25)
-    advised = [one["atMost"] for one in tell([(table, known(place(x))) for x in lefts])]
+    advised = [one["fastest"] for one in tell([(table, known(place(x))) for x in lefts])]
     for left, most in zip(lefts, advised, strict=True):
         if most is None:
             continue
@@ -104,7 +104,7 @@ def test_amber_comes_before_red_by_the_warning(tell):
         seen += tell(
             [(table, known(place(left), speed=speed, before=seen[-1]["word"] if seen else "clear"))]
         )
-        speed = min(speed, seen[-1]["atMost"] or 0.0)
+        speed = min(speed, seen[-1]["fastest"] or 0.0)
         left -= max(speed, 0.5) / 3.6 * 0.2
         if len(seen) == 1:
             continue
@@ -146,19 +146,19 @@ def test_without_radar_or_speed_it_is_stop(tell):
 
 def test_clear_reaches_as_far_as_ground_is_searched(tell):
     table = numbers()
-    most = tell([(table, known(speed=0.0))])[0]["atMost"]
+    most = tell([(table, known(speed=0.0))])[0]["fastest"]
     needed = stop_distance(table, most, table["reaction"] + table["warning"] + 0.5)
     assert needed + table["clearance"] <= 15.0
     assert tell.words([(table, known(speed=v)) for v in (most, most + 1)]) == ["clear", "slow"]
     unseen = tell([(table, known(speed=1.0, sight=0.0))])[0]
-    assert (unseen["word"], unseen["atMost"]) == ("slow", math.floor(3.6 * Vehicle().walk))
+    assert (unseen["word"], unseen["fastest"]) == ("slow", math.floor(3.6 * Vehicle().walk))
 
 
 def test_brake_holds_until_the_speed_is_one_for_the_distance(tell):
     table = numbers()
     now = known(place(11.0), speed=10.0)
     assert tell.words([(table, now), (table, {**now, "before": "brake"})]) == ["slow", "brake"]
-    most = tell([(table, now)])[0]["atMost"]
+    most = tell([(table, now)])[0]["fastest"]
     slow = known(place(11.0), speed=most, before="brake")
     assert tell.words([(table, slow)]) == ["slow"]
 

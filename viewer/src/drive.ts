@@ -204,9 +204,9 @@ export class Drive {
   }
 
   /** What the instruction asks for, in numbers. */
-  private how({ word, atMost, left, alarm }: Instruction, state: Health): string {
-    if (word === "clear") return `to ${fixed(atMost ?? 0, 0)} km/h`;
-    if (word === "slow") return `at most ${fixed(atMost ?? 0, 0)} km/h`;
+  private how({ word, fastest, left, alarm }: Instruction, state: Health): string {
+    if (word === "clear") return `to ${fixed(fastest ?? 0, 0)} km/h`;
+    if (word === "slow") return `at most ${fixed(fastest ?? 0, 0)} km/h`;
     if (word === "brake") return `${fixed(Math.max(left ?? 0, 0), 1)} s left`;
     if (word === "over") return `passed in ${fixed(left ?? 0, 1)} m`;
     return alarm ? "alarm ahead" : state.words.toLowerCase() || "nothing known yet";
@@ -228,4 +228,4 @@ export class Drive {
   }
 }
 
-const STOP: Instruction = { word: "stop", atMost: null, left: null, alarm: null };
+const STOP: Instruction = { word: "stop", fastest: null, left: null, alarm: null };

@@ -41,7 +41,7 @@ export interface Known {
 export interface Instruction {
   word: Word;
   /** Whole km/h, of "slow" and "clear". */
-  atMost: number | null;
+  fastest: number | null;
   /** Until brakes must hold, of "brake"; until the rear axle is past, m, of "over". */
   left: number | null;
   /** The alarm that it is about. */
@@ -74,22 +74,22 @@ export function speedFor(numbers: Numbers, distance: number, update: number): nu
 export function instruct(numbers: Numbers, known: Known): Instruction {
   const { update, before } = known;
   const speed = known.speed ?? Infinity; // a speed that nobody knows may be any
-  if (known.blind) return { word: "stop", atMost: null, left: null, alarm: null };
+  if (known.blind) return { word: "stop", fastest: null, left: null, alarm: null };
   const inTheWay = known.alarms.filter((one) => counts(numbers, one)).sort((a, b) => a.left - b.left);
   const next = inTheWay.find(({ left }) => left > 0);
   const under = inTheWay.filter(({ left }) => left <= 0);
-  const atMost = next ? speedFor(numbers, next.left, update) : null;
-  if (next && atMost !== null) {
+  const fastest = next ? speedFor(numbers, next.left, update) : null;
+  if (next && fastest !== null) {
     const room = next.left - numbers.clearance - braking(numbers, speed);
     const seconds = speed > 0 ? room / speed : Infinity;
-    if (atMost < 1 || !(seconds > 0)) return { word: "stop", atMost: null, left: next.left, alarm: next };
-    const holds = before === "brake" && 3.6 * speed > atMost; // until the speed is one for the distance
-    if (holds || seconds <= numbers.reaction + update) return { word: "brake", atMost: null, left: seconds, alarm: next };
+    if (fastest < 1 || !(seconds > 0)) return { word: "stop", fastest: null, left: next.left, alarm: next };
+    const holds = before === "brake" && 3.6 * speed > fastest; // until the speed is one for the distance
+    if (holds || seconds <= numbers.reaction + update) return { word: "brake", fastest: null, left: seconds, alarm: next };
   }
   const last = under[under.length - 1];
-  if (last) return { word: "over", atMost: null, left: last.left - passed(numbers), alarm: last };
-  if (next) return { word: "slow", atMost, left: null, alarm: next };
+  if (last) return { word: "over", fastest: null, left: last.left - passed(numbers), alarm: last };
+  if (next) return { word: "slow", fastest, left: null, alarm: next };
   const seen = known.sight > 0 ? speedFor(numbers, known.sight, update) : Math.floor(3.6 * numbers.walk + 1e-9);
   const isClear = known.sight > 0 && 3.6 * speed <= seen;
-  return { word: isClear ? "clear" : "slow", atMost: seen, left: null, alarm: null };
+  return { word: isClear ? "clear" : "slow", fastest: seen, left: null, alarm: null };
 }

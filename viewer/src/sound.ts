@@ -54,10 +54,10 @@ export class Voice {
   /** Say an instruction that is new, in the place of what is being said. */
   say(instruction: Instruction): void {
     const { said } = this;
-    const isLower = instruction.word === "slow" && (said?.atMost ?? 0) - (instruction.atMost ?? 0) >= FALLEN;
+    const isLower = instruction.word === "slow" && (said?.fastest ?? 0) - (instruction.fastest ?? 0) >= FALLEN;
     if (!this.on || (said?.word === instruction.word && !isLower)) return;
     this.said = instruction;
-    const most = instruction.word === "slow" && instruction.atMost !== null ? `. At most ${fixed(instruction.atMost, 0)}` : "";
+    const most = instruction.word === "slow" && instruction.fastest !== null ? `. At most ${fixed(instruction.fastest, 0)}` : "";
     speechSynthesis.cancel();
     const words = new SpeechSynthesisUtterance(SPOKEN[instruction.word] + most);
     words.lang = "en";
