@@ -58,7 +58,7 @@ lint: $(VENV)/.test
 # Tests of what docs/evidence/guarantees.md promises.
 ROBUSTNESS := robustness health/test_faults_told.py test_bounds.py method/test_demo.py commands/test_commands_errors.py \
     commands/test_doubts.py commands/test_health_told.py commands/test_implausible_poses.py \
-    ground/test_scorers.py ground/test_submission.py live/test_live_health.py \
+    ground/test_scorers.py ground/test_submission.py live/test_live_health.py viewer/test_approaches.py \
     exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_secret.py live/test_senders.py live/test_session.py live/test_sockets.py \
     live/test_watch.py \
@@ -68,7 +68,7 @@ ROBUSTNESS := robustness health/test_faults_told.py test_bounds.py method/test_d
 
 # Many more random kills and damaged files than `make test-slow` tries.
 robustness: $(VENV)/.test
-	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
+	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) FLGPR_APPROACHES=20 $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
 # The oldest versions that pyproject.toml allows, on the oldest Python, and the newest versions there are, on $(PYTHON):
 # imports, the demo, detection with its estimators, stores, formats, commands and live scans work with both.

@@ -6,6 +6,7 @@ latency of its own. The driver ignores every other advice, and brakes a reaction
 
 import gzip
 import json
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from flgpr.live.events import as_line
 from flgpr.store import read_table, sample_drive
 
 SPEEDS = (5.0, 10.0, 15.0)  # km/h
-APPROACHES = 20  # at each speed
+APPROACHES = int(os.environ.get("FLGPR_APPROACHES", "6"))  # at each speed; the page quotes 20
 STEP = 0.1  # s between two frames, the rhythm in which the page looks at its clock
 RATE = 4.2  # scans/s
 LATENCY = (0.05, 0.4)  # s from a scan's arrival to its events
@@ -163,9 +164,9 @@ def all_approaches(page, file, brakes):
     """Yield the speed, m/s, and the frames of every approach."""
     start, views, alarms = recorded()
     rng = np.random.default_rng(20261128)
-    for speed in SPEEDS:
+    for turn, speed in enumerate(SPEEDS):
         for number in range(APPROACHES):
-            looks = alarms[number % len(alarms)]
+            looks = alarms[(turn * APPROACHES + number) % len(alarms)]
             yield (
                 start,
                 speed / 3.6,

@@ -1,4 +1,7 @@
-"""Sixty approaches to the mines of the packaged drive: the driver is warned, and told to brake early enough."""
+"""Approaches to the mines of the packaged drive: the driver is warned, and told to brake early enough.
+
+``FLGPR_APPROACHES`` tells how many there are at each of three speeds: 20 for the sixty of the page.
+"""
 
 from collections import Counter
 
@@ -7,7 +10,7 @@ from approaching import APPROACHES, CLOCK_OF_SERVER, SPEEDS, all_approaches
 
 from flgpr.model.vehicle import Vehicle
 
-pytestmark = pytest.mark.slow("drives sixty times")
+pytestmark = pytest.mark.slow("drives many times")
 CAUTION = 2.0  # s, within which no screen may be green, beside the stopping distance
 
 
@@ -48,7 +51,7 @@ def test_brake_comes_early_enough_and_no_screen_is_green_before_an_alarm(tmp_pat
     print(
         f"{frames_near} frames near an alarm, {sum(green.values())} green; over: {over}; {words}; abrupt: {abrupt}"
     )
-    assert frames_near > 1000  # the test could fail
+    assert frames_near > 16 * number  # the test could fail
     assert sum(green.values()) == 0
     assert over == []
     assert abrupt == []  # amber before red
