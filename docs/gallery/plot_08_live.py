@@ -18,12 +18,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from flgpr.model.vehicle import Vehicle
 
 from flgpr.commands.simulate import simulate_lane
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
+from flgpr.model.vehicle import Vehicle
 from flgpr.store import read_table
 
 folder = Path(tempfile.mkdtemp())
