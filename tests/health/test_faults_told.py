@@ -91,6 +91,24 @@ def test_most_of_an_array_is_not_left_out(clean):
     assert not health.left_out
 
 
+@pytest.mark.parametrize("rest", [0.0, 1e-4])
+def test_where_most_pairs_are_dead_those_that_live_are_not_hot(clean, rest):
+    dead = slice(0, PAIRS * 2 // 3)
+
+    def change(signal, pose):
+        signal[:, :, dead] *= rest
+
+    faulty = with_fault(clean, change)
+    health = health_of_run(faulty)
+    told = told_live(faulty, lost=False)
+    assert "dead pairs" in told
+    assert "hot pairs" not in told
+    [one] = [finding for finding in health.findings if finding.name == "dead pairs"]
+    assert one.pairs == tuple(range(dead.stop))
+    assert "hot pairs" not in {finding.name for finding in health.findings}
+    assert not health.left_out.pairs  # too many: they stay, and weigh nothing
+
+
 def test_a_sign_is_told_with_its_pairs(clean):
     [one] = health_of_run(with_fault(clean, FAULTS["turned pairs"])).findings
     assert one.pairs == (2, 6, 13)

@@ -33,6 +33,7 @@ from flgpr.types import FloatArray
 BoolArray = NDArray[np.bool_]
 _BEFORE_LANE = 10.0  # m
 _LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
+_MOST_HOT = 0.25  # of the pairs
 _SILENT_DB = 300.0  # under the median pair, stands for no power at all
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
@@ -214,6 +215,18 @@ def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     yield _of_channels("missing pairs", at_fault, float(share.max()), radar)
 
 
+def over_living(levels: FloatArray) -> FloatArray:
+    """Return levels (polarization, pair) over the median pair, dB, over the median of those that live.
+
+    Where more than a quarter of the pairs are far over the median one, it is dead, and they are not
+    hot. Levels of NaN are not known.
+    """
+    loud = levels > LIMITS["dead pairs"].most
+    if np.count_nonzero(loud) <= _MOST_HOT * np.count_nonzero(np.isfinite(levels)):
+        return levels
+    return np.asarray(levels - np.median(levels[loud]), np.float64)
+
+
 def over_alike(levels: FloatArray, radar: Radar) -> FloatArray:
     """Return levels (polarization, pair) over those of the pairs whose antennas are as far apart.
 
@@ -243,6 +256,7 @@ def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     known = sums.sweeps > 0
     if not (levels[known] > -_SILENT_DB).any():
         return
+    levels = np.maximum(over_living(levels), -_SILENT_DB)
     dead = known & (levels < -LIMITS["dead pairs"].most)
     if levels.shape[1] < _LEAST_PAIRS:
         dead = known & (levels == -_SILENT_DB)

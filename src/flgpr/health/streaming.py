@@ -26,6 +26,7 @@ from flgpr.health.judging import (
     judge_geometry,
     judge_sums,
     over_alike,
+    over_living,
     tone_names,
 )
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
@@ -204,8 +205,8 @@ class LiveHealth:
     ) -> tuple[BoolArray, list[Finding]]:
         """Return which pairs (pair,) are left out of this scan, and what is told of it."""
         found: list[Finding] = []
-        level = figures.level_db
         with np.errstate(invalid="ignore"):
+            level = over_living(figures.level_db)
             over = level
             if (level > LIMITS["hot pairs"].most).any():
                 over = over_alike(level, self._radar)
@@ -215,20 +216,21 @@ class LiveHealth:
             hot = quiet = np.zeros(level.shape[1], np.bool_)
         self._quiet = np.where(quiet, self._quiet + 1, 0)
         dead = self._quiet >= LASTING
-        if np.count_nonzero(hot | dead | absent) > MOST_PAIRS * hot.size:
-            return np.zeros_like(hot), found
+        # A scan that has none of them is counted as masked; pairs that stay dead are told.
+        too_many = np.count_nonzero(hot | dead | absent) > MOST_PAIRS * hot.size
         values = (
             ("missing pairs", absent, 1.0),
             ("hot pairs", hot, _largest(over[:, hot])),
             ("dead pairs", dead, _largest(-level[:, dead])),
         )
         for name, at_fault, value in values:
-            if at_fault.any():
+            if at_fault.any() and (name == "dead pairs" or not too_many):
                 pairs = np.flatnonzero(at_fault).tolist()
                 where = f"{'pair' if len(pairs) == 1 else 'pairs'} {listed(pairs)}"
                 one = finding(name, value, where, pairs=pairs)
-                found += self._tell(one.acted("left out, and the others are used"))
-        return hot | dead | absent, found
+                acted = one if too_many else one.acted("left out, and the others are used")
+                found += self._tell(acted)
+        return np.zeros_like(hot) if too_many else hot | dead | absent, found
 
     def _tones_at_fault(self, figures: ScanFigures) -> tuple[BoolArray, list[Finding]]:
         """Return which tones (frequency,) are left out of this scan, and what is told of it."""
