@@ -11,6 +11,7 @@ from flgpr.method.searched import seen_part
 from flgpr.method.stands_out import DENSEST, FEWEST, tail_threshold, what_stands_out
 from flgpr.model import Lane
 from flgpr.report.answer import alarm_sentence
+from flgpr.results.description import check_description
 
 LANE = Lane(-1.5, 1.5, 0.0, 30.0)
 
@@ -108,3 +109,30 @@ def test_an_alarm_is_explained():
     assert alarm_sentence(plain, LANE, -1.0, gives_odds=True) == (
         "probability 0.50 where mines are as frequent as in training, seen by 3 scans"
     )
+
+
+def test_what_a_manifest_holds_of_it_is_checked():
+    for told in (
+        what_stands_out(alarms_of([3.0, -1.0]), LANE, Decides()),
+        what_stands_out(alarms_of([]), LANE),
+    ):
+        check_description({"stands_out": told.as_json()})
+    check_description({})  # of a version before
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("stands_out", []),
+        ("stands_out.notes", "3 places"),
+        ("stands_out.notes", [3]),
+        ("stands_out.border", "high"),
+        ("stands_out.border", True),
+        ("stands_out.border", float("nan")),
+        ("stands_out.source", 7),
+    ],
+)
+def test_a_forged_manifest_is_refused(entry, value):
+    first, _, inner = entry.partition(".")
+    with pytest.raises(ValueError, match=rf"run\.{entry} must be"):
+        check_description({first: {inner: value} if inner else value})

@@ -30,11 +30,9 @@ from flgpr.types import FloatArray
 EXPECTED = 1.0
 """Alarms of clutter as strong as those that stand out, expected of a lane."""
 DENSEST = 0.1
-"""Mines per m² that the tail of the clutter is kept clear of."""
+"""Mines per m² that a road holds at most: the tail is kept clear of so many, and more are a doubt."""
 FEWEST = 8
 """Alarms that the scale of a tail must rest on."""
-MANY = 0.1
-"""Places that stand out, per m², from which on the ground is in doubt rather than the places."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class StandingOut:
 
     def _advice(self) -> list[str]:
         """Return what to do next."""
-        if self.density > MANY:
+        if self.density > DENSEST:
             return [
                 f"{self.density:.2g} places per m² are more than a road holds: look for what is wrong "
                 "with the run (`flgpr info`), or search with another recipe"

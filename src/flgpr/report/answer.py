@@ -11,7 +11,8 @@ import pandas as pd
 from flgpr.model import Lane
 from flgpr.results.result import Result
 
-_MOST = 40  # places
+MOST_PLACES = 40
+"""Places that are numbered and explained."""
 _EDGE = 0.25  # m
 _MOSTLY = 0.5  # of an alarm's amplitude
 
@@ -23,11 +24,11 @@ def places_that_stand_out(result: Result) -> list[list[str]]:
     if border is None:
         return []
     outstanding = outstanding_alarms(result.alarms, result.lane, border)
-    learnt = result.model()
-    detector = None if learnt is None or stands_out["source"] == "tail" else learnt.detector
+    learnt = None if stands_out.get("source") == "tail" else result.model()
+    detector = None if learnt is None else learnt.detector
     gives_odds = bool(getattr(detector, "linear_in_magnitude", False))
     rows = []
-    for rank, alarm in enumerate(outstanding[:_MOST].to_dict("records"), 1):
+    for rank, alarm in enumerate(outstanding[:MOST_PLACES].to_dict("records"), 1):
         side = "left" if alarm["x"] < 0 else "right"
         place = f"{alarm['y']:.2f} m along, {abs(alarm['x']):.2f} m {side}"
         rows.append(

@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from flgpr.model import Lane
-from flgpr.report.answer import outstanding_alarms
+from flgpr.report.answer import MOST_PLACES, outstanding_alarms
 from flgpr.report.figures import DYNAMIC_RANGE
 from flgpr.report.kit import decibels, shaded, strongest
 from flgpr.results.result import Result, thinned
@@ -42,7 +42,6 @@ _VERGE = 0.35  # of the lane's width, shown on either side
 _MOST_VERGE = 1.0  # m
 _LARGEST_MARK = 140  # points², of the surest alarm
 _SMALLEST_MARK = 12
-_MOST_NUMBERED = 40  # places that stand out
 
 
 def is_short(lane: Lane) -> bool:
@@ -137,7 +136,7 @@ def alarm_overview(
         weak = shown.drop(outstanding.index)
         _draw_points(axes, weak, ".", _WEAK, 3, "weak, or beside the lane")
         _draw_rings(axes, outstanding, _LARGEST_MARK, _MISSED, "stands out, by its rank")
-        for rank, alarm in enumerate(outstanding[:_MOST_NUMBERED].itertuples(), 1):
+        for rank, alarm in enumerate(outstanding[:MOST_PLACES].itertuples(), 1):
             axes.annotate(
                 str(rank),
                 (alarm.y, alarm.x),

@@ -225,6 +225,8 @@ def report_html(
     if result is not None:
         truth = scored[0].matched.truth if scored else None
         values |= _result_values(result, truth, objects)
+        if not scored:
+            values["standing"] = places_that_stand_out(result)
         alarms = result.detections[0].alarms
     if scored:
         main = scored[0]
@@ -279,7 +281,6 @@ def _result_values(
         "overview": alarm_overview(
             result.lane, main.alarms, run.get("stands_out", {}).get("border")
         ),
-        "standing": places_that_stand_out(result),
         "swipe": before_and_after(result),
         "side_by_side": is_short(result.lane),
         "views": run_view_figure(result, ["main", *masked], truth, objects),

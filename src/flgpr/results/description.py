@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,9 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "a table": lambda value: isinstance(value, dict),
     "a list of scan numbers": _are_counts,
     "a list of numbers from 0": _are_counts,
+    "a number or null": lambda value: (
+        value is None or (type(value) in (int, float) and math.isfinite(value))
+    ),
     "a list of texts": lambda value: isinstance(value, list) and all(map(_is_text, value)),
     "a list of findings": lambda value: isinstance(value, list) and all(map(_is_finding, value)),
 }
@@ -127,10 +131,13 @@ def check_description(description: Any) -> None:
     _check("run.masked_scans", "a list of scan numbers", description.get("masked_scans", []))
     _check("run.motion.scans", "a list of scan numbers", motion.get("scans", []))
     _check("run.motion.notes", "a list of texts", motion.get("notes", []))
-    for name in ("unlike", "far"):
+    for name in ("unlike", "far", "stands_out"):
         entries = description.get(name, {})
         _check(f"run.{name}", "a table", entries)
         _check(f"run.{name}.notes", "a list of texts", entries.get("notes", []))
+    stands_out = description.get("stands_out", {})
+    _check("run.stands_out.source", "text", stands_out.get("source", ""))
+    _check("run.stands_out.border", "a number or null", stands_out.get("border"))
     _check("run.health", "a list of findings", description.get("health", []))
     _check_left_out("run", description)
     _check("run.polarizations", "a list of texts", description.get("polarizations", []))
