@@ -521,11 +521,10 @@ def said(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
 
 
 def as_frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """Return what was run, a row for each fault, recipe and road, in the order of the faults."""
+    """Return what was run, a row for each fault, recipe and road."""
     clean = {(row["recipe"], row["road"]): row for row in rows if row["fault"] == "clean"}
-    order = [*FAULTS, *LIVE_FAULTS]
     lines = []
-    for row in sorted(rows, key=lambda row: order.index(row["fault"])):
+    for row in rows:
         lines.append(
             {
                 "fault": row["fault"],
@@ -539,6 +538,14 @@ def as_frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(lines)
+
+
+def together(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
+    """Return rows in the order of the faults: those of ``after``, and others from ``before``."""
+    keys = ["fault", "recipe", "road"]
+    rows = pd.concat([before, after]).drop_duplicates(keys, keep="last")
+    order = {name: place for place, name in enumerate([*FAULTS, *LIVE_FAULTS])}
+    return rows.sort_values("fault", key=lambda names: names.map(order), kind="stable")
 
 
 def read_rows(path: str | Path) -> pd.DataFrame:
@@ -606,7 +613,10 @@ def main() -> None:
         run_faults(folder, log, options)
     everything = [row for kept in sorted(folder.glob("faults-*.jsonl")) for row in rows_of(kept)]
     if everything:
-        as_frame(everything).to_csv(Path(options.csv), index=False)
+        rows = as_frame(everything)
+        if Path(options.csv).exists():
+            rows = together(read_rows(options.csv), rows)
+        rows.to_csv(Path(options.csv), index=False)
     print(table(read_rows(options.csv)))
 
 

@@ -20,6 +20,15 @@ def test_every_row_is_of_a_fault_that_the_script_makes():
     assert rows["found"].between(0, faults.MINES).all()
 
 
+def test_rows_run_elsewhere_stay_and_those_run_again_are_renewed():
+    before = faults.read_rows(faults.CSV)
+    again = before[before["fault"] == "conjugated"].assign(found=0)
+    after = faults.together(before, again)
+    assert after.loc[after["fault"] == "conjugated", "found"].eq(0).all()
+    kept = after["fault"] != "conjugated"
+    assert after[kept].equals(before[before["fault"] != "conjugated"])
+
+
 def test_every_fault_changes_data_or_poses_and_keeps_their_shape():
     rng = np.random.default_rng(1)
     shape = (50, 2, 36, 600)

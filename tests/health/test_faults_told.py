@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from faulty import FAULTS, PAIRS, TONES, disturbed, make_drive, with_fault
+from faulty import FAULTS, PAIRS, TONES, disturbed, make_drive, noise, with_fault
 
 from flgpr.health.findings import LIMITS
 from flgpr.health.of_run import health_of_run, radar_of, without
@@ -205,3 +205,34 @@ def test_a_pair_of_zeros_is_told_with_a_number(clean):
     [one] = [one for one in health_of_run(silent).findings if one.name == "dead pairs"]
     assert one.pairs == (4,)
     assert np.isfinite(one.value)
+
+
+def test_a_scan_of_zeros_is_of_no_use_while_driving(clean):
+    watch = LiveHealth(radar_of(clean))
+    first, second = clean["signal"].values[:2]
+    pose = clean["pose"].values
+    assert watch.take(first, pose[0]).signal is not None
+    assert watch.take(0 * second, pose[1]).signal is None
+
+
+def noisy_neighbours(signal, pose):
+    """Let 12 of the 140 tones, neighbours, hold noise."""
+    signal[..., 60:72] += 2 * noise(np.random.default_rng(5), *signal[..., 60:72].shape)
+
+
+def test_a_tenth_of_the_tones_that_hold_noise_is_left_out(clean):
+    health = health_of_run(with_fault(clean, noisy_neighbours))
+    assert set(range(61, 71)) <= set(health.left_out.tones) <= set(range(59, 73))
+    assert {finding.name for finding in health.findings if finding.done} == {"noisy tones"}
+
+
+def test_tones_that_hold_noise_are_left_out_while_driving(longer):
+    noisy = with_fault(longer, noisy_neighbours)
+    watch = LiveHealth(radar_of(noisy))
+    for signal, pose in zip(noisy["signal"].values, noisy["pose"].values, strict=True):
+        kept = watch.take(signal, pose).signal
+    assert not kept[..., 61:71].any()
+    assert np.count_nonzero(~kept.any(axis=(0, 1))) <= 14
+    again = LiveHealth(radar_of(noisy))
+    again.restore(*watch.state())
+    assert not again.take(1.1 * signal, pose + 1).signal[..., 61:71].any()

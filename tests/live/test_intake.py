@@ -181,3 +181,16 @@ def test_poses_are_filled_in_on_the_straight_line():
     again = Intake(description, longest_gap=2)
     again.restore(json.loads(json.dumps(intake.state())))
     assert again.state() == intake.state()
+
+
+def test_a_scan_that_comes_again_with_its_pose_is_not_taken_for_a_repeated_one():
+    intake = Intake(TINY)
+    signal = np.ones(TINY.shape)
+    pose = [0.0, 0.4, 2.0, 0.0, 0.0, 0.0]
+    intake.admit(encode_scan(0, 2 * signal, [0.0] * 6, run_id=TINY.run_id))
+    assert intake.admit(encode_scan(1, signal, None, run_id=TINY.run_id)) is None
+    again = intake.admit(encode_scan(1, signal, pose, run_id=TINY.run_id))
+    assert again is not None
+    assert again.pose.tolist() == pose
+    assert intake.admit(encode_scan(2, signal, [0.0, 0.8, 2.0, 0, 0, 0], run_id=TINY.run_id)) is None
+    assert intake.counts["refused"] == 1

@@ -72,6 +72,14 @@ def test_a_sweep_of_nan_is_kept_and_flagged():
     assert np.isnan(run["signal"].values[1, 0, 2, 3])
 
 
+def test_a_scan_of_zeros_beside_others_was_not_measured():
+    signal = np.ones((3, 2, 4, 5), complex)
+    signal[0, 0] = 0  # a polarization
+    signal[1] = 0
+    assert complete_scans(make_run(**parts(signal=signal))).tolist() == [True, False, True]
+    assert make_run(**parts(signal=0 * signal))["valid"].values.all()
+
+
 def test_check_run_names_what_is_missing():
     with pytest.raises(ValueError, match="missing: pose"):
         check_run(make_run(**parts()).drop_vars("pose"))

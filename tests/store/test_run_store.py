@@ -9,6 +9,7 @@ import zarr
 
 from archives import read_archive
 from flgpr.formats import import_fullwave
+from flgpr.model import make_run
 from flgpr.store import RunStoreError, RunWriter, open_run, read_table, sample_lane, save_run
 from flgpr.store.files import replaced_by
 from flgpr.store.journal import JOURNAL
@@ -397,3 +398,18 @@ def test_committing_takes_no_memory_for_the_signal(tmp_path):
     run = open_run(tmp_path / "run.zarr")
     np.testing.assert_array_equal(run["frequency"].values, tones)
     np.testing.assert_array_equal(np.flatnonzero(~run["valid"].values.all(axis=(1, 2))), [7])
+
+
+@pytest.mark.parametrize("silent", [[1], [0, 1, 2, 3]])
+def test_scans_of_zeros_are_flagged_in_a_store_as_in_a_run(small_run, tmp_path, silent):
+    signal = small_run["signal"].values.copy()
+    signal[silent] = 0
+    run = make_run(
+        signal,
+        *(small_run[name].values for name in ("frequency", "polarization", "tx_position")),
+        *(small_run[name].values for name in ("rx_position", "pose", "time")),
+    )
+    save_run(run, tmp_path / "a.zarr")
+    assert read_all(tmp_path / "a.zarr").identical(run)
+    missing = np.flatnonzero(~run["valid"].values.any(axis=(1, 2)))
+    np.testing.assert_array_equal(missing, silent if len(silent) < 4 else [])

@@ -383,7 +383,7 @@ def check_gain(gain: FloatArray) -> None:
     if not (np.isfinite(gain).all() and (gain > 0).all()):
         raise ValueError(
             "image must be finite and not zero everywhere to have a gain, "
-            f"got a gain of {gain.min()}"
+            f"got a gain of {gain.min()}: a polarization of its scan, or all of it, holds nothing"
         )
 
 

@@ -105,7 +105,7 @@ def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
     for one in findings:
         chosen, count, most = pairs, len(radar.tx_position), MOST_PAIRS
         numbers = one.pairs
-        if one.name in ("missing tones", "disturbed tones"):
+        if one.name in ("missing tones", "disturbed tones", "noisy tones"):
             chosen, count, most = tones, radar.frequency.size, MOST_TONES
             numbers = one.tones
         elif one.name not in ("missing pairs", "dead pairs", "hot pairs", "stuck pairs"):
@@ -338,10 +338,13 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     likeness = sums.tone_likeness
     usual = float(np.median(likeness))
     told = marked[1:] | marked[:-1]
-    noisy = np.flatnonzero((likeness < NOISY_LIKENESS * usual) & ~told)
-    share = noisy.size / likeness.size
+    unlike = likeness < NOISY_LIKENESS * usual
+    share = np.count_nonzero(unlike & ~told) / likeness.size
     if usual > 0.2 and share > LIMITS["noisy tones"].most:
-        yield finding("noisy tones", share, tone_names(noisy, radar))
+        # A good tone beside a noisy one is unlike it, too, but like the one on its other side.
+        beside = np.pad(unlike, 1, constant_values=True)
+        noisy = np.flatnonzero(beside[1:] & beside[:-1] & ~marked)
+        yield finding("noisy tones", share, tone_names(noisy, radar), tones=noisy.tolist())
 
 
 def jitter_ps(sums: HealthSums, radar: Radar) -> float:

@@ -93,6 +93,7 @@ class LiveHealth:
         self._judged_from = _FIRST_JUDGED  # scans from which on sums are judged next
         self._looked = 0  # scans that had come when the geometry was looked at last
         self._figures = GeometryFigures()  # of the latest looks
+        self._noisy = np.zeros(self.sums.shape[2], np.bool_)  # tones (frequency,) that stay out
 
     def take(
         self, signal: ComplexArray, pose: FloatArray | None, follows: bool = True
@@ -242,7 +243,7 @@ class LiveHealth:
         if sums.changes >= LASTING:
             marked |= sums.changed_db > LIMITS["disturbed tones"].most
         if not marked.any():
-            return marked, []
+            return self._noisy, []
         excess = figures.excess_db
         if sums.changes:
             excess = np.maximum(excess, sums.changed_db)
@@ -254,8 +255,8 @@ class LiveHealth:
             tones=tones.tolist(),
         )
         if tones.size > MOST_TONES * marked.size:
-            return np.zeros_like(marked), self._tell(one)
-        return marked, self._tell(one.acted("left out of the scans in which they stand out"))
+            return self._noisy, self._tell(one)
+        return marked | self._noisy, self._tell(one.acted("left out of the scans in which they stand out"))
 
     def _cleaned(
         self,
@@ -266,6 +267,8 @@ class LiveHealth:
         tones: BoolArray,
     ) -> ComplexArray | None:
         """Return a scan without pairs and tones, and gaps filled in; None where more is missing."""
+        if not signal.any():
+            return None
         if figures.finite.all() and not pairs.any() and not tones.any():
             return signal
         cleaned = signal.copy()
@@ -299,7 +302,7 @@ class LiveHealth:
                 self._judged_from *= 2
             later = ("dead polarization", "turned pairs", "noisy tones", "noise", "jitter")
             judged = judge_sums(self.sums, self._radar)
-            found += self._tell_all([one for one in judged if one.name in later])
+            found += self._tell_all([self._act(one) for one in judged if one.name in later])
         if len(self._places) >= _FIRST_JUDGED:
             found += self._tell_all(judge_course(np.array(self._places), self.lane))
         every = _EVERY if count < _MANY else 4 * _EVERY
@@ -308,6 +311,14 @@ class LiveHealth:
             self._looked = count
             found += self._geometry(middle)
         return found
+
+    def _act(self, one: Finding) -> Finding:
+        """Leave tones that hold noise out of the scans to come, unless they are too many."""
+        few = len(one.tones) <= MOST_TONES * self._noisy.size
+        if one.name != "noisy tones" or not few:
+            return one
+        self._noisy[list(one.tones)] = True
+        return one.acted("left out from now on")
 
     def _geometry(self, middle: list[ComplexArray]) -> list[Finding]:
         """Look at the two scans in the middle of the latest, and judge all that were looked at."""
@@ -342,6 +353,7 @@ class LiveHealth:
             "latest": [pose.tolist() for _, pose in self._latest],
             "looked": self._looked,
             "judged_from": self._judged_from,
+            "noisy": np.flatnonzero(self._noisy).tolist(),
         }
         arrays = self.sums.state()
         for place, (signal, _) in enumerate(self._latest):
@@ -365,6 +377,7 @@ class LiveHealth:
             known[:] = figures.get(name, [])
         self._looked = int(values.get("looked", 0))
         self._judged_from = int(values.get("judged_from", _FIRST_JUDGED))
+        self._noisy[values.get("noisy", [])] = True
         self._latest = []
         for place, pose in enumerate(values["latest"]):
             self._latest.append((arrays.get(f"latest{place}"), np.array(pose, np.float64)))

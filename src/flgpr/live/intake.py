@@ -178,6 +178,8 @@ class Intake:
             self.counts["duplicate"] += 1
             return None
         self._record(scan)
+        if scan.number == self.newest:  # it comes again, perhaps with its pose: it repeats none
+            self.health.sums.gap()
         checked = self.health.take(scan.signal, scan.pose, scan.number == self.newest + 1)
         self.newest = scan.number
         self.findings += checked.findings

@@ -43,7 +43,8 @@ def make_run(
     ----------
     signal : (scan, polarization, pair, frequency) array_like of complex
         Received field over transmitted field, arbitrary common scale. A sweep that holds a value
-        which is not finite counts as missing: it is kept as it is and flagged in ``valid``.
+        which is not finite counts as missing: it is kept as it is and flagged in ``valid``. So do
+        the sweeps of a scan of zeros alone, unless all scans are.
     frequency : (frequency,) array_like
         Tones in Hz, strictly increasing; they need not be uniform.
     polarization : (polarization,) array_like of str
@@ -84,6 +85,8 @@ def make_run(
     valid = np.isfinite(data).all(axis=-1)
     if not valid.any():
         raise ValueError("signal must hold at least one sweep of finite values, got none")
+    if data.any():
+        valid = measured_sweeps(data)
     return xr.Dataset(
         data_vars={
             "signal": (("scan", "polarization", "pair", "frequency"), data),
@@ -119,6 +122,15 @@ def _checked_signal(signal: ArrayLike) -> ComplexArray:
             f"got shape {data.shape}"
         )
     return data.astype(np.complex64, copy=False)
+
+
+def measured_sweeps(signal: ComplexArray) -> BoolArray:
+    """Mark the sweeps (..., polarization, pair) that were measured, of one scan or of several.
+
+    All their tones are finite, and their scan holds more than zeros.
+    """
+    silent = ~signal.any(axis=(-3, -2, -1), keepdims=True)
+    return np.asarray(np.isfinite(signal).all(axis=-1) & ~silent[..., 0], dtype=np.bool_)
 
 
 def check_frequency(frequency: ArrayLike, count: int | None = None) -> FloatArray:

@@ -18,7 +18,7 @@ import xarray as xr
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
-from flgpr.model.run import check_poses
+from flgpr.model.run import check_poses, measured_sweeps
 from flgpr.store.files import (
     PARTIAL,
     replace_folder,
@@ -255,8 +255,8 @@ class RunWriter:
             )
         checked_pose = check_poses(np.asarray(pose)[None], 1)[0]
         self._check_time(time)
-        valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
-        self._waiting.append(_Scan(block, checked_pose, float(time), valid))
+        scan = _Scan(block, checked_pose, float(time), measured_sweeps(block))
+        self._waiting.append(scan)
         if len(self._waiting) == self._together:
             try:
                 self._write_piece()
@@ -333,7 +333,10 @@ class RunWriter:
         # One tone stands for all, which were checked at the beginning: those of a day's drive would
         # not fit into the memory.
         valid = np.stack([scan.valid for scan in scans])[..., None]
-        probe = np.where(valid, np.complex64(0), np.complex64(np.nan))
+        if not valid.any():  # scans of zeros alone are kept, and lost sweeps are not
+            finite = [np.isfinite(self._signal[k]).all(axis=-1) for k in range(len(scans))]
+            valid = np.stack(finite)[..., None]
+        probe = np.where(valid, np.complex64(1), np.complex64(np.nan))
         run = make_run(
             probe,
             self._frequency[:1],
