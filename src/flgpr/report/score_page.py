@@ -225,9 +225,11 @@ def report_html(
     if result is not None:
         truth = scored[0].matched.truth if scored else None
         values |= _result_values(result, truth, objects)
+        alarms = result.detections[0].alarms
         if not scored:
             values["standing"] = places_that_stand_out(result)
-        alarms = result.detections[0].alarms
+            border = values["run"].get("stands_out", {}).get("border")
+            values["overview"] = alarm_overview(result.lane, alarms, border)
     if scored:
         main = scored[0]
         provenance = notes or {}
@@ -278,9 +280,6 @@ def _result_values(
     return {
         "run": run,
         "lane": result.lane,
-        "overview": alarm_overview(
-            result.lane, main.alarms, run.get("stands_out", {}).get("border")
-        ),
         "swipe": before_and_after(result),
         "side_by_side": is_short(result.lane),
         "views": run_view_figure(result, ["main", *masked], truth, objects),
