@@ -192,5 +192,7 @@ def test_a_scan_that_comes_again_with_its_pose_is_not_taken_for_a_repeated_one()
     again = intake.admit(encode_scan(1, signal, pose, run_id=TINY.run_id))
     assert again is not None
     assert again.pose.tolist() == pose
-    assert intake.admit(encode_scan(2, signal, [0.0, 0.8, 2.0, 0, 0, 0], run_id=TINY.run_id)) is None
+    assert (
+        intake.admit(encode_scan(2, signal, [0.0, 0.8, 2.0, 0, 0, 0], run_id=TINY.run_id)) is None
+    )
     assert intake.counts["refused"] == 1

@@ -256,7 +256,9 @@ class LiveHealth:
         )
         if tones.size > MOST_TONES * marked.size:
             return self._noisy, self._tell(one)
-        return marked | self._noisy, self._tell(one.acted("left out of the scans in which they stand out"))
+        return marked | self._noisy, self._tell(
+            one.acted("left out of the scans in which they stand out")
+        )
 
     def _cleaned(
         self,

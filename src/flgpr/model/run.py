@@ -129,8 +129,8 @@ def measured_sweeps(signal: ComplexArray) -> BoolArray:
 
     All their tones are finite, and their scan holds more than zeros.
     """
-    silent = ~signal.any(axis=(-3, -2, -1), keepdims=True)
-    return np.asarray(np.isfinite(signal).all(axis=-1) & ~silent[..., 0], dtype=np.bool_)
+    holds_something = np.asarray(signal.any(axis=(-3, -2, -1)))[..., None, None]
+    return np.asarray(np.isfinite(signal).all(axis=-1) & holds_something, dtype=np.bool_)
 
 
 def check_frequency(frequency: ArrayLike, count: int | None = None) -> FloatArray:
