@@ -422,13 +422,15 @@ def require_registered(path: str | Path, recipe: str, model: str | None = None) 
     got = f"{recipe[:12]}..."
     if any(line in early for line in entries):
         raise ValueError(
-            f"recipe must be registered with its model in {path}, got {got} with the model {model}"
+            f"the detector must be registered with its model in {path}, "
+            f"got the recipe {got} with the model {model}"
         )
     late = ""
     if entries:
         late = f" in line {entries[0]['number']}, after the look in line {len(early) + 1}"
     raise ValueError(
-        f"recipe must be registered in {path} before the truth is opened, got {got}{late}"
+        f"what fixes the detector must be registered in {path} before the truth is opened, "
+        f"got {got}{late}"
     )
 
 

@@ -89,10 +89,11 @@ def test_the_honest_way_is_open(trial, book, sealed):
 
 def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(trial, book, sealed):
     with pytest.raises(
-        ValueError, match=r"recipe must be registered in .* before the truth is opened"
+        ValueError,
+        match=r"what fixes the detector must be registered in .* before the truth is opened",
     ):
         blindly(trial, book, "other.toml", nobody)
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         openly(trial, recipe=trial / "other.toml")
     assert looks(trial) == 0
     assert not (trial / "blind").exists()
@@ -100,15 +101,19 @@ def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(tri
 
 
 def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sealed):
-    with pytest.raises(ValueError, match="got no recipe for"):
+    with pytest.raises(
+        ValueError, match="must stand in the register .*: name what fixes it by --recipe"
+    ):
         openly(trial, recipe=None)
     with pytest.raises(
-        ValueError, match="sealed with a register: it is scored with --recipe and --book"
+        ValueError, match="sealed with a register: give it by --book, and by --recipe what fixes"
     ):
         score_sealed(trial / "a.csv", sealed, PHRASE)
-    with pytest.raises(ValueError, match="given together, got no book"):
+    with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
         score_sealed(trial / "a.csv", sealed, nobody, recipe=trial / "mine.toml")
-    with pytest.raises(ValueError, match="given together, got no recipe"):
+    with pytest.raises(
+        ValueError, match="must stand in the register .*: name what fixes it by --recipe"
+    ):
         score_sealed(trial / "a.csv", sealed, nobody, register=book)
     assert looks(trial) == 0
 
@@ -206,7 +211,7 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
     away = tmp_path / "away"
     away.mkdir()
     (away / "truth.csv").symlink_to(trial / "plan.csv")
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         openly(trial, truth=away / "truth.csv", recipe=trial / "other.toml")
     shutil.copy(trial / "plan.csv", away / "copied.csv")
     with pytest.raises(FileNotFoundError, match="register not found"):
@@ -227,7 +232,9 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
     register(
         f"{old}.register.jsonl", event="plan", plan="1", lanes={}
     )  # a register beside it is its own, too
-    with pytest.raises(ValueError, match="got no recipe for"):
+    with pytest.raises(
+        ValueError, match="must stand in the register .*: name what fixes it by --recipe"
+    ):
         openly(trial, truth="old.csv", recipe=None)
 
 
@@ -299,9 +306,9 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
         ValueError, match=r"recipe must be the one that .*result was made with, got .*mine.toml"
     ):
         score_result(folder, truth, recipe=trial / "mine.toml", **how)
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         score_result(folder, truth, **how)
-    with pytest.raises(ValueError, match="given together, got no book"):
+    with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
         score_result(folder, truth, recipe="demo", output=tmp_path / "score")
     register_recipe("demo", book)
     assert score_result(folder, truth, **how)
@@ -322,7 +329,7 @@ def test_a_model_is_registered_with_its_recipe(tmp_path):
     register(book, event="begin")
     register_recipe(tmp_path / "recipe", book, model)
     assert require_registered(book, recipe, content_hash(b"weights"))["number"] == 2
-    with pytest.raises(ValueError, match="recipe must be registered with its model"):
+    with pytest.raises(ValueError, match="the detector must be registered with its model"):
         require_registered(book, recipe, content_hash(b"other weights"))
     with pytest.raises(ValueError, match=r"got the folder .*model; is it a model"):
         register_recipe(model, book)
@@ -337,7 +344,7 @@ def test_every_list_of_a_comparison_needs_its_recipe(trial, book, sealed):
     for recipes, message in (
         ([], "got no recipe"),
         ([trial / "mine.toml"], "once per alarm list, got 1 for 2"),
-        ([trial / "mine.toml", trial / "other.toml"], "recipe must be registered"),
+        ([trial / "mine.toml", trial / "other.toml"], "what fixes the detector must be registered"),
     ):
         with pytest.raises(ValueError, match=message):
             compare_sealed(lists, sealed, nobody, trial / "c", recipes=recipes, register=book)
