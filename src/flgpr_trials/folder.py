@@ -17,7 +17,7 @@ from flgpr.model.faults import parse_entries
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output, log_finished, output_exists_error
 from flgpr.toml_text import toml_lines
-from flgpr_trials.ledger import read_register, register
+from flgpr_trials.ledger import TRIAL, read_register, register
 from flgpr_trials.planning import sample_size
 
 TRIAL_FILE = "trial.toml"
@@ -154,7 +154,7 @@ def begin_trial(
         }
         for name, text in contents.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
-        register(partial / REGISTER_FILE, event="trial", **entries.model_dump())
+        register(partial / REGISTER_FILE, event=TRIAL, **entries.model_dump())
     return TrialFolder(home, entries)
 
 
@@ -206,7 +206,7 @@ def require_trial_rules(
     lines: Sequence[dict[str, Any]], rules: Mapping[str, float], path: Path
 ) -> None:
     """Refuse rules, ``halo`` or ``far``, other than those with which a trial's register begins."""
-    if not lines or lines[0].get("event") != "trial":
+    if not lines or lines[0].get("event") != TRIAL:
         return
     stated = {"halo": lines[0]["halo"], **lines[0]["requirement"]}
     for name, value in rules.items():

@@ -41,7 +41,7 @@ _PAIR_CELLS = (
 )
 _PAGE = (8.27, 11.69)  # A4, inches
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.08, 0.92, 0.95, 0.06  # of a page
-_LINE = 0.0165  # height of a line of a table, of a page
+_LINE = 0.0148  # height of a line of a table, of a page
 _LETTER = 0.0082  # width of a letter of 8 points, of a page
 _MOST_CELL = 34  # characters of a cell of the PDF
 
@@ -274,11 +274,11 @@ class _Sheets:
         begin = self._take(_LINE)
         page = self._pages[-1]
         for number, cell in enumerate(cells):
-            place = edges[number + 1] - 0.006 if is_number[number] else edges[number]
+            place = edges[number + 1] - 0.014 if is_number[number] else edges[number]
             side = "right" if is_number[number] else "left"
             text = cell if len(cell) <= _MOST_CELL else f"{cell[: _MOST_CELL - 1]}…"
             page.text(place, begin, text, fontsize=size, weight=weight, ha=side, va="top")
-        line = begin - 0.8 * _LINE
+        line = begin - 0.82 * _LINE
         page.add_artist(Line2D([edges[0], edges[-1]], [line, line], color="0.8", lw=0.5))
 
     def data(self) -> bytes:

@@ -102,7 +102,7 @@ def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(tri
 
 def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sealed):
     with pytest.raises(
-        ValueError, match="must stand in the register .*: name what fixes it by --recipe"
+        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
     ):
         openly(trial, recipe=None)
     with pytest.raises(
@@ -112,7 +112,7 @@ def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sea
     with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
         score_sealed(trial / "a.csv", sealed, nobody, recipe=trial / "mine.toml")
     with pytest.raises(
-        ValueError, match="must stand in the register .*: name what fixes it by --recipe"
+        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
     ):
         score_sealed(trial / "a.csv", sealed, nobody, register=book)
     assert looks(trial) == 0
@@ -233,7 +233,7 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
         f"{old}.register.jsonl", event="plan", plan="1", lanes={}
     )  # a register beside it is its own, too
     with pytest.raises(
-        ValueError, match="must stand in the register .*: name what fixes it by --recipe"
+        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
     ):
         openly(trial, truth="old.csv", recipe=None)
 

@@ -97,7 +97,7 @@ def give_verdict(home: Path, passphrase: Phrase, overwrite: bool = False) -> Ver
         }
     verdict = judge(matches, trial.entries.requirement, rules)
     lanes = as_lanes(look.matched.lanes)
-    files = {
+    files: dict[str, bytes | str] = {
         VERDICT_FILES[0]: verdict_html(verdict, lanes, notes),
         VERDICT_FILES[1]: verdict_pdf(verdict, lanes, notes),
         VERDICT_FILES[2]: _verdict_json(verdict, notes),
