@@ -24,7 +24,7 @@ _STRIP = 30.0  # length of lane in a row of the map, m
 _STRIPS = 4  # rows in a picture: half a printed page
 _LOWEST_STRIP = 1.1  # inches
 _HIGHEST_STRIP = 3.5
-_EDGE = 0.4  # m beside the lane, where marks outside are drawn
+_EDGE = 0.1  # m from the edge of the drawing, where marks stand that lie farther out
 _MOST_DROPPED = 200  # dropped rows that a page lists
 # Mines are emplaced to the centimetre; depths have a digit more.
 _DIGITS = {"depth_m": ".3f"}
@@ -91,7 +91,7 @@ def sheet_html(
     )
 
 
-def lane_maps(lane: Lane, marks: pd.DataFrame) -> list[Figure]:
+def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figure]:
     """Draw a lane from above in strips, each read from left to right in the direction of travel.
 
     Parameters
@@ -100,6 +100,8 @@ def lane_maps(lane: Lane, marks: pd.DataFrame) -> list[Figure]:
         The lane.
     marks : pandas.DataFrame
         What is marked: ``kind``, ``x_m`` and ``y_m``, and ``target_id`` where marks have names.
+    margin : float
+        What is drawn beside the lane, m; marks farther outside stand at the edge of the drawing.
 
     Returns
     -------
@@ -111,7 +113,7 @@ def lane_maps(lane: Lane, marks: pd.DataFrame) -> list[Figure]:
     count = max(1, int(np.ceil(lane_length / _STRIP - 1e-9)))
     length = min(_STRIP, lane_length)
     width = lane.x_max - lane.x_min
-    height_to_scale = 10.0 * (width + 1) / (length + 1) + 0.55
+    height_to_scale = 10.0 * (width + 2 * margin) / (length + 2 * margin) + 0.55
     strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
     kinds = sorted(map(str, marks["kind"].unique()))
     styles = {kind: _marker_style(number) for number, kind in enumerate(kinds)}
@@ -123,7 +125,7 @@ def lane_maps(lane: Lane, marks: pd.DataFrame) -> list[Figure]:
         panels = np.atleast_1d(figure.subplots(len(strips), 1))
         for axes, strip in zip(panels, strips, strict=True):
             start = lane.y_min + strip * _STRIP
-            _draw_strip(axes, lane, marks, styles, start, length)
+            _draw_strip(axes, lane, marks, styles, (start, length, margin))
         handles = [Line2D([], [], label=kind, **style) for kind, style in styles.items()]
         if handles:
             figure.legend(
@@ -154,20 +156,17 @@ def _draw_strip(
     lane: Lane,
     marks: pd.DataFrame,
     styles: Mapping[str, dict[str, Any]],
-    start: float,
-    length: float,
+    strip: tuple[float, float, float],
 ) -> None:
-    """Draw the strip of a lane that begins at lane y ``start``, with its marks.
-
-    A mark outside the lane stands at the edge of the drawing.
-    """
+    """Draw a strip of a lane, of which are given its begin, lane y, length and margin, with its marks."""
+    start, length, margin = strip
     end = min(start + _STRIP, lane.y_max)
     axes.fill_between([start, end], lane.x_min, lane.x_max, color="0.95")
     axes.hlines([lane.x_min, lane.x_max], start, end, color="0.3", lw=1.2)
     lane_ends = [y for y in (lane.y_min, lane.y_max) if start <= y <= end]
     axes.vlines(lane_ends, lane.x_min, lane.x_max, color="0.3")
-    x = marks["x_m"].clip(lane.x_min - _EDGE, lane.x_max + _EDGE)
-    y = marks["y_m"].clip(lane.y_min - _EDGE, lane.y_max + _EDGE)
+    x = marks["x_m"].clip(lane.x_min - margin + _EDGE, lane.x_max + margin - _EDGE)
+    y = marks["y_m"].clip(lane.y_min - margin + _EDGE, lane.y_max + margin - _EDGE)
     # A mark on the border of two strips belongs to the second, one at the lane's end to the last.
     on_strip = (y >= start) | (start == lane.y_min)
     on_strip &= (y < end) | (end == lane.y_max)
@@ -183,8 +182,8 @@ def _draw_strip(
             )
     # Seen from above with travel to the right, the lane's right side is below.
     axes.set(
-        xlim=(start - 0.5, start + length + 0.5),
-        ylim=(lane.x_max + 0.5, lane.x_min - 0.5),
+        xlim=(start - margin, start + length + margin),
+        ylim=(lane.x_max + margin, lane.x_min - margin),
         aspect="equal",
     )
     # The crew reads distances off the map: a line at every metre, a number at every fifth.
@@ -199,6 +198,7 @@ def _draw_strip(
 def intake_html(
     read: ReadList,
     lanes: Mapping[str, Lane],
+    halo: float,
     facts: Mapping[str, Any],
     signature: Mapping[str, Any] | None,
 ) -> str:
@@ -210,6 +210,8 @@ def intake_html(
         The list.
     lanes : mapping of str to Lane
         Lanes of the test by name.
+    halo : float
+        Halo radius, m.
     facts : mapping
         What is stated of the file, by what it is.
     signature : mapping, optional
@@ -221,15 +223,13 @@ def intake_html(
         The page, HTML without references to other files.
     """
     rows = read.rows.rename(columns={"x": "x_m", "y": "y_m"})
-    kinds = np.where(rows["used"], "used", "not used")
-    if rows["used"].any():
-        strongest = rows["confidence"] >= rows.loc[rows["used"], "confidence"].quantile(0.9)
-        kinds[(rows["used"] & strongest).to_numpy()] = "strongest tenth"
-    rows = rows.assign(kind=kinds)
+    rows["kind"] = rows["used"].map({True: "used", False: "not used"})
+    strongest = rows["confidence"] >= rows.loc[rows["used"], "confidence"].quantile(0.9)
+    rows.loc[rows["used"] & strongest, "kind"] = "strongest tenth"
     maps = []
     for name, lane in lanes.items():
         on_lane = rows[rows["lane"] == name] if name and "lane" in rows else rows
-        maps.append((name, lane_maps(lane, on_lane)))
+        maps.append((name, lane_maps(lane, on_lane, halo + _EDGE)))
     return render(
         "intake.html",
         "flgpr_trials",

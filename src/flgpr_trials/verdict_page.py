@@ -252,7 +252,7 @@ class _Sheets:
         edges = _LEFT + letter * np.cumsum([0.0, *longest])
         size = 8 * letter / _LETTER
 
-        begin = self._take(3.4 * _LINE)
+        begin = self._take(3.6 * _LINE)
         self._pages[-1].text(_LEFT, begin, table.title, fontsize=10, weight="bold", va="top")
         self._y = begin - 1.5 * _LINE
         is_number = [name.startswith(">") for name in table.head]

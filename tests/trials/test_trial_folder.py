@@ -135,7 +135,9 @@ def test_what_is_doubtful_is_not_signed(trial):
     alarms.assign(x=alarms["x"] / 0.3048, y=alarms["y"] / 0.3048).to_csv(
         trial.parent / "feet.csv", index=False
     )
-    with pytest.raises(ValueError, match="must be in metres of the lane to be signed: .*--unit ft"):
+    with pytest.raises(
+        ValueError, match=r"must be in metres of the lane to be signed: .*--unit ft"
+    ):
         take_in(trial, name="feet.csv")
     assert take_in(trial, name="feet.csv", signed=None).read.unit == "ft"
     assert len(take_in(trial, name="feet.csv", unit="ft").read.used) == 9

@@ -98,7 +98,8 @@ def take_in(order: IntakeOrder) -> Intake:
         same = [earlier for earlier in lines if entry.items() <= earlier.items()]
         line = same[-1] if same else enter_unopened(trial.register, entry, _TOO_LATE)
     page = path.with_suffix(".html")
-    write_whole(page, intake_html(read, lanes, _facts(read, lanes, name, data), line))
+    facts = _facts(read, lanes, name, data)
+    write_whole(page, intake_html(read, lanes, trial.entries.halo, facts, line))
     return Intake(read, page, line)
 
 
