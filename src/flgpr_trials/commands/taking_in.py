@@ -14,6 +14,7 @@ from flgpr.model import Lane
 from flgpr.scoring import as_lanes
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, write_whole
+from flgpr.store.outputs import log_finished
 from flgpr.store.tables import csv_text
 from flgpr_trials.folder import TrialFolder, open_trial, used_rows
 from flgpr_trials.intake import ReadList, read_vendor_list
@@ -81,8 +82,7 @@ def take_in(order: IntakeOrder) -> Intake:
     used = csv_text(read.used)
     refuse_links(path.parent)
     path.parent.mkdir(exist_ok=True)
-    write_whole(path, data)
-    write_whole(used_rows(path), used)
+    kept = [_write_changed(path, data), _write_changed(used_rows(path), used.encode())]
     line = None
     if signed is not None:
         # The list itself is what fixes a detector's answer: scores ask for it as for a recipe.
@@ -99,8 +99,18 @@ def take_in(order: IntakeOrder) -> Intake:
         line = same[-1] if same else enter_unopened(trial.register, entry, _TOO_LATE)
     page = path.with_suffix(".html")
     facts = _facts(read, lanes, name, data)
-    write_whole(page, intake_html(read, lanes, trial.entries.halo, facts, line))
+    html = intake_html(read, lanes, trial.entries.halo, facts, line)
+    if not any([*kept, _write_changed(page, html.encode())]):
+        log_finished(page, "another list of this vendor takes its place")
     return Intake(read, page, line)
+
+
+def _write_changed(path: Path, data: bytes) -> bool:
+    """Write a file unless it holds this already; return whether it was written."""
+    if path.is_file() and read_named(path) == data:
+        return False
+    write_whole(path, data)
+    return True
 
 
 def _require_own_file(
