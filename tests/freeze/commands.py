@@ -190,9 +190,6 @@ PRINTED = {
     "score a list": ["score IN/alarms.csv TRUTH LANE -o OUT/score"],
     "score agreement": ["score --agreement IN/first.json IN/second.json"],
     "score sealed": ["score IN/alarms.csv --sealed IN/sealed -o OUT/score"],
-    "score several sealed": [
-        "score IN/alarms.csv IN/others.csv --sealed IN/sealed -o OUT/score",
-    ],
     "score side by side": ["score IN/alarms.csv IN/others.csv TRUTH LANE -o OUT/score"],
 }
 """Commands to give, the last of each with ``--json``; all commands that have it are among them.

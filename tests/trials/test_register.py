@@ -12,7 +12,7 @@ from flgpr.commands.app import app
 from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
 from flgpr_trials.commands.plan import plan_lane, register_recipe
 from scored import compare_alarms, score_alarms, score_result
-from scored_blind import compare_sealed, score_sealed, seal_truth_file
+from scored_blind import score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
@@ -339,7 +339,7 @@ def test_a_model_is_registered_with_its_recipe(tmp_path):
         register_recipe("nothing", book)
 
 
-def test_every_list_of_a_comparison_needs_its_recipe(trial, book, sealed):
+def test_every_list_of_a_comparison_needs_its_recipe(trial, book):
     lists = [trial / "a.csv", trial / "b.csv"]
     for recipes, message in (
         ([], "name what fixes it by --recipe"),
@@ -347,18 +347,10 @@ def test_every_list_of_a_comparison_needs_its_recipe(trial, book, sealed):
         ([trial / "mine.toml", trial / "other.toml"], "what fixes the detector must be registered"),
     ):
         with pytest.raises(ValueError, match=message):
-            compare_sealed(lists, sealed, nobody, trial / "c", recipes=recipes, register=book)
-        with pytest.raises(ValueError, match=message):
             compare_alarms(
                 lists, trial / "plan.csv", trial / "c", trial / "lane.toml", recipes=recipes
             )
-    assert looks(trial) == 0
-    assert len(read_register(book)) == 2
-    compare_sealed(
-        lists, sealed, PHRASE, trial / "c", recipes=[trial / "mine.toml"] * 2, register=book
-    )
-    assert looks(trial) == 2
-    assert [line["event"] for line in read_register(book)][2:] == ["truth opened"] * 2
+    assert len(read_register(book)) == 1
 
 
 def test_a_truth_without_a_plan_is_free(trial, tmp_path):
