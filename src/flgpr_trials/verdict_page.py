@@ -43,7 +43,8 @@ _PAGE = (8.27, 11.69)  # A4, inches
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.08, 0.92, 0.95, 0.06  # of a page
 _LINE = 0.0148  # height of a line of a table, of a page
 _LETTER = 0.0082  # width of a letter of 8 points, of a page
-_MOST_CELL = 34  # characters of a cell of the PDF
+_SHORT = 24  # rows of a table that is not divided
+_MOST_CELL = 64  # characters of a cell of the PDF
 
 
 @dataclass(frozen=True)
@@ -252,7 +253,8 @@ class _Sheets:
         edges = _LEFT + letter * np.cumsum([0.0, *longest])
         size = 8 * letter / _LETTER
 
-        begin = self._take(3.6 * _LINE)
+        # A short table stands on one page as a whole.
+        begin = self._take((min(len(table.rows), _SHORT) + 2.6) * _LINE)
         self._pages[-1].text(_LEFT, begin, table.title, fontsize=10, weight="bold", va="top")
         self._y = begin - 1.5 * _LINE
         is_number = [name.startswith(">") for name in table.head]

@@ -150,6 +150,23 @@ def test_what_is_doubtful_is_not_signed(trial):
         take_in(trial, "acme!")
 
 
+def test_lanes_stay_as_they_were_planned(trial):
+    lanes = trial / "lanes.toml"
+    lanes.write_text(lanes.read_text().replace("200.0", "190.0"))
+    with pytest.raises(ValueError, match=r"lanes must be those of the plan in .*register.jsonl"):
+        take_in(trial)
+
+
+def test_a_list_without_ranks_says_so_in_the_verdict(trial):
+    pd.read_csv(trial.parent / "acme.csv")[["x", "y"]].to_csv(trial.parent / "p.csv", index=False)
+    with pytest.raises(ValueError, match="alarms must have the columns confidence"):
+        take_in(trial, name="p.csv")
+    shown = take_in(trial, name="p.csv", unranked=True)
+    assert "All confidences are equal (1): the list has one operating point" in shown.read.doubts
+    trial_verdict(trial, passphrase=PHRASE)
+    assert "<td>equal</td>" in (trial / "verdict.html").read_text()
+
+
 def test_without_a_signed_list_there_is_no_verdict(trial):
     with pytest.raises(ValueError, match="a verdict must have a signed list, got none"):
         trial_verdict(trial, passphrase=nobody)

@@ -69,8 +69,9 @@ def give_verdict(home: Path, passphrase: Phrase, overwrite: bool = False) -> Ver
     notes = {}
     for number, one in enumerate(lists):
         data = read_named(used_rows(one.path))
+        table = parse_own_table(data, "alarms", used_rows(one.path))
         look = match_blind(
-            parse_own_table(data, "alarms", used_rows(one.path)),
+            table,
             trial.sealed,
             phrase,
             registered=Registration(trial.register, one.line["recipe"]),
@@ -95,6 +96,8 @@ def give_verdict(home: Path, passphrase: Phrase, overwrite: bool = False) -> Ver
             "looks": len(look.looks),
             **look.heads,
         }
+        if table["confidence"].nunique() == 1:
+            notes[one.vendor]["ranking"] = "all confidences are equal"
     verdict = judge(matches, trial.entries.requirement, rules)
     lanes = as_lanes(look.matched.lanes)
     files: dict[str, bytes | str] = {

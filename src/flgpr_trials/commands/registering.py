@@ -100,7 +100,7 @@ def enter_recipe(
     earlier = before_opening(read_checked_register(register))
     for line in reversed(earlier):
         if all(line.get(name) == entry.get(name) for name in ("event", "recipe", "model")):
-            log_finished(f"recipe {recipe} in {path}", "a register only grows")
+            log_finished(f"{recipe} in {path}", "a register only grows")
             return line
     opening = len(earlier) + 1
     too_late = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flgpr.commands.scoring import read_lanes
+from flgpr.commands.scoring import borders, read_lanes
 from flgpr.commands.trial_card import checked_name
 from flgpr.door import read_named, refuse_links
 from flgpr.model import Lane
@@ -73,6 +73,11 @@ def take_in(order: IntakeOrder) -> Intake:
 
     data = read_named(existing(order.alarms, "alarms file"))
     lanes = as_lanes(read_lanes(trial.lanes))
+    planned = [line["lanes"] for line in lines if line.get("event") == "plan"]
+    if planned and planned[-1] != borders(lanes):
+        raise ValueError(
+            f"lanes must be those of the plan in {trial.register}, got others in {trial.lanes}"
+        )
     name = order.alarms.name
     read = read_vendor_list(
         data, name, vendor, lanes, trial.entries.halo, order.reading, order.unit
