@@ -20,12 +20,19 @@ def nobody():
     raise AssertionError("nobody is asked for a passphrase")
 
 
+def short_lane(home):
+    """Write a lane beside a trial, whose map is drawn in one strip."""
+    lane = home.with_name("lane.toml")
+    lane.write_text("x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 30.0\n")
+    return lane
+
+
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
     """A trial whose truth is sealed, and two lists of vendors beside it."""
     pytest.importorskip("cryptography")
     home = tmp_path_factory.mktemp("trials") / "t"
-    trial_new(home, pd_claim=0.5)
+    trial_new(home, pd_claim=0.5, lane=short_lane(home))
     (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\nplastic,0.1,4\n")
     plan, _ = plan_lane(home / "lanes.toml", home / "sorts.csv", home / "plan.csv", 3)
     sheet = pd.read_csv(home / "plan-sheet.csv", dtype=str).assign(emplaced="yes")
@@ -70,7 +77,8 @@ def test_a_folder_is_begun_once_and_its_requirement_is_registered(tmp_path):
 
 def test_plan_and_seal_find_the_register_and_keep_the_requirement(tmp_path):
     home = tmp_path / "t"
-    trial_new(home, far=0.02, halo=0.5)
+    trial_new(home, far=0.02, halo=0.5, lane=short_lane(home))
+    (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\n")
     paths = (home / "lanes.toml", home / "sorts.csv", home / "plan.csv")
     with pytest.raises(ValueError, match=r"halo must be 0.5 as the trial of .* asks for, got 1"):
         plan_lane(*paths, 1, far=0.02)
@@ -152,7 +160,7 @@ def test_what_is_doubtful_is_not_signed(trial):
 
 def test_lanes_stay_as_they_were_planned(trial):
     lanes = trial / "lanes.toml"
-    lanes.write_text(lanes.read_text().replace("200.0", "190.0"))
+    lanes.write_text(lanes.read_text().replace("30.0", "29.0"))
     with pytest.raises(ValueError, match=r"lanes must be those of the plan in .*register.jsonl"):
         take_in(trial)
 
@@ -179,9 +187,9 @@ def test_without_a_signed_list_there_is_no_verdict(trial):
 def test_a_truth_that_nobody_planned_is_sealed_with_the_trial(tmp_path):
     pytest.importorskip("cryptography")
     home = tmp_path / "t"
-    trial_new(home, pd_claim=0.5)
+    trial_new(home, pd_claim=0.5, lane=short_lane(home))
     (home / "truth.csv").write_text(
-        "target_id,kind,x,y,depth\nA,metal,0,10,0.1\nB,metal,1,30,0.1\n"
+        "target_id,kind,x,y,depth\nA,metal,0,10,0.1\nB,metal,1,20,0.1\n"
     )
     seal(home / "truth.csv", home / "lanes.toml", home / "truth.sealed", passphrase=PHRASE)
     (tmp_path / "acme.csv").write_text("x,y,confidence\n0,10,1\n")
