@@ -105,6 +105,13 @@ def _notes_on_points(verdict: Verdict) -> list[str]:
         "registered rate on these lanes; the interval of the false alarm rate says how far that "
         "carries to other ground. An alarm in the halo of two mines finds both.",
     ]
+    if len(verdict.pairs):
+        notes.append(
+            "Each claim has its confidence by itself. Vendors are told apart by McNemar's exact "
+            "test on the mines that one alone finds, with Holm's correction where there are "
+            "several pairs; the false alarms are taken as given. Tango's interval of a difference "
+            "is less strict: it may lie beside 0 where the test tells nothing apart."
+        )
     area = verdict.points["area"].iloc[0]
     if verdict.requirement.far * area < 1:
         notes.append(
