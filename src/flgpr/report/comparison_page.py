@@ -56,7 +56,7 @@ def comparison_html(
     curves: Mapping[str, pd.DataFrame],
     rules: Mapping[str, Any],
     notes: Mapping[str, Any],
-    lanes: Mapping[str, Lane],
+    lanes: Mapping[str, Lane] | None = None,
 ) -> str:
     """Return the page of detectors side by side.
 
@@ -65,13 +65,13 @@ def comparison_html(
     comparison : SideBySide
         Points, pairs and means.
     curves : mapping of str to pandas.DataFrame
-        ROC curves by detector.
+        ROC curves by detector; empty shows the points only.
     rules : mapping
         Rules of the scores.
     notes : mapping
         Provenance to print, by detector.
-    lanes : mapping of str to Lane
-        Lanes by name.
+    lanes : mapping of str to Lane, optional
+        Lanes by name; none where they are sealed.
 
     Returns
     -------
@@ -83,8 +83,10 @@ def comparison_html(
         points_by_detector[str(name)] = table
     names = list(dict.fromkeys(comparison.points["detector"]))
     unranked = [name for name in names if "ranking" in notes.get(name, {})]
-    labels = {name: _curve_label(name, notes.get(name, {})) for name in curves}
-    roc = compared_roc_figure(curves, labels, comparison.points, rules["far_max"])
+    roc = None
+    if curves:
+        labels = {name: _curve_label(name, notes.get(name, {})) for name in curves}
+        roc = compared_roc_figure(curves, labels, comparison.points, rules["far_max"])
     return render(
         "comparison.html",
         names=names,
@@ -100,7 +102,7 @@ def comparison_html(
         level=f"{100 * rules['level']:g}",
         far_max=f"{rules['far_max']:g}",
         notes=notes,
-        trial=comparison_block(names, lanes, rules, notes),
+        trial=comparison_block(names, lanes or {}, rules, notes),
     )
 
 

@@ -118,7 +118,7 @@ def comparison_block(
     names : sequence of str
         Names of the lists.
     lanes : mapping of str to Lane
-        The lanes by name.
+        The lanes by name; empty where they are sealed.
     rules : mapping
         Rules of the scores: ``halo_radius``, ``area_rule`` and ``level``.
     notes : mapping of str to mapping
@@ -142,7 +142,7 @@ def comparison_block(
             ]
         )
     first = notes.get(names[0], {})
-    lane = lanes_in_words(lanes)
+    lane = lanes_in_words(lanes) if lanes else "sealed with the truth"
     stated_rules = (
         f"halo radius {rules['halo_radius']:g} m, area rule {rules['area_rule']}, "
         f"{100 * rules['level']:g} % intervals"
