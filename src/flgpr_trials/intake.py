@@ -11,6 +11,7 @@ import pandas as pd
 
 from flgpr.commands.reach import are_near, table_doubts
 from flgpr.model import Lane
+from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
 from flgpr.scoring.matching import lane_of_rows
 from flgpr.store.dialects import TableReading
@@ -154,7 +155,7 @@ def _not_in_lanes(rows: pd.DataFrame, lanes: Mapping[str, Lane]) -> list[Dropped
     for row in rows[~rows["used"]].to_dict("records"):
         lane = str(row.get("lane", ""))
         if list(lanes) != [""] and lane not in lanes:
-            dropped.append(DroppedRow(row["line"], _OTHER_LANE, f"lane is {lane!r}"))
+            dropped.append(DroppedRow(row["line"], _OTHER_LANE, f'lane is "{printable(lane)}"'))
         else:
             place = f"x {row['x']:.2f} m, y {row['y']:.2f} m"
             dropped.append(DroppedRow(row["line"], _OUTSIDE, f"{_OUTSIDE}: {place}"))

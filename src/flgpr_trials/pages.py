@@ -16,6 +16,7 @@ from flgpr.model import Lane
 from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
 from flgpr.report.curve_figures import COLOURS, MARKS
 from flgpr.report.kit import render
+from flgpr.report.score_page import in_words
 from flgpr.report.trial_block import TrialBlock, list_block
 from flgpr_trials.blind import BlindScore
 from flgpr_trials.intake import ReadList
@@ -273,7 +274,7 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         head=[">allowed FAR (per m²)", *POINT_HEAD],
         picture=points_figure(points_by_group),
         targets=_target_texts(blind.targets),
-        notes={name: _head_in_words(value) for name, value in notes.items()},
+        notes={name: in_words(value) for name, value in notes.items()},
         trial=_blind_block(blind, notes),
     )
 
@@ -306,10 +307,3 @@ def _target_texts(targets: pd.DataFrame | None) -> pd.DataFrame | None:
         found_from.append("not at any" if np.isnan(far) else f"{far:g}")
         depths.append("not known" if np.isnan(depth) else f"{100 * depth:.1f}")
     return targets.assign(depth=depths, found_from=found_from).astype(str)
-
-
-def _head_in_words(note: Any) -> Any:
-    """Return the length of a log or register and its last hash as text; other notes unchanged."""
-    if isinstance(note, dict) and set(note) == {"lines", "head"}:
-        return f"{note['lines']} lines, the last is {note['head']}"
-    return note

@@ -99,7 +99,7 @@ def test_rows_that_cannot_be_read_are_parted_by_their_lines_in_the_file():
     assert faults == [
         (5, "x is empty"),
         (7, "3 cells where the header has 4"),
-        (8, "confidence is no number: 'inf'"),
+        (8, 'confidence is no number: "inf"'),
     ]
     table = parse_table(readable, "alarms", "a.csv")
     assert table[["x", "y", "confidence"]].to_numpy().tolist() == [[1.5, 2, 3], [4, 5, 6]]

@@ -33,10 +33,10 @@ def test_rows_that_cannot_be_used_are_dropped_with_line_and_reason():
     )
     told = [(row.line, row.reason) for row in taken.dropped]
     assert told == [
-        (4, "y is no number: 'n/a'"),
+        (4, 'y is no number: "n/a"'),
         (5, "2 cells where the header has 3"),
         (8, "outside the lane: x 5.00 m, y 40.00 m"),
-        (10, "x is no number: '1e999'"),
+        (10, 'x is no number: "1e999"'),
         (11, "confidence is empty"),
     ]
     assert taken.used["y"].tolist() == [10, 30, 50]
@@ -88,6 +88,6 @@ def test_rows_of_no_lane_of_the_test_are_dropped():
     lanes = {"a": Lane(-2, 2, 0, 60), "b": Lane(-2, 2, 0, 60)}
     taken = read("lane,x,y,confidence\na,0,10,1\nc,0,10,2\nb,0,20,3\n", lanes)
     assert taken.in_words().endswith("used: 1 is of no lane of this test")
-    assert taken.dropped[0].reason == "lane is 'c'"
+    assert taken.dropped[0].reason == 'lane is "c"'
     with pytest.raises(ValueError, match="must have the column lane, for there are 2 lanes"):
         read(rows(SPREAD), lanes)

@@ -351,6 +351,11 @@ def test_every_list_of_a_comparison_needs_its_recipe(trial, book):
                 lists, trial / "plan.csv", trial / "c", trial / "lane.toml", recipes=recipes
             )
     assert len(read_register(book)) == 1
+    files = (trial / "plan.csv", trial / "c", trial / "lane.toml")
+    compare_alarms(lists, *files, recipes=[trial / "mine.toml"] * 2, draws=20)
+    page = (trial / "c" / "comparison.html").read_text()
+    assert "lines 3, head " in page, "the register in words"
+    assert "{&#39;" not in page
 
 
 def test_a_truth_without_a_plan_is_free(trial, tmp_path):

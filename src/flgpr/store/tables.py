@@ -18,6 +18,7 @@ from pandas.api.types import is_numeric_dtype
 from flgpr.door import Folder, read_named
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 from flgpr.model.faults import faults_of
+from flgpr.model.printable import printable
 from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 from flgpr.store.dialects import (
     PLACES,
@@ -252,7 +253,8 @@ def _fault_of_row(cells: Sequence[str], width: int, numbers: Mapping[int, str]) 
         cell = cells[number].strip()
         is_number = _NUMBER.fullmatch(cell) and any(map(str.isdigit, cell))
         if not (is_number and math.isfinite(float(cell.replace(",", ".")))):
-            return f"{name} is no number: {cell[:_LONGEST_CELL]!r}" if cell else f"{name} is empty"
+            shown = printable(cell[:_LONGEST_CELL])
+            return f'{name} is no number: "{shown}"' if cell else f"{name} is empty"
     return ""
 
 
