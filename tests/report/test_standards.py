@@ -4,6 +4,7 @@ import re
 
 import typer
 
+from alone import needs
 from flgpr.commands.app import app
 from flgpr.report import kit
 
@@ -24,6 +25,7 @@ def test_some_is_covered_and_some_is_not():
     assert {covered for _, _, _, covered, _ in CHECKLIST.items} == {"yes", "partly", "no"}
 
 
+@needs("flgpr_trials")
 def test_commands_that_items_name_exist():
     words = typer.main.get_command(app).commands
     for topic, _, _, _, where in CHECKLIST.items:
