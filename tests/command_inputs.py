@@ -21,6 +21,7 @@ from flgpr_exchange.cphd.phase_history import write_cphd
 from flgpr_exchange.gprmax.deck_folder import write_gprmax_decks
 from flgpr_trials.commands.plan import plan_lane
 from flgpr_trials.commands.seal import seal
+from flgpr_trials.commands.trial import trial_intake, trial_new
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from scans_mapping import TIME, line_mapping
@@ -58,6 +59,7 @@ def write_inputs(home):
     _make_lane(home)
     _make_rail(home)
     _make_plan(home)
+    _make_trial(home)
     _make_ground(home)
 
 
@@ -170,6 +172,16 @@ def _make_plan(home):
     (home / "other-sheet.csv").write_text(
         "\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n"
     )
+
+
+def _make_trial(home):
+    trial = home / "trial"
+    trial_new(trial, lane=home / "lane.toml")
+    book = trial / "register.jsonl"
+    seal(
+        home / "truth.csv", home / "lane.toml", trial / "truth.sealed", book=book, passphrase=PHRASE
+    )
+    trial_intake(trial, "ACME", home / "alarms.csv", "A. Director")
 
 
 GROUND = """

@@ -320,6 +320,24 @@ COMMANDS = [
         loose=("sealed",),
     ),
     Command(
+        "trial new",
+        "trial new {out}/trial",
+        "trial new {out}/trial --pd 0.8",
+        loose=("trial/register.jsonl",),
+    ),
+    Command(
+        "trial intake",
+        "trial intake {out}/trial ACME {in}/alarms.csv",
+        beside=("trial",),
+    ),
+    Command(
+        "trial verdict",
+        "trial verdict {out}/trial",
+        typed=f"{PHRASE}\n",
+        beside=("trial",),
+        loose=("trial/verdict.*", "trial/*.jsonl"),
+    ),
+    Command(
         "score --sealed",
         "score {in}/alarms.csv --sealed {out}/sealed -o {out}/score",
         "score {in}/others.csv --sealed {out}/sealed -o {out}/score",

@@ -26,12 +26,8 @@ def score_sealed(alarms, sealed, passphrase, output=None, *, recipe=None, **opti
     return sealed_scoring.score_sealed(asked)
 
 
-def compare_sealed(lists, sealed, passphrase, output, **options):
-    return sealed_scoring.score_sealed(sealed_request(lists, sealed, passphrase, output, **options))
-
-
-def holds_sealed_score(lists, sealed, output):
+def holds_sealed_score(alarms, sealed, output):
     """Return whether a folder has this very score; nobody is asked for a passphrase."""
-    asked = sealed_request(lists, sealed, None, Path(output))
-    entrants = sealed_scoring.find_entrants(asked.lists)
-    return sealed_scoring.holds_sealed_score(asked, entrants)
+    asked = sealed_request([alarms], sealed, None, Path(output))
+    [entrant] = sealed_scoring.find_entrants(asked.lists)
+    return sealed_scoring.holds_sealed_score(asked, entrant)

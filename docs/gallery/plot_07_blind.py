@@ -128,5 +128,5 @@ axes.legend(title="targets", loc="lower right")
 
 # %%
 # The seal guards against accidents, not against the holder of the passphrase; and many looks with slightly different
-# lists would give the truth away bit by bit, which is why looks are counted. `Score blind <../guide/blind-test.html>`_
+# lists would give the truth away bit by bit, which is why looks are counted. `Run a test <../guide/run-a-test.html>`_
 # has the rules.

@@ -327,7 +327,8 @@ def _admitted(
     if registered is None:
         if bound is not None:
             raise ValueError(
-                f"{sealed} was sealed with a register: it is scored with --recipe and --book only"
+                f"{sealed} was sealed with a register: give it by --book, and by --recipe what fixes "
+                "the detector"
             )
         return None
     register, _ = register_paths(registered.register)
@@ -353,7 +354,8 @@ def _admitted(
         )
     if looks and datetime.fromisoformat(line["time"]) >= datetime.fromisoformat(looks[0]["time"]):
         raise ValueError(
-            f"recipe must be registered before the first look at {sealed}, got it at {line['time']}"
+            f"what fixes the detector must be registered before the first look at {sealed}, "
+            f"got it at {line['time']}"
         )
     return line
 

@@ -23,6 +23,8 @@ from flgpr.model.printable import text_bytes
 
 OPENED = "truth opened"
 """Event of a register: a truth was looked at. What is registered after it is too late."""
+TRIAL = "trial"
+"""Event of the first line of a trial's register: what a detector has to show."""
 WITNESS = "witness"
 """Event of a witness: the number of lines of a register, and the hash of the last."""
 _LINE_BEGIN = b'{"'  # of every line: a JSON object with an entry
@@ -422,13 +424,15 @@ def require_registered(path: str | Path, recipe: str, model: str | None = None) 
     got = f"{recipe[:12]}..."
     if any(line in early for line in entries):
         raise ValueError(
-            f"recipe must be registered with its model in {path}, got {got} with the model {model}"
+            f"the detector must be registered with its model in {path}, "
+            f"got the recipe {got} with the model {model}"
         )
     late = ""
     if entries:
         late = f" in line {entries[0]['number']}, after the look in line {len(early) + 1}"
     raise ValueError(
-        f"recipe must be registered in {path} before the truth is opened, got {got}{late}"
+        f"what fixes the detector must be registered in {path} before the truth is opened, "
+        f"got {got}{late}"
     )
 
 
@@ -447,7 +451,8 @@ def require_truth(
     Parameters
     ----------
     path : str or Path
-        The register. One without a plan demands nothing, unless ``planned`` is true.
+        The register. One without a plan demands nothing, unless ``planned`` is true and it is not
+        that of a trial, whose mines may lie there since long.
     truth : str
         :func:`content_hash` of the truth.
     lanes : mapping of str to mapping
@@ -464,7 +469,8 @@ def require_truth(
     """
     lines = read_register(path)
     entries = [line for line in before_opening(lines) if line.get("event") in ("plan", "survey")]
-    if not entries and not planned:
+    is_of_trial = bool(lines) and lines[0].get("event") == TRIAL
+    if not entries and (is_of_trial or not planned):
         return
     plan_of_truth = {line.get("truth", line["plan"]): line["plan"] for line in entries}
     plan = plan_of_truth.get(truth)

@@ -1,4 +1,4 @@
-"""Pages of a trial: the crew's plan, and the score of a blind test."""
+"""Pages of a trial: the crew's plan, the intake of a list, and the score of a blind test."""
 
 from __future__ import annotations
 
@@ -16,13 +16,17 @@ from flgpr.model import Lane
 from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
 from flgpr.report.curve_figures import COLOURS, MARKS
 from flgpr.report.kit import render
+from flgpr.report.score_page import in_words
 from flgpr.report.trial_block import TrialBlock, list_block
 from flgpr_trials.blind import BlindScore
+from flgpr_trials.intake import ReadList
 
 _STRIP = 30.0  # length of lane in a row of the map, m
 _STRIPS = 4  # rows in a picture: half a printed page
 _LOWEST_STRIP = 1.1  # inches
 _HIGHEST_STRIP = 3.5
+_EDGE = 0.1  # m from the edge of the drawing, where marks stand that lie farther out
+_MOST_DROPPED = 200  # dropped rows that a page lists
 # Mines are emplaced to the centimetre; depths have a digit more.
 _DIGITS = {"depth_m": ".3f"}
 
@@ -88,15 +92,17 @@ def sheet_html(
     )
 
 
-def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
+def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figure]:
     """Draw a lane from above in strips, each read from left to right in the direction of travel.
 
     Parameters
     ----------
     lane : Lane
         The lane.
-    targets : pandas.DataFrame
-        ``target_id``, ``kind``, ``x_m`` and ``y_m``.
+    marks : pandas.DataFrame
+        What is marked: ``kind``, ``x_m`` and ``y_m``, and ``target_id`` where marks have names.
+    margin : float
+        What is drawn beside the lane, m; marks farther outside stand at the edge of the drawing.
 
     Returns
     -------
@@ -108,9 +114,9 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
     count = max(1, int(np.ceil(lane_length / _STRIP - 1e-9)))
     length = min(_STRIP, lane_length)
     width = lane.x_max - lane.x_min
-    height_to_scale = 10.0 * (width + 1) / (length + 1) + 0.55
+    height_to_scale = 10.0 * (width + 2 * margin) / (length + 2 * margin) + 0.55
     strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
-    kinds = sorted(map(str, targets["kind"].unique()))
+    kinds = sorted(map(str, marks["kind"].unique()))
     styles = {kind: _marker_style(number) for number, kind in enumerate(kinds)}
     figures = []
     for first in range(0, count, _STRIPS):
@@ -120,12 +126,12 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
         panels = np.atleast_1d(figure.subplots(len(strips), 1))
         for axes, strip in zip(panels, strips, strict=True):
             start = lane.y_min + strip * _STRIP
-            _draw_strip(axes, lane, targets, styles, start, length)
+            _draw_strip(axes, lane, marks, styles, (start, length, margin))
         handles = [Line2D([], [], label=kind, **style) for kind, style in styles.items()]
         if handles:
             figure.legend(
                 handles=handles,
-                loc="outside upper right",
+                loc="outside upper left",
                 ncols=len(handles),
                 fontsize=8,
                 frameon=False,
@@ -136,7 +142,7 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
 
 
 def _marker_style(number: int) -> dict[str, Any]:
-    """Return the marker of a kind of target by its number."""
+    """Return the marker of a kind of mark by its number."""
     return {
         "marker": MARKS[number % len(MARKS)],
         "color": COLOURS[number % len(COLOURS)],
@@ -149,35 +155,36 @@ def _marker_style(number: int) -> dict[str, Any]:
 def _draw_strip(
     axes: Axes,
     lane: Lane,
-    targets: pd.DataFrame,
+    marks: pd.DataFrame,
     styles: Mapping[str, dict[str, Any]],
-    start: float,
-    length: float,
+    strip: tuple[float, float, float],
 ) -> None:
-    """Draw the strip of a lane that begins at lane y ``start``, with its targets."""
+    """Draw a strip of a lane, of which are given its begin, lane y, length and margin, with its marks."""
+    start, length, margin = strip
     end = min(start + _STRIP, lane.y_max)
     axes.fill_between([start, end], lane.x_min, lane.x_max, color="0.95")
     axes.hlines([lane.x_min, lane.x_max], start, end, color="0.3", lw=1.2)
     lane_ends = [y for y in (lane.y_min, lane.y_max) if start <= y <= end]
     axes.vlines(lane_ends, lane.x_min, lane.x_max, color="0.3")
-    # A target on the border of two strips belongs to the second, one at the lane's end to the last.
-    is_on_strip = targets["y_m"] >= start
-    is_on_strip &= (targets["y_m"] < end) | (end == lane.y_max)
-    for target in targets[is_on_strip].to_dict("records"):
-        position = (target["y_m"], target["x_m"])
-        style = styles[str(target["kind"])]
-        axes.plot(*position, ms=6, **style)
-        axes.annotate(
-            target["target_id"],
-            position,
-            xytext=(5, 4),
-            textcoords="offset points",
-            fontsize=9,
-        )
+    x = marks["x_m"].clip(lane.x_min - margin + _EDGE, lane.x_max + margin - _EDGE)
+    y = marks["y_m"].clip(lane.y_min - margin + _EDGE, lane.y_max + margin - _EDGE)
+    # A mark on the border of two strips belongs to the second, one at the lane's end to the last.
+    on_strip = (y >= start) | (start == lane.y_min)
+    on_strip &= (y < end) | (end == lane.y_max)
+    for kind, style in styles.items():
+        of_kind = on_strip & (marks["kind"].astype(str) == kind)
+        axes.plot(y[of_kind], x[of_kind], ms=6, **style)
+    if "target_id" in marks:
+        for name, along, across in zip(
+            marks["target_id"][on_strip], y[on_strip], x[on_strip], strict=True
+        ):
+            axes.annotate(
+                name, (along, across), xytext=(5, 4), textcoords="offset points", fontsize=9
+            )
     # Seen from above with travel to the right, the lane's right side is below.
     axes.set(
-        xlim=(start - 0.5, start + length + 0.5),
-        ylim=(lane.x_max + 0.5, lane.x_min - 0.5),
+        xlim=(start - margin, start + length + margin),
+        ylim=(lane.x_max + margin, lane.x_min - margin),
         aspect="equal",
     )
     # The crew reads distances off the map: a line at every metre, a number at every fifth.
@@ -187,6 +194,53 @@ def _draw_strip(
     axes.set_ylabel("x (m)")
     axes.grid(alpha=0.5)
     axes.grid(which="minor", axis="x", alpha=0.2)
+
+
+def intake_html(
+    read: ReadList,
+    lanes: Mapping[str, Lane],
+    halo: float,
+    facts: Mapping[str, Any],
+    signature: Mapping[str, Any] | None,
+) -> str:
+    """Return the page of a vendor's list before it is scored: a sentence, the map, the dropped rows.
+
+    Parameters
+    ----------
+    read : ReadList
+        The list.
+    lanes : mapping of str to Lane
+        Lanes of the test by name.
+    halo : float
+        Halo radius, m.
+    facts : mapping
+        What is stated of the file, by what it is.
+    signature : mapping, optional
+        The register's line that holds the signature; None where nobody has signed.
+
+    Returns
+    -------
+    str
+        The page, HTML without references to other files.
+    """
+    rows = read.rows.rename(columns={"x": "x_m", "y": "y_m"})
+    rows["kind"] = rows["used"].map({True: "used", False: "not used"})
+    strongest = rows["confidence"] >= rows.loc[rows["used"], "confidence"].quantile(0.9)
+    rows.loc[rows["used"] & strongest, "kind"] = "strongest tenth"
+    maps = []
+    for name, lane in lanes.items():
+        on_lane = rows[rows["lane"] == name] if name and "lane" in rows else rows
+        maps.append((name, lane_maps(lane, on_lane, halo + _EDGE)))
+    return render(
+        "intake.html",
+        "flgpr_trials",
+        read=read,
+        maps=maps,
+        facts=facts,
+        signature=signature,
+        dropped=[[row.line, row.reason] for row in read.dropped[:_MOST_DROPPED]],
+        more=max(0, len(read.dropped) - _MOST_DROPPED),
+    )
 
 
 def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
@@ -220,7 +274,7 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
         head=[">allowed FAR (per m²)", *POINT_HEAD],
         picture=points_figure(points_by_group),
         targets=_target_texts(blind.targets),
-        notes={name: _head_in_words(value) for name, value in notes.items()},
+        notes={name: in_words(value) for name, value in notes.items()},
         trial=_blind_block(blind, notes),
     )
 
@@ -253,10 +307,3 @@ def _target_texts(targets: pd.DataFrame | None) -> pd.DataFrame | None:
         found_from.append("not at any" if np.isnan(far) else f"{far:g}")
         depths.append("not known" if np.isnan(depth) else f"{100 * depth:.1f}")
     return targets.assign(depth=depths, found_from=found_from).astype(str)
-
-
-def _head_in_words(note: Any) -> Any:
-    """Return the length of a log or register and its last hash as text; other notes unchanged."""
-    if isinstance(note, dict) and set(note) == {"lines", "head"}:
-        return f"{note['lines']} lines, the last is {note['head']}"
-    return note

@@ -84,7 +84,7 @@ def test_overwrite_is_alike_and_live_keeps_its_older_word():
             commands.add(words)
             assert option.help == OVERWRITE_HELP, words
             assert ("--fresh" in option.opts) == (words == "live")
-    assert commands == {"compare", "demo", "detect", "live", "score", "train"}
+    assert commands == {"compare", "demo", "detect", "live", "score", "train", "trial verdict"}
 
 
 def test_completion_is_in_the_help_and_offers_commands_and_options():

@@ -86,6 +86,10 @@ def run(words, folder: Path, typed: str = ""):
         os.chdir(before)
 
 
+MAKES = (["trial", "new"],)
+"""Commands that read no file, and make what they are given."""
+
+
 def with_missing_files(command) -> list[str]:
     """Return a value for all that a command must be given: files that do not exist."""
     words = []
@@ -105,7 +109,8 @@ def exit_codes(words, command, folder: Path) -> dict[str, int]:
     codes["--nothing"] = run([*words, "--nothing"], folder).exit_code
     if any(one.required for one in command.params):
         codes["no argument"] = run(words, folder).exit_code
-        codes["missing files"] = run([*words, *with_missing_files(command)], folder).exit_code
+        if words not in MAKES:
+            codes["missing files"] = run([*words, *with_missing_files(command)], folder).exit_code
     return codes
 
 
@@ -168,15 +173,23 @@ PRINTED = {
         "plan check OUT/book.jsonl --report OUT/score/roc.json WITNESS",
     ],
     "replay": ["replay IN/result"],
+    "trial intake": [
+        "trial new OUT/trial LANE",
+        "trial intake OUT/trial ACME IN/alarms.csv",
+    ],
+    "trial verdict": [
+        "trial new OUT/trial LANE",
+        "trial intake OUT/trial ACME IN/alarms.csv --signed Director",
+        "trial intake OUT/trial Globex IN/others.csv --signed Director",
+        "seal IN/truth.csv LANE --book OUT/trial/register.jsonl -o OUT/trial/truth.sealed",
+        "trial verdict OUT/trial",
+    ],
     "agree": ["agree IN/first.json IN/second.json"],
     "compare": ["compare IN/alarms.csv IN/others.csv TRUTH LANE -o OUT/score"],
     "score": ["score IN/result TRUTH -o OUT/score"],
     "score a list": ["score IN/alarms.csv TRUTH LANE -o OUT/score"],
     "score agreement": ["score --agreement IN/first.json IN/second.json"],
     "score sealed": ["score IN/alarms.csv --sealed IN/sealed -o OUT/score"],
-    "score several sealed": [
-        "score IN/alarms.csv IN/others.csv --sealed IN/sealed -o OUT/score",
-    ],
     "score side by side": ["score IN/alarms.csv IN/others.csv TRUTH LANE -o OUT/score"],
 }
 """Commands to give, the last of each with ``--json``; all commands that have it are among them.
@@ -204,7 +217,7 @@ def printed(name: str, inputs: Path, output: Path):
     told = ""
     for text in [*before, f"{last} --json"]:
         words = _words(text, inputs, output)
-        done = CliRunner().invoke(app, words, input=f"{every_command.PHRASE}\n")
+        done = CliRunner().invoke(app, words, input=2 * f"{every_command.PHRASE}\n")
         assert done.exit_code == 0, (words, done.output, done.exception)
         told = done.stdout
     # What is asked for, as a passphrase is, ends in a line of its own.

@@ -8,7 +8,15 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.store import lane_text, read_lane, read_table, write_geojson, write_table
-from flgpr.store.tables import json_value, parse_columns, parse_own_table, read_table_in
+from flgpr.store.dialects import TableReading
+from flgpr.store.tables import (
+    json_value,
+    parse_columns,
+    parse_own_table,
+    parse_table,
+    read_table_in,
+    split_alarm_rows,
+)
 
 ALARMS = pd.DataFrame(
     {"alarm_id": ["007", "=b"], "x": [0.1, -1 / 3], "y": [2.0, 1e-9], "confidence": [3.0, 2.0]}
@@ -82,3 +90,16 @@ def test_columns_of_text_stay_text():
 def test_tables_that_are_ambiguous_or_too_large_are_refused(data, rule):
     with pytest.raises(ValueError, match=rule):
         parse_columns(data)
+
+
+def test_rows_that_cannot_be_read_are_parted_by_their_lines_in_the_file():
+    data = b'# by ACME\nname;x;y;score\n"a\nb";1,5;2;3\nc;;2;3\n\nd;1;2\n#e;1;2;inf\nf;4;5;6\n'
+    readable, lines, faults = split_alarm_rows(data, TableReading())
+    assert lines == [3, 9]
+    assert faults == [
+        (5, "x is empty"),
+        (7, "3 cells where the header has 4"),
+        (8, 'confidence is no number: "inf"'),
+    ]
+    table = parse_table(readable, "alarms", "a.csv")
+    assert table[["x", "y", "confidence"]].to_numpy().tolist() == [[1.5, 2, 3], [4, 5, 6]]

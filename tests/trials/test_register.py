@@ -12,7 +12,7 @@ from flgpr.commands.app import app
 from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
 from flgpr_trials.commands.plan import plan_lane, register_recipe
 from scored import compare_alarms, score_alarms, score_result
-from scored_blind import compare_sealed, score_sealed, seal_truth_file
+from scored_blind import score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
@@ -89,10 +89,11 @@ def test_the_honest_way_is_open(trial, book, sealed):
 
 def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(trial, book, sealed):
     with pytest.raises(
-        ValueError, match=r"recipe must be registered in .* before the truth is opened"
+        ValueError,
+        match=r"what fixes the detector must be registered in .* before the truth is opened",
     ):
         blindly(trial, book, "other.toml", nobody)
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         openly(trial, recipe=trial / "other.toml")
     assert looks(trial) == 0
     assert not (trial / "blind").exists()
@@ -100,15 +101,19 @@ def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(tri
 
 
 def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sealed):
-    with pytest.raises(ValueError, match="got no recipe for"):
+    with pytest.raises(
+        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
+    ):
         openly(trial, recipe=None)
     with pytest.raises(
-        ValueError, match="sealed with a register: it is scored with --recipe and --book"
+        ValueError, match="sealed with a register: give it by --book, and by --recipe what fixes"
     ):
         score_sealed(trial / "a.csv", sealed, PHRASE)
-    with pytest.raises(ValueError, match="given together, got no book"):
+    with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
         score_sealed(trial / "a.csv", sealed, nobody, recipe=trial / "mine.toml")
-    with pytest.raises(ValueError, match="given together, got no recipe"):
+    with pytest.raises(
+        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
+    ):
         score_sealed(trial / "a.csv", sealed, nobody, register=book)
     assert looks(trial) == 0
 
@@ -206,7 +211,7 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
     away = tmp_path / "away"
     away.mkdir()
     (away / "truth.csv").symlink_to(trial / "plan.csv")
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         openly(trial, truth=away / "truth.csv", recipe=trial / "other.toml")
     shutil.copy(trial / "plan.csv", away / "copied.csv")
     with pytest.raises(FileNotFoundError, match="register not found"):
@@ -227,7 +232,9 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
     register(
         f"{old}.register.jsonl", event="plan", plan="1", lanes={}
     )  # a register beside it is its own, too
-    with pytest.raises(ValueError, match="got no recipe for"):
+    with pytest.raises(
+        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
+    ):
         openly(trial, truth="old.csv", recipe=None)
 
 
@@ -299,9 +306,9 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
         ValueError, match=r"recipe must be the one that .*result was made with, got .*mine.toml"
     ):
         score_result(folder, truth, recipe=trial / "mine.toml", **how)
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         score_result(folder, truth, **how)
-    with pytest.raises(ValueError, match="given together, got no book"):
+    with pytest.raises(ValueError, match=r"--recipe needs a register: .*truth.csv names none"):
         score_result(folder, truth, recipe="demo", output=tmp_path / "score")
     register_recipe("demo", book)
     assert score_result(folder, truth, **how)
@@ -322,7 +329,7 @@ def test_a_model_is_registered_with_its_recipe(tmp_path):
     register(book, event="begin")
     register_recipe(tmp_path / "recipe", book, model)
     assert require_registered(book, recipe, content_hash(b"weights"))["number"] == 2
-    with pytest.raises(ValueError, match="recipe must be registered with its model"):
+    with pytest.raises(ValueError, match="the detector must be registered with its model"):
         require_registered(book, recipe, content_hash(b"other weights"))
     with pytest.raises(ValueError, match=r"got the folder .*model; is it a model"):
         register_recipe(model, book)
@@ -332,26 +339,23 @@ def test_a_model_is_registered_with_its_recipe(tmp_path):
         register_recipe("nothing", book)
 
 
-def test_every_list_of_a_comparison_needs_its_recipe(trial, book, sealed):
+def test_every_list_of_a_comparison_needs_its_recipe(trial, book):
     lists = [trial / "a.csv", trial / "b.csv"]
     for recipes, message in (
-        ([], "got no recipe"),
+        ([], "name what fixes it by --recipe"),
         ([trial / "mine.toml"], "once per alarm list, got 1 for 2"),
-        ([trial / "mine.toml", trial / "other.toml"], "recipe must be registered"),
+        ([trial / "mine.toml", trial / "other.toml"], "what fixes the detector must be registered"),
     ):
-        with pytest.raises(ValueError, match=message):
-            compare_sealed(lists, sealed, nobody, trial / "c", recipes=recipes, register=book)
         with pytest.raises(ValueError, match=message):
             compare_alarms(
                 lists, trial / "plan.csv", trial / "c", trial / "lane.toml", recipes=recipes
             )
-    assert looks(trial) == 0
-    assert len(read_register(book)) == 2
-    compare_sealed(
-        lists, sealed, PHRASE, trial / "c", recipes=[trial / "mine.toml"] * 2, register=book
-    )
-    assert looks(trial) == 2
-    assert [line["event"] for line in read_register(book)][2:] == ["truth opened"] * 2
+    assert len(read_register(book)) == 1
+    files = (trial / "plan.csv", trial / "c", trial / "lane.toml")
+    compare_alarms(lists, *files, recipes=[trial / "mine.toml"] * 2, draws=20)
+    page = (trial / "c" / "comparison.html").read_text()
+    assert "lines 3, head " in page, "the register in words"
+    assert "{&#39;" not in page
 
 
 def test_a_truth_without_a_plan_is_free(trial, tmp_path):

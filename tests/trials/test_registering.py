@@ -96,13 +96,15 @@ def test_a_recipe_is_entered_once_and_not_after_an_opening(tmp_path):
 
 def test_a_recipe_and_a_register_go_together(alarms, tmp_path):
     assert registered_entrant(find_entrant(alarms), None).registration is None
-    with pytest.raises(ValueError, match="got no book"):
+    with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
         registered_entrant(find_entrant(alarms, "demo"), None)
     book = tmp_path / "book.jsonl"
-    with pytest.raises(ValueError, match=r"got no recipe for .*alarms-of-mine"):
+    with pytest.raises(
+        ValueError, match=r"detector of .*alarms-of-mine.* must stand in the register"
+    ):
         registered_entrant(find_entrant(alarms), book)
     register(book, event="recipe", recipe=content_hash("another"))
-    with pytest.raises(ValueError, match="recipe must be registered"):
+    with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         registered_entrant(find_entrant(alarms, "demo"), book)
     enter_recipe("demo", book)
     assert registered_entrant(find_entrant(alarms, "demo"), book).line["number"] == 2

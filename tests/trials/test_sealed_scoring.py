@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.trials import content_hash, head_of, read_register
 from flgpr_trials.passphrase import require_seal
-from scored_blind import compare_sealed, holds_sealed_score, score_sealed, seal_truth_file
+from scored_blind import holds_sealed_score, score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"
 
@@ -53,29 +53,13 @@ def test_a_score_that_is_there_costs_no_look(scoring_files):
     sealed = seal_truth_file(
         scoring_files / "truth.csv", scoring_files / "lane.toml", scoring_files / "sealed", PHRASE
     )
-    assert not holds_sealed_score([alarms], sealed, folder)
+    assert not holds_sealed_score(alarms, sealed, folder)
     score_sealed(alarms, sealed, PHRASE, folder)
-    assert holds_sealed_score([alarms], sealed, folder)
+    assert holds_sealed_score(alarms, sealed, folder)
     alarms.write_text("x,y,confidence\n0,10,1\n")
     with pytest.raises(FileExistsError, match=r"roc\.json, which holds something else"):
-        holds_sealed_score([alarms], sealed, folder)
+        holds_sealed_score(alarms, sealed, folder)
     assert len(read_register(f"{sealed}.log.jsonl")) == 1
-
-
-def test_several_lists_are_as_many_looks_and_show_no_target(scoring_files):
-    pytest.importorskip("cryptography")
-    other = scoring_files / "other.csv"
-    other.write_text("x,y,confidence\n0,10,1\n1,30,2\n")
-    sealed = seal_truth_file(
-        scoring_files / "truth.csv", scoring_files / "lane.toml", scoring_files / "sealed", PHRASE
-    )
-    lists = [scoring_files / "alarms.csv", other]
-    compare_sealed(lists, sealed, PHRASE, scoring_files / "both")
-    text = (scoring_files / "both" / "comparison.json").read_text()
-    notes = json.loads(text)["notes"]
-    assert [notes[name]["looks"] for name in ("alarms", "other")] == [1, 2]
-    assert "plastic" not in text
-    assert holds_sealed_score(lists, sealed, scoring_files / "both")
 
 
 def test_a_library_that_is_missing_is_told_before_a_passphrase_is_typed(monkeypatch):
@@ -84,7 +68,7 @@ def test_a_library_that_is_missing_is_told_before_a_passphrase_is_typed(monkeypa
         require_seal()
 
 
-def test_the_verb_seals_and_compares(scoring_files):
+def test_the_verb_seals_and_several_lists_are_for_a_verdict(scoring_files):
     pytest.importorskip("cryptography")
     truth, lane, sealed = (str(scoring_files / name) for name in ("truth.csv", "lane.toml", "s"))
     told = CliRunner().invoke(
@@ -93,14 +77,8 @@ def test_the_verb_seals_and_compares(scoring_files):
     assert told.exit_code == 0, told.output
     assert told.stdout.endswith(f"wrote {sealed}\n")
     assert "now" not in told.stderr.splitlines()[-1]
-    other = scoring_files / "other.csv"
-    other.write_text("x,y,confidence\n0,10,1\n1,30,2\n")
-    lists = [str(scoring_files / "alarms.csv"), str(other)]
-    output = ["-o", str(scoring_files / "both")]
-    told = CliRunner().invoke(
-        app, ["compare", *lists, "--sealed", sealed, *output], input=f"{PHRASE}\n"
-    )
-    assert told.exit_code == 0, told.output
-    assert len(read_register(f"{sealed}.log.jsonl")) == 2
-    refused = CliRunner().invoke(app, ["compare", *lists, "--sealed", sealed, "--halo", "1"])
+    lists = [str(scoring_files / name) for name in ("alarms.csv", "alarms.csv")]
+    refused = CliRunner().invoke(app, ["score", *lists, "--sealed", sealed])
+    assert "`flgpr trial verdict` judges several, got 2 lists" in refused.stderr
+    refused = CliRunner().invoke(app, ["score", lists[0], "--sealed", sealed, "--halo", "1"])
     assert "the truth was sealed with, got --halo" in refused.stderr

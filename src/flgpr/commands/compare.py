@@ -22,9 +22,7 @@ from flgpr.commands.score_options import (
     Columns,
     Far,
     ListAnchor,
-    Passphrase,
     Recipes,
-    Sealed,
     Truth,
     TruthColumns,
     Unranked,
@@ -32,7 +30,6 @@ from flgpr.commands.score_options import (
     Witness,
     given,
     path_of_list,
-    refuse,
     require_lists,
     require_witnessed,
     truth_path,
@@ -40,28 +37,26 @@ from flgpr.commands.score_options import (
 from flgpr.commands.score_request import ScoreRequest, Trial
 from flgpr.commands.score_text import answer_json, answer_lines
 from flgpr.commands.shell import Arguments, command
-from flgpr.commands.trials import needed_trials
 
 if TYPE_CHECKING:
     from flgpr.scoring import SideBySide
 
 
-def _lines(returned: SideBySide | None, call: Arguments) -> Iterator[Any]:
+def _lines(returned: SideBySide, call: Arguments) -> Iterator[Any]:
     """Yield the points of all detectors, their differences, and where the page is."""
     yield from answer_lines(returned, Path(call.output or "score"))
 
 
-def _as_json(returned: SideBySide | None, call: Arguments) -> Any:
+def _as_json(returned: SideBySide, call: Arguments) -> Any:
     """Return the JSON that was written."""
     return answer_json(returned, Path(call.output or "score"), "comparison.json")
 
 
-def _passphrase(_: Arguments) -> dict[str, Any]:
-    """Return the function that asks for the passphrase of a sealed truth."""
-    return {"passphrase": lambda: needed_trials("--sealed").ask_passphrase()}
-
-
-@command(lines=_lines, as_json=_as_json, python_values=_passphrase, panels=PANELS)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    panels={**PANELS, "Register and sealed truth": ("recipe", "book", "witness")},
+)
 def compare(
     alarms: Annotated[
         ResultsLike, Argument(help="Result folders and alarm lists (CSV), two or more.")
@@ -75,7 +70,6 @@ def compare(
         float | None, Option(help="Halo radius in metres; by default that of the results, or 1 m.")
     ] = None,
     far: Far = None,
-    sealed: Sealed = None,
     recipe: Recipes = None,
     book: Book = None,
     witness: Witness = None,
@@ -85,16 +79,13 @@ def compare(
     vendor: Vendor = None,
     unranked: Unranked = False,
     overwrite: Overwrite = False,
-    *,
-    passphrase: Passphrase = None,
-) -> SideBySide | None:
-    """Compare two results or alarm lists, or more, against the same truth, open or sealed.
+) -> SideBySide:
+    """Compare two results or alarm lists, or more, against the same open truth.
 
     Returns
     -------
-    SideBySide or None
-        Points of each list and differences of every two; None where this comparison against a
-        sealed truth exists already.
+    SideBySide
+        Points of each list and differences of every two.
 
     Raises
     ------
@@ -109,25 +100,14 @@ def compare(
     from flgpr.commands.trial_card import stated_card
 
     lists = [path_of_list(entry) for entry in one_or_more(alarms)]
-    require_witnessed(witness, book, sealed)
+    require_witnessed(witness, book)
     if len(lists) < 2:
         raise ValueError(f"alarms must be two or more to be compared, got {len(lists)}")
-    if sealed is not None:
-        of_open_truth = {
-            "truth": truth,
-            "lane": lane,
-            "halo": halo,
-            "far": far,
-            "columns": columns,
-            "truth-columns": truth_columns,
-            "anchor": anchor,
-        }
-        refuse(of_open_truth, "--sealed compares by the rules that the truth was sealed with")
     require_lists(lists)
 
     folder = Path(output or "score")
     vendors = one_or_more(vendor)
-    with truth_path(truth, sealed) as truth_file:
+    with truth_path(truth, None) as truth_file:
         request = ScoreRequest(
             lists=lists,
             truth=truth_file,
@@ -136,11 +116,8 @@ def compare(
             rules=given({"halo": halo, "far": far}),
             reading=table_reading(columns, anchor, unranked),
             truth_reading=table_reading(truth_columns, anchor),
-            trial=Trial(one_or_more(recipe), book, witness, passphrase),
+            trial=Trial(one_or_more(recipe), book, witness),
             card=stated_card(vendors, len(lists), folder, "comparison.json", overwrite),
             overwrite=overwrite,
         )
-        if sealed is not None:
-            compared: SideBySide | None = needed_trials("--sealed").score_sealed(request)
-            return compared
         return compare_lists(request)

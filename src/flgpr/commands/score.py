@@ -190,6 +190,11 @@ def score(
     require_lists(lists)
 
     several = len(lists) > 1
+    if several and sealed is not None:
+        raise ValueError(
+            "--sealed scores one list, and `flgpr trial verdict` judges several, "
+            f"got {len(lists)} lists"
+        )
     folder = score_output(lists, lane, output if sealed is None else output or "score")
     report = "comparison.json" if several else "roc.json"
     with truth_path(truth, sealed) as truth_file:

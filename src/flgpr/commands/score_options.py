@@ -30,12 +30,12 @@ Sealed = Annotated[
 ]
 Recipes = Annotated[
     OneOrMorePaths | None,
-    Option(help="Recipe that must stand in the register; once per alarm list."),
+    Option(help="What fixes the detector, which must stand in the register; once per alarm list."),
     ShellType(list[str]),
 ]
 Book = Annotated[
     PathLike | None,
-    Option(help="Register of recipes and openings; a planned truth names its own."),
+    Option(help="Register of detectors and openings; a planned truth names its own."),
 ]
 Witness = Annotated[
     PathLike | None,

@@ -72,15 +72,15 @@ def checked_vendors(vendors: Sequence[str], lists: int) -> tuple[str, ...]:
         raise ValueError(
             f"vendor must be given once per alarm list, got {len(vendors)} for {lists} lists"
         )
-    return tuple(_checked_vendor(name) for name in vendors)
+    return tuple(checked_name(name) for name in vendors)
 
 
-def _checked_vendor(name: str) -> str:
-    """Return a vendor's name without spaces around it."""
+def checked_name(name: str, what: str = "vendor") -> str:
+    """Return the name of a vendor or a person without spaces around it; no name is a ValueError."""
     stripped = name.strip()
     if not stripped or len(stripped) > _LONGEST_VENDOR or not _is_one_line(stripped):
         raise ValueError(
-            f"vendor must be a name of 1 to {_LONGEST_VENDOR} characters in one line, got {name!r}"
+            f"{what} must be a name of 1 to {_LONGEST_VENDOR} characters in one line, got {name!r}"
         )
     return stripped
 
@@ -101,7 +101,7 @@ def stated_vendor(entrant: Entrant) -> str:
             return ""
         comment = _VENDOR_COMMENT.fullmatch(line)
         if comment is not None:
-            return _checked_vendor(comment["name"].rstrip(",;\t "))
+            return checked_name(comment["name"].rstrip(",;\t "))
     return ""
 
 

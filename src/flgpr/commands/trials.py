@@ -40,7 +40,7 @@ class Trials(Protocol):
         """
 
     def score_sealed(self, request: ScoreRequest) -> Any:
-        """Score or compare lists against a sealed truth."""
+        """Score an alarm list against a sealed truth."""
 
     def lines(self, blind: Any) -> Iterable[str]:
         """Return what is printed of a score against a sealed truth."""

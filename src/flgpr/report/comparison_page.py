@@ -101,7 +101,10 @@ def comparison_html(
         rules={name: in_words(value) for name, value in rules.items()},
         level=f"{100 * rules['level']:g}",
         far_max=f"{rules['far_max']:g}",
-        notes=notes,
+        notes={
+            name: {what: in_words(value) for what, value in of_list.items()}
+            for name, of_list in notes.items()
+        },
         trial=comparison_block(names, lanes or {}, rules, notes),
     )
 

@@ -167,7 +167,7 @@ def comparison_json(
         "pairs": _records(comparison.pairs),
         "means": _records(comparison.means),
     }
-    return _json_text(COMPARISON_FORMAT, rules, notes, tables)
+    return score_json_text(COMPARISON_FORMAT, rules, notes, tables)
 
 
 def _records(table: pd.DataFrame | None) -> list[dict[Any, Any]] | None:
@@ -179,10 +179,10 @@ def detections_json(
     rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]
 ) -> str:
     """Return the text of ``roc.json``, by rules, notes and the entries of each detection."""
-    return _json_text(ROC_FORMAT, rules, notes, {"detections": detections})
+    return score_json_text(ROC_FORMAT, rules, notes, {"detections": detections})
 
 
-def _json_text(
+def score_json_text(
     name: str, rules: Mapping[str, Any], notes: Mapping[str, Any], entries: Mapping[str, Any]
 ) -> str:
     """Return the indented JSON of a score's file; what JSON cannot hold becomes null."""

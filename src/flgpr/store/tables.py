@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any, Literal
 
@@ -17,8 +18,10 @@ from pandas.api.types import is_numeric_dtype
 from flgpr.door import Folder, read_named
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 from flgpr.model.faults import faults_of
+from flgpr.model.printable import printable
 from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 from flgpr.store.dialects import (
+    PLACES,
     TableReading,
     cells_of,
     check_widths,
@@ -44,6 +47,7 @@ _MOST_ROWS = 2_000_000
 MOST_COLUMNS = 4096
 """Columns of the widest table that is read."""
 _MOST_CELLS = 10_000_000
+_LONGEST_CELL = 40  # characters of a cell that a reason shows
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """Beginning of what a spreadsheet may run as a formula, or of such text that was quoted.
 
@@ -179,6 +183,79 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
         table, notes_on_ranks = _with_equal_ranks(table)
         notes += notes_on_ranks
     return _CHECKS[kind](table), notes
+
+
+def split_alarm_rows(
+    data: bytes, reading: TableReading
+) -> tuple[bytes, list[int], list[tuple[int, str]]]:
+    """Part the rows of an alarm list that can be read from those that cannot.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    reading : TableReading
+        Columns of other names, and whether confidences may be missing.
+
+    Returns
+    -------
+    readable : bytes
+        The table without comments and faulty rows, for :func:`parse_table`.
+    lines : list of int
+        Line in the file of every row that is left.
+    faults : list of (int, str)
+        Line in the file of every row that is left out, and the reason.
+
+    Raises
+    ------
+    ValueError
+        If the table is too large, or two columns could be one.
+    """
+    _check_table_size(data)
+    text, _ = without_comments(decode_text(data, "the table"), "alarms")
+    head = first_line(text)
+    mark = separator_of(head)
+    header = _header_of(head)
+    known = tuple(column.name for column in ALARM_COLUMNS)
+    numbers = {}
+    for number, name in column_targets(header, "alarms", known, reading.columns).items():
+        if name in ("x", "y", *PLACES) or (name == "confidence" and not reading.unranked):
+            numbers[number] = name
+
+    kept = text.split("\n")
+    lines: list[int] = []
+    faults = []
+    end = 0
+    has_header = False
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=mark)
+    try:
+        for cells in rows:
+            begin, end = end + 1, rows.line_num
+            if len(cells) < 2 and not "".join(cells).strip():
+                continue
+            fault = _fault_of_row(cells, len(header), numbers) if has_header else ""
+            if fault:
+                faults.append((begin, fault))
+                kept[begin - 1 : end] = [""] * (end - begin + 1)
+            elif has_header:
+                lines.append(begin)
+            has_header = True
+    except csv.Error as error:
+        raise ValueError(f"line {end + 1} must hold cells of text: {error}") from None
+    return "\n".join(kept).encode(), lines, faults
+
+
+def _fault_of_row(cells: Sequence[str], width: int, numbers: Mapping[int, str]) -> str:
+    """Return why a row cannot be read; "" if it can. Cells of ``numbers`` must be finite."""
+    if len(cells) != width:
+        return f"{len(cells)} cells where the header has {width}"
+    for number, name in numbers.items():
+        cell = cells[number].strip()
+        is_number = _NUMBER.fullmatch(cell) and any(map(str.isdigit, cell))
+        if not (is_number and math.isfinite(float(cell.replace(",", ".")))):
+            shown = printable(cell[:_LONGEST_CELL])
+            return f'{name} is no number: "{shown}"' if cell else f"{name} is empty"
+    return ""
 
 
 def _missing_confidences(table: pd.DataFrame) -> int:

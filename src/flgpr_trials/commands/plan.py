@@ -104,7 +104,7 @@ def plan_lane(
     spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
     edge: Annotated[float, Option(help="Least distance to the lane's border, m.")] = 0.5,
     recipe: Annotated[
-        str | None, Option(help="Recipe whose hash is registered with the plan.")
+        str | None, Option(help="What fixes a detector, registered with the plan.")
     ] = None,
     book: Annotated[PathLike | None, Option(help="Register; beside the plan by default.")] = None,
     anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
@@ -143,24 +143,29 @@ def plan_lane(
 
 
 def _register_lines(line: dict[str, Any], call: Arguments) -> Iterator[str]:
-    """Yield where a recipe stands in the register."""
+    """Yield where what fixes a detector stands in the register."""
     digest = line["recipe"][:12]
     yield f"{call.recipe} is line {line['number']} of {call.book}, {digest}..., {line['time']}"
 
 
 @command(lines=_register_lines)
 def register_recipe(
-    recipe: Annotated[str, Argument(help="Packaged recipe, or any file that fixes a detector.")],
+    recipe: Annotated[
+        str,
+        Argument(
+            metavar="FILE", help="What fixes your detector: any file of it, or a packaged recipe."
+        ),
+    ],
     book: Annotated[PathLike, Option(help="Register of the plan.")],
     model: Annotated[
-        PathLike | None, Option(help="Model that the recipe is run with, of `flgpr train`.")
+        PathLike | None, Option(help="Model that it is run with, of `flgpr train`.")
     ] = None,
     witness: Annotated[
         PathLike | None,
         Option(help="A file elsewhere that must hold the register's lines; new ones are added."),
     ] = None,
 ) -> dict[str, Any]:
-    """Register a recipe before the truth is opened; scores then ask for it.
+    """Register what fixes your detector, before the truth is opened; scores then ask for it.
 
     Returns
     -------
@@ -172,7 +177,7 @@ def register_recipe(
     ValueError
         If a truth was opened under the register, so that it is too late.
     FileNotFoundError
-        If the register, the recipe or the model is missing.
+        If the register, the file or the model is missing.
     """
     from flgpr_trials.commands.registering import enter_recipe, with_witness
 

@@ -27,6 +27,7 @@ from flgpr.store.files import check_new, existing
 from flgpr.store.outputs import log_finished, output_exists_error, write_new
 from flgpr.store.tables import csv_text, parse_table, read_columns
 from flgpr_trials.commands.registering import recipe_hash
+from flgpr_trials.folder import require_trial_rules, trial_register
 from flgpr_trials.ledger import content_hash, enter, read_register, require_unopened
 from flgpr_trials.pages import sheet_html
 from flgpr_trials.planning import emplacement_plan
@@ -67,15 +68,16 @@ class PlanOrder:
     spacing: float  #: least distance between targets, m
     edge: float  #: least distance to the lane's border, m
     recipe: PathLike | None  #: its hash is registered before anybody can open the truth
-    register: PathLike | None  #: beside the plan by default
+    #: by default that of the trial in whose folder the plan is written, or one beside the plan
+    register: PathLike | None
     anchor: PathLike | None  #: TOML that ties the lane to the Earth
     rules: Mapping[str, float]  #: ``halo`` (m) and ``far`` (per m²) that scores must use
 
     def register_path(self) -> Path:
         """Return the path of the register."""
-        if self.register is None:
-            return Path(f"{self.output}.register.jsonl")
-        return Path(self.register)
+        if self.register is not None:
+            return Path(self.register)
+        return trial_register(self.output) or Path(f"{self.output}.register.jsonl")
 
 
 def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, RegisterLine]:
@@ -112,6 +114,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, RegisterLine]:
 
     entry = _plan_entry(order, lanes)
     lines = read_register(register)
+    require_trial_rules(lines, order.rules, register)
 
     if os.path.lexists(files["plan"]):
         plan = _existing_plan(files["plan"], plan, order.seed)

@@ -25,6 +25,7 @@ from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_table
 from flgpr_trials.blind import Registration
+from flgpr_trials.folder import trial_register
 from flgpr_trials.ledger import (
     RegisterLike,
     WitnessedRegister,
@@ -99,10 +100,13 @@ def enter_recipe(
     earlier = before_opening(read_checked_register(register))
     for line in reversed(earlier):
         if all(line.get(name) == entry.get(name) for name in ("event", "recipe", "model")):
-            log_finished(f"recipe {recipe} in {path}", "a register only grows")
+            log_finished(f"{recipe} in {path}", "a register only grows")
             return line
     opening = len(earlier) + 1
-    too_late = f"recipe must be registered before the truth is opened; line {opening} is an opening"
+    too_late = (
+        "what fixes the detector must be registered before the truth is opened; "
+        f"line {opening} is an opening"
+    )
     return enter_unopened(register, entry, too_late)
 
 
@@ -203,14 +207,14 @@ def _report_bytes(path: Path) -> bytes:
 
 
 def default_register(truth: PathLike, table: pd.DataFrame) -> Path | None:
-    """Return the register that a truth names in its column, or that lies next to it.
+    """Return the register that a truth names, that lies next to it, or that is its trial's.
 
-    None if there is neither. Another name in every row is a ValueError, and so is a path.
+    None if there is none of these. Another name in every row is a ValueError, and so is a path.
     """
     path = Path(truth).resolve()
     if REGISTER_COLUMN not in table.columns:
         neighbour = path.with_name(f"{path.name}.register.jsonl")
-        return neighbour if neighbour.is_file() else None
+        return neighbour if neighbour.is_file() else trial_register(path)
     names = {str(name) for name in table[REGISTER_COLUMN]}
     if len(names) > 1 or any(Path(name).name != name for name in names):
         raise ValueError(
@@ -261,7 +265,7 @@ def open_registered_truth(
     register = register_of(request.trial) or own_register
     if register is None and any(entrant.named_recipe for entrant in entrants):
         raise ValueError(
-            f"recipe and book must be given together, got no book, and {request.truth} names none"
+            f"--recipe needs a register: {request.truth} names none, give it by --book"
         )
 
     entered = [registered_entrant(entrant, register) for entrant in entrants]
@@ -328,14 +332,15 @@ def registered_entrant(entrant: Entrant, register: RegisterLike | None) -> Regis
     """
     if register is None:
         if entrant.named_recipe is not None:
-            raise ValueError("recipe and book must be given together, got no book")
+            raise ValueError("--recipe needs a register: give it by --book")
         return RegisteredEntrant(entrant)
     recipe = recipe_of(entrant)
+    path, _ = register_paths(register)
     if recipe is None:
         raise ValueError(
-            f"recipe and book must be given together, got no recipe for {entrant.path}"
+            f"the detector of {entrant.path} must stand in the register {path}: "
+            "name what fixes it by --recipe"
         )
-    path, _ = register_paths(register)
     read_existing_register(register)
     line = require_registered(path, recipe, entrant.model)
     return RegisteredEntrant(entrant, Registration(register, recipe, entrant.model), line)

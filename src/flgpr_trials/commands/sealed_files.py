@@ -23,6 +23,7 @@ from flgpr_trials.commands.registering import (
     read_existing_register,
     register_of,
 )
+from flgpr_trials.folder import require_trial_rules
 from flgpr_trials.ledger import RegisterLike, content_hash, register, register_paths, require_truth
 from flgpr_trials.passphrase import require_seal
 from flgpr_trials.sealing import Phrase, seal_truth, seals
@@ -70,6 +71,7 @@ def seal_and_enter(order: SealOrder) -> Path:
         path, _ = register_paths(book)
         lines = read_existing_register(book)
         halo = {"halo": order.rules.get("halo", Rules.halo)}
+        require_trial_rules(lines, halo, path)
         digest = content_hash(data)
         require_truth(path, digest, borders(lanes), halo, planned=own_register is not None)
         if not lines:
