@@ -106,7 +106,7 @@ class Trial:
     """The trial of one array in one world."""
 
     def __init__(self, out: Path, array: dict[str, Any], world: str) -> None:
-        self.common = declared()
+        self.common = declared() | array
         self.folder = out / world / array["name"]
         self.folder.mkdir(parents=True, exist_ok=True)
         sensor = sensor_of(array)

@@ -14,7 +14,8 @@ _GAP = 20  # usual steps without a tone that divide two bands
 _OVERLAP = 1 / 6  # share of a sub-band that the next one has, too
 # Nested sub-bands: all, its lower and its upper part. They are those of `miniature`, 0.45 to 1.05,
 # 0.9 to 1.5 and 0.45 to 1.5 GHz, for other tones.
-_NESTED_RATIO = 10 / 3  # of the highest to the lowest tone, if the run has as many
+_NESTED_RATIO = 10 / 3  # of the highest to the lowest tone at most
+_NESTED_HIGHEST = 1.5e9  # Hz; above it rough ground and stones outshine what is buried
 _NESTED_PART = 4 / 7  # of all, of the lower and of the upper part
 ALL, LOWER, UPPER = "F0", "F1", "F2"
 """Names of nested sub-bands."""
@@ -74,8 +75,9 @@ def divisions_like(
     """Yield sub-bands for a model's method, the better ones first.
 
     They are the lowest tones together, with their lower and their upper part; at last all of them
-    alone. None but the last is narrower than ``least``. Sub-bands side by side, as ``fused`` has
-    them, were given up: docs/evidence/fused.md, "For another array".
+    alone. A band that begins below 1.5 GHz ends there, unless it would be narrower than ``least``.
+    None but the last is narrower than ``least``. Sub-bands side by side, as ``fused`` has them,
+    were given up: docs/evidence/fused-fitted.md.
 
     Parameters
     ----------
@@ -86,27 +88,23 @@ def divisions_like(
     least : float
         Least width of a sub-band, Hz.
     """
-    nested = _nested(tones, model)
-    if min(high - low for low, high in nested.values()) >= least:
-        yield nested
-    yield {ALL: nested[ALL]}
-
-
-def _nested(tones: FloatArray, model: Mapping[str, Band]) -> dict[str, Band]:
-    """Return the lowest tones together, their lower and their upper part."""
     lowest = min(low for low, _ in model.values())
-    low, high = _low_end(tones, lowest, _NESTED_RATIO)
+    low, high = _low_end(tones, lowest, least)
     part = _NESTED_PART * (high - low)
-    return {ALL: (low, high), LOWER: (low, low + part), UPPER: (high - part, high)}
+    if part >= least:
+        yield {ALL: (low, high), LOWER: (low, low + part), UPPER: (high - part, high)}
+    yield {ALL: (low, high)}
 
 
-def _low_end(tones: FloatArray, lowest: float, ratio: float) -> Band:
-    """Return the lower end of a band, from ``lowest`` on, Hz, whose borders have a ratio at most."""
+def _low_end(tones: FloatArray, lowest: float, least: float) -> Band:
+    """Return the lower end of a band, from ``lowest`` on, ``least`` wide where it can be, Hz."""
     piece = pieces_of(tones)[0]
     low = float(piece[0])
     if piece[-1] > lowest:
         low = max(low, lowest)
-    high = min(low * ratio, float(piece[-1]))
+    high = min(low * _NESTED_RATIO, float(piece[-1]))
+    if low < _NESTED_HIGHEST:
+        high = min(high, max(_NESTED_HIGHEST, low + least))
     if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
         low, high = float(piece[0]), float(piece[-1])
     return low, high
