@@ -1,0 +1,42 @@
+"""A detector of one's own to begin with: a module that runs as it is, and the command that runs it."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from flgpr.store import write_whole
+
+README = """\
+`flgpr benchmark run my_detector:MyDetector --quick --tier prepared` here trains and tries it.
+"""
+
+
+def write_template(folder: str | Path) -> list[Path]:
+    """Write a detector of one's own to begin with.
+
+    Parameters
+    ----------
+    folder : str or path
+        Folder to make; it may be there.
+
+    Returns
+    -------
+    list of Path
+        ``my_detector.py`` and ``README.md``.
+
+    Raises
+    ------
+    FileExistsError
+        If one of the files is there already.
+    """
+    module = resources.files("flgpr_ground") / "templates" / "my_detector.py"
+    texts = {"my_detector.py": module.read_text("utf-8"), "README.md": README}
+    home = Path(folder)
+    for name in texts:
+        if (home / name).exists():
+            raise FileExistsError(f"folder must not have a {name} yet, got {home / name}")
+    home.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_whole(home / name, text)
+    return [home / name for name in texts]
