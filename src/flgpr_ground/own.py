@@ -50,8 +50,8 @@ class OwnDetector:
     @property
     def name(self) -> str:
         """The name of the class as that of an entry: ``MyEstimator`` is ``my-estimator``."""
-        words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_+", "-", self.path.partition(":")[2])
-        return words.strip("-").lower()
+        borders = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_+"
+        return re.sub(borders, "-", self.path.partition(":")[2]).strip("-").lower()
 
     def columns(self, known: Sequence[str]) -> list[str]:
         """Return those of the known columns that it reads; a pattern of none is a ValueError."""

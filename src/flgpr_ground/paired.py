@@ -167,7 +167,8 @@ def compare_entries(
         write_whole(target / f"roc{suffix}.pdf", figure_bytes(figure, "pdf"))
         write_whole(target / f"roc{suffix}.png", figure_png(figure, 200))
         parts.append((pair.tier, answers[-1], figure, _kind_rows(pair), _cards(home, pair, truth)))
-        tables.append(pair.targets.assign(tier=pair.tier.tier))
+        told = pair.targets.replace([np.inf, -np.inf], np.nan)  # empty: it has no alarm there
+        tables.append(told.assign(tier=pair.tier.tier) if pair.tier.tier else told)
     write_whole(target / "targets.csv", pd.concat(tables).to_csv(index=False, float_format="%.6g"))
     write_whole(target / "table.tex", latex_table(ground, scores, opening_split(ground)))
     write_whole(target / "cite.bib", bibtex(ground))
@@ -197,8 +198,8 @@ def _pair(home: Path, tier: Ground, names: tuple[str, str], truth: pd.DataFrame)
     lanes = {lane.name: lane.lane for lane in tier.tested(split)}
     known = truth[truth["lane"].isin(list(lanes))].reset_index(drop=True)
     mines = chosen_mines(tier, split, known).to_numpy()
-    columns = ["target_id", "lane", "kind", "body", "depth"]
-    targets = known.loc[mines, [name for name in columns if name in known]]
+    body = known["body"].fillna("") if "body" in known else ""
+    targets = known.assign(body=body).loc[mines, ["target_id", "lane", "kind", "body", "depth"]]
     matches = []
     for number, name in enumerate(names, 1):
         alarms = read_table_in(entry_folder(home, name, tier), f"{split}/{ALARMS}", "alarms")
