@@ -670,6 +670,16 @@ def open_lane(
     ------
     ValueError
         If the ground has no such lane, or the folder is of another one.
+
+    Examples
+    --------
+    A packaged full-wave lane needs no simulation:
+
+    >>> import tempfile
+    >>> from flgpr.proving_ground import open_lane
+    >>> lane = open_lane("arid-lane-1", tempfile.mkdtemp(), ground="full-wave-1")
+    >>> lane.part, dict(lane.run["signal"].sizes)
+    ('test', {'scan': 3, 'polarization': 4, 'pair': 32, 'frequency': 142})
     """
     chosen = load_ground(quick, None if ground is None else Path(ground))
     if name not in chosen.lanes:

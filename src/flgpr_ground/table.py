@@ -443,8 +443,8 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     for name, (_, title) in ORACLES.items():
         if name in set(scores["entry"]):
             titles[name] = title
-    write_page(target / "index.html", _page(ground, scores, costs, titles))
     answers = list(_answers(ground, scores, own))
+    write_page(target / "index.html", _page(ground, scores, costs, titles, answers))
     return "\n".join([*answers, table_text(ground, scores, costs), *faults])
 
 
@@ -489,9 +489,13 @@ def _described(
 
 
 def _page(
-    ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
+    ground: Ground,
+    scores: pd.DataFrame,
+    costs: pd.DataFrame,
+    titles: Mapping[str, str],
+    answers: Sequence[str],
 ) -> str:
-    """Return the page of all tiers."""
+    """Return the page of all tiers, which begins with the answers."""
     opening = {}
     if ground.table.tiers:
         opening["wide"] = tiers_figure(ground, scores)
@@ -510,6 +514,7 @@ def _page(
         "benchmark.html",
         package="flgpr_ground",
         ground=ground,
+        answers=answers,
         opening=opening,
         opening_split=opening_split(ground),
         tiers=tiers,

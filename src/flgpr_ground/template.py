@@ -18,12 +18,12 @@ def write_template(folder: str | Path) -> list[Path]:
     Parameters
     ----------
     folder : str or path
-        Folder to make; it may be there.
+        Takes the files; it is made if it is not there.
 
     Returns
     -------
     list of Path
-        ``my_detector.py`` and ``README.md``.
+        ``my_detector.py``, and ``my_detector.md`` with the command.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def write_template(folder: str | Path) -> list[Path]:
         If one of the files is there already.
     """
     module = resources.files("flgpr_ground") / "templates" / "my_detector.py"
-    texts = {"my_detector.py": module.read_text("utf-8"), "README.md": README}
+    texts = {"my_detector.py": module.read_text("utf-8"), "my_detector.md": README}
     home = Path(folder)
     for name in texts:
         if (home / name).exists():

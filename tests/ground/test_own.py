@@ -242,7 +242,9 @@ def test_two_entries_are_compared_mine_by_mine(field, tmp_path):
         "@"
     ) == 2  # the ground is no packaged one
     assert (tmp_path / "page" / "roc.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(ValueError, match=r"both entries must have run on a tier.*in .* are fails, "):
+    with pytest.raises(
+        ValueError, match=r"both entries must have run on a tier.*in .* are fails, "
+    ):
         compare_entries(out, "not-there")
     with pytest.raises(ValueError, match="another entry"):
         compare_entries(out, "one")
@@ -281,16 +283,15 @@ def test_from_the_template_to_the_leaderboard(tmp_path, monkeypatch):
         assert done.exit_code == 0, done.output
         return done.stdout
 
-    call("template", "mine")
-    again = CliRunner().invoke(app, ["benchmark", "template", "mine"])
+    call("template")
+    again = CliRunner().invoke(app, ["benchmark", "template"])
     assert again.exit_code == 2
-    monkeypatch.chdir(tmp_path / "mine")
-    words = (tmp_path / "mine" / "README.md").read_text().split("`")[1].split()
+    words = (tmp_path / "my_detector.md").read_text().split("`")[1].split()
     assert words[:2] == ["flgpr", "benchmark"]
     text = call(*words[2:])
     assert text.startswith("prepared: my-detector misses ")
     call("enter", "proving-ground/submissions/my-detector")
-    board = tmp_path / "mine" / "proving-ground" / "leaderboard.html"
+    board = tmp_path / "proving-ground" / "leaderboard.html"
     assert "Logistic regression on local contrasts" in board.read_text("utf-8")
-    write_leaderboard([tmp_path / "mine" / "proving-ground"], tmp_path / "board.html")
+    write_leaderboard([tmp_path / "proving-ground"], tmp_path / "board.html")
     assert "my-detector misses" in call("compare", "my-detector")

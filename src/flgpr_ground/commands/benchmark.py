@@ -158,7 +158,7 @@ def compare_benchmark(
 
 @command()
 def benchmark_template(
-    folder: Annotated[PathLike, Argument(help="Folder to make.")],
+    folder: Annotated[PathLike, Argument(help="Folder, by default this one.")] = Path(),
 ) -> list[Path]:
     """Write a detector of your own to begin with, which runs as it is.
 

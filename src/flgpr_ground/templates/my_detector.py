@@ -1,4 +1,4 @@
-"""A detector of one's own for the proving ground: change it, and run it as README.md says.
+"""A detector of one's own for the proving ground: change it, and run it as my_detector.md says.
 
 It is trained on the training lanes of every fold, frozen, and tried on sealed test lanes.
 """
