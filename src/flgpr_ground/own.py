@@ -142,7 +142,7 @@ def load_own(path: str) -> OwnDetector:
     make = getattr(module, attribute, None)
     if make is None:
         raise ValueError(
-            f"module {module_name} ({module.__file__}) must have {attribute}, got {path}, and it has "
+            f"module {module_name} ({module.__file__}) must have {attribute}, got one with "
             f"{', '.join(_classes_of(module)) or 'no class'}"
         )
     if not callable(make):

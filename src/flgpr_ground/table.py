@@ -342,6 +342,7 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     str
         Lines for every tier and split, the largest Pd first, and lines of costs.
     """
+    width = max(20, *(len(name) for name in scores["entry"]))
     lines = [
         f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
         "chance"
@@ -349,13 +350,13 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     for tier in ground.chosen_tiers():
         tier_scores = of_tier(scores, tier)
         if len(tier_scores):
-            lines += _tier_lines(tier, tier_scores)
+            lines += _tier_lines(tier, tier_scores, width)
 
     tier_width = max((len(name) for name in ground.table.tiers), default=0)
-    head = f"{'cost':22} {'':{tier_width}}"
+    head = f"{'cost':{width + 2}} {'':{tier_width}}"
     lines += ["", f"{head} processor s/km  training s  largest process MiB"]
     for cost in costs.to_dict("records"):
-        name = f"  {cost['entry']:20} {cost.get('tier', ''):{tier_width}}"
+        name = f"  {cost['entry']:{width}} {cost.get('tier', ''):{tier_width}}"
         seconds, training, peak_mib = costs_in_words(cost)
         lines.append(f"{name} {seconds:>14} {training:>11} {peak_mib:>20}")
     return "\n".join(lines)
@@ -367,8 +368,8 @@ def costs_in_words(cost: Mapping[Any, Any]) -> list[str]:
     return [f"{value:.0f}" if np.isfinite(value) else "-" for value in values]
 
 
-def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
-    """Return the lines of every split of a ground, or of one of its tiers."""
+def _tier_lines(ground: Ground, scores: pd.DataFrame, width: int) -> list[str]:
+    """Return the lines of every split of a ground, or of one of its tiers; names have a width."""
     lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
     is_compared = scores["group"] == MINES
     is_compared &= scores["far_allowed"] == ground.table.far
@@ -379,7 +380,7 @@ def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
         of_split = compared[compared["split"] == split]
         ranked = of_split.sort_values("pd", ascending=False, kind="stable")
         for score in ranked.to_dict("records"):
-            entry = f"  {score['entry']:20} {pd_in_words(score)}"
+            entry = f"  {score['entry']:{width}} {pd_in_words(score)}"
             lines.append(entry + paired_in_words(score, against))
     return lines
 
