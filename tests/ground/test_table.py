@@ -52,7 +52,7 @@ def test_a_table_for_a_paper_has_a_row_per_entry_and_the_interval_of_each_differ
     assert lines[1].startswith("wang2007 & 0.50 (0.25 to 0.75) & 6 of 12 & 3 & 0.12 & -- & --")
     assert lines[2].startswith(r"my\_own\% & ")
     assert "$+0.33$ ($-0.08$ to $+0.64$) & 0.065" in lines[2]
-    assert text.count("rule") == 4  # three of booktabs, and one for the tier
+    assert text.count("rule") == 3  # of booktabs
     cited = bibtex(ground)
     assert cited.count("@") == 3
     assert cited.count("{") == cited.count("}")
