@@ -271,7 +271,8 @@ def write_submissions(folder: str | Path) -> list[Path]:
         for tier in ground.chosen_tiers():
             files = Folder(entry_folder(home, path.name, tier))
             about = files.json(ABOUT) if files.has(ABOUT) else {}
-            if "authors" in about and not about["fault"]:
+            is_whole = all(files.has(f"{split}/{ALARMS}") for split in ground.table.splits)
+            if "authors" in about and not about["fault"] and is_whole:
                 tiers.append((tier, about))
         if tiers:
             written.append(_write_submission(home, path.name, tiers))

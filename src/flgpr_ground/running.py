@@ -704,6 +704,11 @@ def _checked_entries(names: Sequence[str | Path], ground: Ground) -> list[Entry]
     is_there = reference in {entry.name for entry in entries}
     if any(entry.own for entry in entries) and reference in packaged and not is_there:
         entries.append(packaged[reference])
+    names_of_own = [entry.name for entry in entries if entry.own]
+    if len(set(names_of_own)) < len(names_of_own):
+        raise ValueError(
+            f"classes of one's own must have names of their own, got {', '.join(names_of_own)}"
+        )
     if {entry.name for entry in entries} & set(ORACLES):
         raise ValueError(
             f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives"

@@ -295,3 +295,13 @@ def test_from_the_template_to_the_leaderboard(tmp_path, monkeypatch):
     assert "Logistic regression on local contrasts" in board.read_text("utf-8")
     write_leaderboard([tmp_path / "proving-ground"], tmp_path / "board.html")
     assert "my-detector misses" in call("compare", "my-detector")
+
+
+def test_two_classes_of_one_name_and_names_of_packaged_entries_are_refused(module, tmp_path):
+    module("own_twice", "class Mine:\n def fit(self, lanes): pass\n def detect(self, lane): pass\n")
+    module("own_again", "from own_twice import Mine\nclass RandomForest(Mine): pass\n")
+    with pytest.raises(ValueError, match="must have names of their own, got mine, mine"):
+        run_benchmark(["own_twice:Mine", "own_again:Mine"], tmp_path / "out", quick=True)
+    with pytest.raises(ValueError, match="name of a packaged entry, got random-forest"):
+        run_benchmark(["own_again:RandomForest"], tmp_path / "out", quick=True)
+    assert not (tmp_path / "out").exists()
