@@ -5,7 +5,9 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from flgpr.door import read_named
 from flgpr.store import write_whole
+from flgpr.store.outputs import log_finished
 
 README = """\
 `flgpr benchmark run my_detector:MyDetector --quick --tier prepared` here trains and tries it.
@@ -28,14 +30,17 @@ def write_template(folder: str | Path) -> list[Path]:
     Raises
     ------
     FileExistsError
-        If one of the files is there already.
+        If one of the files is there with another content; then none is written.
     """
     module = resources.files("flgpr_ground") / "templates" / "my_detector.py"
     texts = {"my_detector.py": module.read_text("utf-8"), "my_detector.md": README}
     home = Path(folder)
-    for name in texts:
-        if (home / name).exists():
-            raise FileExistsError(f"folder must not have a {name} yet, got {home / name}")
+    present = [name for name in texts if (home / name).exists()]
+    for name in present:
+        if read_named(home / name) != texts[name].encode():
+            raise FileExistsError(f"folder must not have a {name} of one's own, got {home / name}")
+    if len(present) == len(texts):
+        log_finished(home)
     home.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_whole(home / name, text)

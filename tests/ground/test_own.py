@@ -284,6 +284,9 @@ def test_from_the_template_to_the_leaderboard(tmp_path, monkeypatch):
         return done.stdout
 
     call("template")
+    call("template")
+    source = tmp_path / "my_detector.py"
+    source.write_text(source.read_text() + "# changed\n")
     again = CliRunner().invoke(app, ["benchmark", "template"])
     assert again.exit_code == 2
     words = (tmp_path / "my_detector.md").read_text().split("`")[1].split()
