@@ -23,9 +23,8 @@ from flgpr.recipe.schema import parse_recipe
 from flgpr.report import figure_png, render
 from flgpr.report.curve_figures import compared_roc_figure, figure_bytes
 from flgpr.report.kit import decibels
-from flgpr.scoring import chance, match, mcnemar_test, operating_row, paired_interval, roc_of
-from flgpr.scoring.curve import count_at
-from flgpr.scoring.lane_roc import far_area
+from flgpr.scoring import chance, match, operating_row, roc_of
+from flgpr.scoring.comparison import found_from, paired_points
 from flgpr.scoring.matching import Match
 from flgpr.store import write_whole
 from flgpr.store.tables import read_table_in
@@ -66,20 +65,9 @@ class Pair:
         """Return which mines an entry finds at the FAR of comparison."""
         return np.asarray(self.targets[f"far_{number}"] <= self.tier.table.far)
 
-    def differences(self, fars: Sequence[float]) -> pd.DataFrame:
+    def differences(self, fars: Sequence[float]) -> list[dict[str, Any]]:
         """Return the difference of Pd, first less second, with its 95 % interval at FARs per m²."""
-        rows = []
-        first, second = (self.targets[f"far_{number}"].to_numpy() for number in (1, 2))
-        total = len(self.targets)
-        for far in fars:
-            only = int(((first <= far) & (second > far)).sum())
-            other = int(((second <= far) & (first > far)).sum())
-            low, high = paired_interval(only, other, total)
-            row = {"far": far, "difference": (only - other) / total, "low": low, "high": high}
-            rows.append(
-                row | {"only": only, "reference_only": other, "p": mcnemar_test(only, other)}
-            )
-        return pd.DataFrame(rows)
+        return paired_points(*self.matches, fars, self.mines)
 
     def figure(self) -> Figure:
         """Draw the ROC curves of both, and below them their difference with its interval."""
@@ -95,7 +83,7 @@ class Pair:
         steps = np.unique(self.targets[["far_1", "far_2"]].to_numpy())
         steps = np.concatenate([[0.0], steps[(steps > 0) & (steps < max(fars))], [max(fars)]])
         labels = {name: name for name in self.names}
-        differences = self.differences(list(steps))
+        differences = pd.DataFrame(self.differences(list(steps)))
         return compared_roc_figure(curves, labels, pd.concat(points), max(fars), differences)
 
 
@@ -160,7 +148,7 @@ def compare_entries(
     parts = []
     tables = []
     for pair in pairs:
-        (at_far,) = pair.differences([ground.table.far]).to_dict("records")
+        (at_far,) = pair.differences([ground.table.far])
         answers.append(_answer(pair, at_far))
         figure = pair.figure()
         suffix = f"-{pair.tier.tier}" if pair.tier.tier else ""
@@ -205,19 +193,21 @@ def _pair(home: Path, tier: Ground, names: tuple[str, str], truth: pd.DataFrame)
         alarms = read_table_in(entry_folder(home, name, tier), f"{split}/{ALARMS}", "alarms")
         matched = match(alarms, known, lanes, tier.table.halo)
         matches.append(matched)
-        _, confidence, _ = matched.best(mines)
-        far = count_at(confidence, matched.confidence[matched.false]) / far_area(matched, "union")
-        far = np.where(np.isneginf(confidence), np.inf, far)
-        entries = {f"confidence_{number}": confidence[mines], f"far_{number}": far[mines]}
-        targets = targets.assign(**entries)
+        targets[f"confidence_{number}"] = matched.best(mines)[1][mines]
+        targets[f"far_{number}"] = found_from(matched, mines)
     return Pair(tier, names, (matches[0], matches[1]), mines, targets)
 
 
 def _answer(pair: Pair, at_far: Mapping[Any, Any]) -> str:
     """Return what one entry misses and finds beside the other, with the difference of their Pd."""
     where = f"{pair.tier.tier_title}: " if pair.tier.tier else ""
+    found = {
+        "only": at_far["only_first"],
+        "reference_only": at_far["only_second"],
+        "p": at_far["p"],
+    }
     return (
-        f"{where}{paired_sentence(at_far, *pair.names)} Of {len(pair.targets)} mines, at "
+        f"{where}{paired_sentence(found, *pair.names)} Of {len(pair.targets)} mines, at "
         f"{pair.tier.table.far:g} false alarms per m², the difference of Pd is "
         f"{at_far['difference']:+.2f} ({at_far['low']:+.2f} to {at_far['high']:+.2f})."
     )

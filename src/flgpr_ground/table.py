@@ -17,13 +17,13 @@ from flgpr.report import render
 from flgpr.scoring import (
     chance,
     clopper_pearson,
-    compare,
     match,
     operating_row,
     pd_mean,
     random_pd,
     roc_of,
 )
+from flgpr.scoring.comparison import paired_points
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
@@ -48,7 +48,6 @@ from flgpr_trials.ledger import alarm_hash
 
 _COUNTS = ("n_detected", "n_targets", "n_false")
 _KEY_DIGITS = 12  # of the digest in the name of a stored score
-_BOOTSTRAP_DRAWS = 200  # of a paired comparison
 
 
 def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -296,17 +295,10 @@ def _points(
         if allowed == ground.table.far:
             row["pd_mean"] = float(pd_mean(curve, max(fars)))
             if reference is not None:
-                paired = compare(
-                    matched,
-                    reference,
-                    rows,
-                    far=allowed,
-                    far_max=max(fars),
-                    draws=_BOOTSTRAP_DRAWS,
-                )
-                row["only"] = paired.only_a
-                row["reference_only"] = paired.only_b
-                row["p"] = paired.p_detections
+                (paired,) = paired_points(matched, reference, [allowed], rows)
+                row["only"] = paired["only_first"]
+                row["reference_only"] = paired["only_second"]
+                row["p"] = paired["p"]
         yield row
 
 

@@ -137,8 +137,8 @@ def compared_roc_figure(
     far_max : float
         End of the axis, per m²; it lies farther out where a list of a single operating point does.
     differences : DataFrame, optional
-        Of two detectors, Pd of the first less that of the second, drawn below: ``far`` (per m²),
-        from which on it holds, ``difference``, and its interval ``low`` to ``high``.
+        Of two detectors, Pd of the first less that of the second, drawn below: from ``far_allowed``
+        (per m²) on, ``difference``, and its interval ``low`` to ``high``.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def compared_roc_figure(
 
 def _draw_differences(axes: Axes, differences: pd.DataFrame, names: Sequence[str]) -> None:
     """Draw the difference of two detectors' Pd with its interval, from one FAR to the next."""
-    far = differences["far"]
+    far = differences["far_allowed"]
     low, high = differences["low"], differences["high"]
     axes.fill_between(
         far, low, high, step="post", color="0.85", lw=0, label="interval of the difference"
